@@ -4,11 +4,12 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 package_name = 'flexbt_demo_behaviors'
+modules = Path(package_name)
 
 
-def share(directory: str, pattern: str) -> tuple[str, list[str]]:
-    """Files of a source directory that are installed into the same directory of the package share."""
-    return f'share/{package_name}/{directory}', sorted(str(file) for file in Path(directory).glob(pattern))
+def share(folder: str, *files: Path) -> tuple[str, list[str]]:
+    """Files that are installed into a folder of the package share."""
+    return f'share/{package_name}/{folder}', sorted(map(str, files))
 
 
 setup(
@@ -19,26 +20,36 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
-        share('trees', '*.xml'),
-        share('capabilities', '*.yaml'),
-        share('launch', '*.launch.py'),
+        share('launch', *Path('launch').glob('*.launch.py')),
+        *(
+            share(demonstration, *(modules / demonstration).glob('*.xml'), *(modules / demonstration).glob('*.yaml'))
+            for demonstration in ('goals', 'inspection', 'nav2_robot', 'navigate', 'night_watch')
+        ),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},  # colcon test looks for it
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='Behaviors, trees and launch files of the FlexBT demonstrations.',
+    description='The demonstrations of FlexBT: behaviors, trees, worlds and launch files.',
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
+            'deliveries = flexbt_demo_behaviors.executables:deliveries',
             'demo = flexbt_demo_behaviors.executables:demo',
+            'goals = flexbt_demo_behaviors.executables:goals',
+            'nav2_robot = flexbt_demo_behaviors.executables:nav2_robot',
+            'night_watch = flexbt_demo_behaviors.executables:night_watch',
         ],
         'flexbt.behaviors': [
-            'inspect_site = flexbt_demo_behaviors.behaviors.inspection:InspectSite',
-            'inspection = flexbt_demo_behaviors.behaviors.inspection:Inspection',
-            'navigate = flexbt_demo_behaviors.behaviors.navigate:Navigate',
-            'navigate_split = flexbt_demo_behaviors.behaviors.navigate_split:NavigateSplit',
+            'ask_operator = flexbt_demo_behaviors.nav2_robot.behavior:AskOperator',
+            'inspect_site = flexbt_demo_behaviors.inspection.behaviors:InspectSite',
+            'inspection = flexbt_demo_behaviors.inspection.behaviors:Inspection',
+            'navigate = flexbt_demo_behaviors.navigate.behaviors:Navigate',
+            'navigate_split = flexbt_demo_behaviors.navigate.behaviors:NavigateSplit',
+            'night_watch = flexbt_demo_behaviors.night_watch.behavior:NightWatch',
+            'reach_goal = flexbt_demo_behaviors.goals.behavior:ReachGoal',
         ],
+        'flexbt.bt_nodes': ['flexbt_demo_behaviors = flexbt_demo_behaviors.goals.leaves:register'],
     },
 )

@@ -21,6 +21,6 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [],
-        'flexbt.behavior_sources': ['flexbe = flexbt_flexbe.behaviors:entries'],
+        'flexbt.behavior_sources': ['flexbe = flexbt_flexbe.discovery:entries'],
     },
 )

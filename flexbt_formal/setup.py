@@ -23,14 +23,14 @@ setup(
     description='What an engineer runs at a desk: planning, synthesis, proofs of trees and behaviors, models of AS2FM.',
     license='BSD-3-Clause',
     entry_points={
-        'flexbt.bt_nodes': ['flexbt_formal = flexbt_formal.missions.reach_goal:register'],
+        'flexbt.bt_nodes': ['flexbt_formal = flexbt_formal.requests.reach_goal:register'],
         'flexbt.commands': [
-            'behavior_tool.prove = flexbt_formal.cli.behavior_tool.prove',
-            'behavior_tool.synthesize = flexbt_formal.cli.behavior_tool.synthesize',
-            'bt_tool.plan = flexbt_formal.cli.bt_tool.plan',
-            'bt_tool.prove = flexbt_formal.cli.bt_tool.prove',
+            'behavior_tool.prove = flexbt_formal.cli.prove_behavior',
+            'behavior_tool.synthesize = flexbt_formal.cli.synthesize',
+            'bt_tool.plan = flexbt_formal.cli.plan',
+            'bt_tool.prove = flexbt_formal.cli.prove_tree',
         ],
         'flexbt.synthesis': ['search = flexbt_formal.requests.search:main'],
-        'flexbt.tree_checks': ['missions = flexbt_formal.missions:missions'],
+        'flexbt.tree_checks': ['missions = flexbt_formal.requests.missions:missions'],
     },
 )

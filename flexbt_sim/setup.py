@@ -25,16 +25,12 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='A light 2D robot simulator and navigation servers with the interfaces of Nav2.',
+    description='A lightweight 2D robot simulator with the standard interfaces of simulators.',
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
             'simulator = flexbt_sim.executables:simulator',
-            'navigation = flexbt_sim.executables:navigation',
-            'simulation = flexbt_sim.executables:simulation',
-            'lifecycle_manager = flexbt_sim.executables:lifecycle_manager',
             'world_tool = flexbt_sim.executables:world_tool',
         ],
-        'flexbt.navigators': ['navigation = flexbt_sim.navigation:Navigator'],
     },
 )

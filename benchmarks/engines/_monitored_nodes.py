@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
-from flexbt_core.behavior_tree import NodeConfig, NodeRegistry, NodeStatus, StatefulAction, input_port
-from flexbt_core.behavior_tree.model import INT
-from flexbt_core.skills import Skill
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.ports import INT, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.skills.skill import Skill
 
 
 class Busy(StatefulAction):

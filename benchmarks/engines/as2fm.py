@@ -16,8 +16,10 @@ from typing import Final
 
 from _figures import write_figures
 
-from flexbt_core.behavior_tree import TreeLoadError
-from flexbt_formal.roaml import Limits, Model, ModelFault, check
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_formal.roaml.checking import CheckLimits, check
+from flexbt_formal.roaml.language.source_text import ModelFault
+from flexbt_formal.roaml.model import RoamlModel
 
 DATA: Final = 'test/jani_generator/_test_data'
 NEAR: Final = 0.015
@@ -114,9 +116,9 @@ def main() -> int:
         begin = time.process_time()
         shown = f'{model.removeprefix(DATA + "/").removesuffix(".xml")} {name}'
         try:
-            known = Model(str(path))
+            known = RoamlModel(str(path))
             (asked,) = (one for one in known.properties if one.name == name)
-            found = check(known, asked, limits=Limits(seconds=options.seconds))
+            found = check(known, asked, limits=CheckLimits(seconds=options.seconds))
         except (TreeLoadError, ModelFault) as error:
             print(f'{shown:78} {expected:8g} refused: {error}', flush=True)
             wrong += 1

@@ -72,8 +72,10 @@ SHAPES: Final[dict[str, tuple[str, Callable[[int], str]]]] = {
 
 
 def registry() -> Any:
-    from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, StatefulAction
-    from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
+    from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction
+    from flexbt_core.behavior_tree.engine.node import NodeConfig
+    from flexbt_core.behavior_tree.model.status import NodeStatus
+    from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
 
     class Check(Condition):
         """Every 50th time the answer is another one."""
@@ -148,7 +150,10 @@ class Sample:
 
 def compare(shape: str, count: int, rounds: int, nodes: Any, stream: Any, wheel: bt_tick.Wheel) -> dict[str, Any]:
     """Medians (ns for a node and a tick) and ratios of one shape."""
-    from flexbt_core.behavior_tree import StatusLog, Tree, TreeLibrary, load_xml
+    from flexbt_core.behavior_tree.engine.observers import StatusLog
+    from flexbt_core.behavior_tree.engine.tree import Tree
+    from flexbt_core.behavior_tree.model.definition import TreeLibrary
+    from flexbt_core.behavior_tree.xml.reader import load_xml
 
     xml = SHAPES[shape][1](count)
     library = TreeLibrary().stage([load_xml(xml, 'bench.xml', nodes)])
@@ -238,8 +243,8 @@ def main() -> int:
     rows = []
     with domain_id() as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
-        from flexbt_common.runtime import NodeRuntime
-        from flexbt_server.runs import TreeStream
+        from flexbt_common.runtime.node_runtime import NodeRuntime
+        from flexbt_server.runs.tree_stream import TreeStream
 
         with NodeRuntime.open('bench') as runtime, subscriber():
             stream = TreeStream(runtime)

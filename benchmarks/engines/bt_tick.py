@@ -32,19 +32,16 @@ from typing import Any, Final
 
 from _figures import write_figures
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    NodeRegistry,
-    NodeStatus,
-    Tree,
-    TreeDocument,
-    TreeLibrary,
-    builtin_registry,
-    load_xml,
-)
+from flexbt_core.behavior_tree.engine.leaf import Condition
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model import acceleration_seam
+from flexbt_core.behavior_tree.model.definition import TreeDocument, TreeLibrary
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_server.trees import TreeStore
+from flexbt_server.trees.tree_store import TreeStore
 
 TARGET_NATIVE: Final = 0.7
 TARGET_PYTHON: Final = 0.5

@@ -27,7 +27,9 @@ from typing import Any, Final, NamedTuple
 
 from _figures import write_figures
 
-from flexbt_formal.planning import Domain, Outcome, Reachability, read_scene, search
+from flexbt_formal.planning.problem import Domain, read_scene
+from flexbt_formal.planning.relaxation import Reachability
+from flexbt_formal.planning.search import SearchOutcome, search
 
 DATA: Final = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[3] / 'shared/data')) / 'btpg'
 LITERALS, CONJUNCTIONS = 5, 30
@@ -53,7 +55,7 @@ def planned(reachability: Reachability, goal: int, limit: float) -> Run:
     for action in found.plan():
         wrong |= bool(domain.needs[action] & ~state)
         state = domain.result(state, action)
-    in_time = found.outcome is not Outcome.TIME_LIMIT
+    in_time = found.outcome is not SearchOutcome.TIME_LIMIT
     return Run(
         in_time, wrong or (found.cost is not None and bool(goal & ~state)), found.expanded, found.seconds, found.cost
     )

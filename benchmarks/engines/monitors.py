@@ -26,14 +26,21 @@ import _monitored_nodes
 from _figures import write_figures
 from _hfsm_subjects import Subject
 
-from flexbt_core.behavior_tree import StatusLog, Tree, TreeLibrary, builtin_registry, load_xml
-from flexbt_core.clock import ManualClock
-from flexbt_core.monitors import Monitoring, TreeMonitor
-from flexbt_core.skills import Skill
-from flexbt_core.state_machine import EventState, OperatableStateMachine, UserData
-from flexbt_onboard.node import ExecutiveParameters
+from flexbt_core.behavior_tree.engine.observers import StatusLog
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.monitors.monitoring import Monitoring
+from flexbt_core.monitors.tree_monitor import TreeMonitor
+from flexbt_core.skills.skill import Skill
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
-from flexbt_testing.nodes.server_world import install_nodes, open_world
+from flexbt_testing.nodes.server_world import install_nodes, open_server_world
 
 TARGET: Final = 0.03
 """Most of a transition, or of a tick, on the nodes."""
@@ -95,7 +102,7 @@ def transition_on_executive(is_on: bool) -> float:
 
 def tick_on_server(is_on: bool) -> float:
     """Microseconds."""
-    with open_world(monitors=is_on) as world:
+    with open_server_world(monitors=is_on) as world:
         world.client.load_tree(BODY.format(ticks=TICKS))
         began = time.process_time()
         assert not world.client.execute('Main').result.message

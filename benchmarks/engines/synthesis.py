@@ -17,20 +17,12 @@ from typing import Any, Final
 
 from _figures import write_figures
 
-from flexbt_formal.synthesis import synthesize
-from flexbt_formal.synthesis.games import Section
-from flexbt_formal.synthesis.inputs import (
-    Interface,
-    Liveness,
-    Options,
-    Problem,
-    Request,
-    hand_written,
-    read_capabilities,
-    read_mappings,
-    read_specification,
-    translated,
-)
+from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities, read_mappings
+from flexbt_formal.synthesis.games.specification import Section
+from flexbt_formal.synthesis.hand_written import hand_written
+from flexbt_formal.synthesis.request_files import MachineRequest, read_specification
+from flexbt_formal.synthesis.synthesis import synthesize
+from flexbt_formal.synthesis.translation import Liveness, Options, SynthesisProblem, translated
 
 DATA: Final = (
     Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[3] / 'shared/data')) / 'synthesis'
@@ -64,7 +56,7 @@ def main() -> int:
     return 0 if is_good else 1
 
 
-def problems() -> Iterator[tuple[str, Problem, int | None]]:
+def problems() -> Iterator[tuple[str, SynthesisProblem, int | None]]:
     """Name, problem, and upstream's number of states (root and outcomes included)."""
     for path in sorted(DATA.glob('generated/*.structuredslugs')):
         files = json.loads((DATA / 'expected' / f'{path.stem}.json').read_text(encoding='utf-8'))
@@ -74,26 +66,26 @@ def problems() -> Iterator[tuple[str, Problem, int | None]]:
     whole = DATA / 'extra' / 'wgcf.yaml'
     if whole.is_file():
         given = read_specification(whole.read_text(encoding='utf-8'), whole.name)
-        yield 'wolf, goat and corn', hand_written(given, Request()), None
+        yield 'wolf, goat and corn', hand_written(given, MachineRequest()), None
     for length in (8, 16, 24):
         yield f'chain of {length}', _chain(length), None
 
 
-def _example(files: Mapping[str, Any], name: str, liveness: Liveness) -> Problem:
+def _example(files: Mapping[str, Any], name: str, liveness: Liveness) -> SynthesisProblem:
     def text(kind: str) -> tuple[str, str]:
         return (DATA / files[kind]).read_text(encoding='utf-8'), files[kind]
 
     asked = files['request']
     return translated(
         read_capabilities(*text('capabilities'), read_mappings(*text('mappings'))),
-        lambda name, parameters: Interface(('done',) if name == 'LogState' else tuple(parameters['outcomes'])),
-        Request(tuple(asked['initial_conditions']), tuple(asked['goals']), tuple(asked['sm_outcomes'])),
+        lambda name, parameters: StateInterface(('done',) if name == 'LogState' else tuple(parameters['outcomes'])),
+        MachineRequest(tuple(asked['initial_conditions']), tuple(asked['goals']), tuple(asked['sm_outcomes'])),
         read_specification(*text('specification')),
         Options(liveness, parsed=name.endswith('_parsed')),
     )
 
 
-def _chain(length: int) -> Problem:
+def _chain(length: int) -> SynthesisProblem:
     lines = ['state_outcome_mappings: {done: completed, failed: failure}', 'sm_outcome_mappings: {finished: finished}']
     lines.append('capabilities:')
     for number in range(length):
@@ -102,7 +94,9 @@ def _chain(length: int) -> Problem:
         effects = f'{{completed: [c{number}], failure: ["!c{before}"]}}'
         lines.append(f'  c{number}: {{interface: Try, preconditions: {needed}, postconditions: {effects}}}')
     file = read_capabilities('\n'.join(lines), 'chain')
-    return translated(file, lambda name, parameters: Interface(('done', 'failed')), Request(goals=(f'c{length - 1}',)))
+    return translated(
+        file, lambda name, parameters: StateInterface(('done', 'failed')), MachineRequest(goals=(f'c{length - 1}',))
+    )
 
 
 if __name__ == '__main__':

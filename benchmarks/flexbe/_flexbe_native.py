@@ -8,10 +8,13 @@ from typing import Final
 from _flexbe_stamp import entered
 from nav2_msgs.action import Wait
 
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, OperatorDecisionState
-from flexbt_states.support import GoalCall, GoalState
+from flexbt_states.goal_call import GoalCall, GoalState
 
 ACTION: Final = 'flexbe_benchmark/wait'
 TREE: Final = 'flexbe_probe_behaviors/config/probe.xml'

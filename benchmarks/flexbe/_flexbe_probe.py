@@ -20,8 +20,8 @@ from _flexbe_native import ACTION
 from _flexbe_stamp import Entries
 from nav2_msgs.action import Wait
 
-from flexbt_common.calls import GoalServer, ServedGoal
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
+from flexbt_common.runtime.node_runtime import NodeRuntime
 
 DEADLINE: Final = 30.0
 RESULT_DEADLINE: Final = 3.0

@@ -37,11 +37,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from _figures import write_figures
+from _figures import install_behavior, write_figures
 from _flexbe_engine import SUBJECTS
 from _flexbe_native import TREE_XML
 from _flexbe_stamp import ADDRESS
-from _processes import install_behavior
 from domain_coordinator import domain_id
 
 from flexbt_common.discovery import only_this_computer

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from flexbt_core.state_machine import EventState
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_states import BtExecuteState, OperatorDecisionState, WaitState
 
 
@@ -414,12 +414,12 @@ machine:
   states:
     Drive:
       state: BtExecuteState
-      parameters: {bt_file: flexbt_demo_behaviors/trees/global_planner.xml}
+      parameters: {bt_file: flexbt_demo_behaviors/navigate/global_planner.xml}
       transitions: {done: finished, canceled: failed, failed: Recover}
       autonomy: {failed: low}
     Recover:
       state: BtExecuteState
-      parameters: {bt_file: flexbt_demo_behaviors/trees/recovery.xml, timeout: 120.0}
+      parameters: {bt_file: flexbt_demo_behaviors/navigate/recovery.xml, timeout: 120.0}
       transitions: {done: Drive, canceled: failed, failed: failed}
       autonomy: {failed: high}
 """,
@@ -430,8 +430,8 @@ machine:
             'after /Recover > failed comes =failed',
             'after /Recover > canceled comes =failed',
             '=finished only after /Drive > done',
-            '/Drive has tree=flexbt_demo_behaviors/trees/global_planner.xml',
-            '/Recover has tree=flexbt_demo_behaviors/trees/recovery.xml',
+            '/Drive has tree=flexbt_demo_behaviors/navigate/global_planner.xml',
+            '/Recover has tree=flexbt_demo_behaviors/navigate/recovery.xml',
             '/Drive > failed has autonomy=Low',
             '/Recover > failed has autonomy=High',
         ),

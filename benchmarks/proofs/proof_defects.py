@@ -27,27 +27,26 @@ from xml.etree import ElementTree
 
 from _figures import write_figures
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    NodeStatus,
-    TreeKey,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    input_port,
-    load_xml,
-    output_port,
-)
-from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
-from flexbt_core.monitors import parse_requirement, problems_with
-from flexbt_core.skills import Predicate, Skill
-from flexbt_formal.exploration import Limits, Report, TreeSystem, compare, explore
-from flexbt_testing.behavior_trees.seeded_trees import StandIn
+from flexbt_core.behavior_tree.engine.leaf import Condition
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_core.behavior_tree.model.ports import STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.monitors.requirement_text import parse_requirement, problems_with
+from flexbt_core.skills.literals import Predicate
+from flexbt_core.skills.skill import Skill
+from flexbt_formal.exploration.comparison import compare
+from flexbt_formal.exploration.explorer import ExplorationLimits, explore
+from flexbt_formal.exploration.model import Report
+from flexbt_formal.exploration.tree_system import TreeSystem
+from flexbt_testing.seeded_missions import StandIn
 
 TARGET: Final = 0.95
-_LIMITS: Final = Limits(seconds=20.0)
-_PAIRS: Final = Limits(seconds=20.0, configurations=5000)
+_LIMITS: Final = ExplorationLimits(seconds=20.0)
+_PAIRS: Final = ExplorationLimits(seconds=20.0, configurations=5000)
 """Situations of both trees that are compared at most; those that are alike so far count as the same."""
 
 Element = ElementTree.Element

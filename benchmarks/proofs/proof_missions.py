@@ -18,14 +18,19 @@ from typing import Final
 
 from _figures import write_figures
 
-from flexbt_core.state_machine import Autonomy, MachineDefinition, OperatableStateMachine, define, with_retry
-from flexbt_formal.exploration import Bounds, Report
-from flexbt_formal.proofs.behaviors import prove_behavior
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.authoring.wrappers import with_retry
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_formal.exploration.machine_system import MachineBounds
+from flexbt_formal.exploration.model import Report
+from flexbt_formal.proofs.behavior_proof import prove_behavior
 from flexbt_server.node_types import node_registry
 from flexbt_states import BtExecuteGoalState, BtExecuteState, BtLoaderState, OperatorDecisionState
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
-from flexbt_tools.behaviors import build, installed, used_trees
-from flexbt_tools.trees import OpenRegistry
+from flexbt_tools.behaviors.built_behavior import build, installed, used_trees
+from flexbt_tools.trees.stand_ins import OpenRegistry
 
 TARGET: Final = 60.0
 """CPU seconds for each."""
@@ -33,7 +38,7 @@ TARGET: Final = 60.0
 BEHAVIORS: Final = ('Navigate', 'Navigate Split', 'Inspection', 'Night Watch')
 ENDLESS: Final = 'follow_point.xml'
 """It follows until it fails, so that its mission never finishes; the proof has to say so."""
-RECOVERY: Final = 'flexbt_demo_behaviors/trees/recovery.xml'
+RECOVERY: Final = 'flexbt_demo_behaviors/navigate/recovery.xml'
 
 
 def main() -> int:
@@ -51,7 +56,7 @@ def main() -> int:
             continue
         begin = time.process_time()
         used = used_trees(machine, (), registry)
-        proof = prove_behavior(name, machine, used, Bounds(), seconds=options.seconds, configurations=1_000_000)
+        proof = prove_behavior(name, machine, used, MachineBounds(), seconds=options.seconds, configurations=1_000_000)
         seconds = time.process_time() - begin
         situations = sum(one.configurations for one in proof.reports)
         steps = sum(one.steps for one in proof.reports)

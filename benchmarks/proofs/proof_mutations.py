@@ -21,13 +21,13 @@ from typing import Final
 
 from _figures import write_figures
 
-from flexbt_formal.exploration import Counterexample, Limits, Report, System, explore, replay
-from flexbt_testing.behavior_trees.seeded_trees import DEFECTS, seeded_tree
-from flexbt_testing.state_machines.seeded_machines import seeded_machine
+from flexbt_formal.exploration.explorer import ExplorationLimits, explore, replay
+from flexbt_formal.exploration.model import Counterexample, Report, System
+from flexbt_testing.seeded_missions import DEFECTS, seeded_machine, seeded_tree
 
 TARGET: Final = 0.95
 WRONG_TARGET: Final = 'wrong target'
-_LIMITS: Final = Limits(seconds=60.0)
+_LIMITS: Final = ExplorationLimits(seconds=60.0)
 
 
 def main() -> int:

@@ -30,18 +30,25 @@ from xml.etree import ElementTree
 from _figures import write_figures
 from proof_missions import under_a_machine
 
-from flexbt_core.behavior_tree import NodeKind, TreeLoadError
-from flexbt_core.monitors import Stated, parse_requirement
-from flexbt_core.state_machine import Autonomy, MachineDefinition, StateDefinition, define
-from flexbt_formal.exploration import Bounds, Limits
-from flexbt_formal.proofs.behaviors import Version, compare_behaviors, prove_behavior
-from flexbt_formal.proofs.trees import ProofCache, compare_trees, prove_tree
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.monitors.requirement_text import StatedRequirement, parse_requirement
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
+from flexbt_formal.exploration.explorer import ExplorationLimits
+from flexbt_formal.exploration.machine_system import MachineBounds
+from flexbt_formal.proofs.behavior_proof import Version, compare_behaviors, prove_behavior
+from flexbt_formal.proofs.proof_cache import ProofCache
+from flexbt_formal.proofs.tree_proof import compare_trees, prove_tree
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
-from flexbt_tools.behaviors import build, installed, used_trees
+from flexbt_tools.behaviors.built_behavior import build, installed, used_trees
 from flexbt_tools.errors import RefusedError, UnfitError
-from flexbt_tools.tree_checks import Severity, check_trees
-from flexbt_tools.trees import OpenRegistry, find_resource, read_library, roots
+from flexbt_tools.tree_checks.check import check_trees
+from flexbt_tools.tree_checks.diagnostics import CheckSeverity
+from flexbt_tools.trees.files import find_resource, read_library, roots
+from flexbt_tools.trees.stand_ins import OpenRegistry
 
 TARGET: Final = 0.95
 REFUSALS: Final = (TreeLoadError, RefusedError, UnfitError)
@@ -49,8 +56,11 @@ SECONDS: Final = 30.0
 """CPU time for the proof of one, and for looking whether it does the same."""
 
 DEMONSTRATED: Final = (
-    *(f'flexbt_demo_behaviors/trees/{name}.xml' for name in ('navigate', 'controller', 'global_planner', 'recovery')),
-    *(f'flexbt_demo_night_watch/trees/{name}.xml' for name in ('drive', 'charge', 'battery_low')),
+    *(
+        f'flexbt_demo_behaviors/navigate/{name}.xml'
+        for name in ('navigate', 'controller', 'global_planner', 'recovery')
+    ),
+    *(f'flexbt_demo_behaviors/night_watch/{name}.xml' for name in ('drive', 'charge', 'battery_low')),
 )
 MACHINES: Final = ('Navigate', 'Navigate Split', 'Night Watch')
 UNDER: Final = ('navigate_to_pose_w_replanning_and_recovery', 'navigate_w_replanning_time')
@@ -410,7 +420,7 @@ class OfTree:
 
     def alarms(self) -> list[str]:
         library, key = self._sound
-        report = prove_tree(library, key, required=self._required, limits=Limits(2 * SECONDS))
+        report = prove_tree(library, key, required=self._required, limits=ExplorationLimits(2 * SECONDS))
         return [f'{self.name}: {found.violation.text}' for found in report.counterexamples]
 
     def slip(self, kind: str, chance: random.Random) -> Slip | None:
@@ -425,12 +435,14 @@ class OfTree:
         is_checked = not self._known.issuperset(self._warnings(str(file)))
         try:
             library, key = self._library(str(file))
-            report = prove_tree(library, key, required=self._required, limits=Limits(SECONDS))
+            report = prove_tree(library, key, required=self._required, limits=ExplorationLimits(SECONDS))
         except REFUSALS:
             return Slip(text, is_checked, is_refused=True)
         is_proved = bool(report.counterexamples)
         is_found = is_checked or is_proved
-        is_alike = not is_found and compare_trees(self._sound, (library, key), limits=Limits(SECONDS)).is_same
+        is_alike = (
+            not is_found and compare_trees(self._sound, (library, key), limits=ExplorationLimits(SECONDS)).is_same
+        )
         return Slip(text, is_checked, is_proved, is_alike=is_alike)
 
     def _library(self, file: str) -> Any:
@@ -439,7 +451,7 @@ class OfTree:
 
     def _warnings(self, file: str) -> Iterator[tuple[str, str]]:
         for one in check_trees([file, *self._others], _registry()):
-            if one.rule.severity is not Severity.INFO:
+            if one.rule.severity is not CheckSeverity.INFO:
                 yield one.rule.name, one.place.message
 
 
@@ -478,17 +490,19 @@ class OfMachine:
     def _proved(self, machine: MachineDefinition) -> list[str]:
         used = used_trees(machine, (), _registry())
         proof = prove_behavior(
-            self.name, machine, used, Bounds(), seconds=2 * SECONDS, configurations=1_000_000,
+            self.name, machine, used, MachineBounds(), seconds=2 * SECONDS, configurations=1_000_000,
             required=self._required, cache=self._cache,
         )  # fmt: skip
         return [found.violation.text for report in proof.reports for found in report.counterexamples]
 
     def _is_alike(self, machine: MachineDefinition) -> bool:
         before, now = (Version(one, used_trees(one, (), _registry())) for one in (self._machine, machine))
-        return compare_behaviors(self.name, before, now, Bounds(), seconds=SECONDS, configurations=10_000)[-1].is_same
+        return compare_behaviors(self.name, before, now, MachineBounds(), seconds=SECONDS, configurations=10_000)[
+            -1
+        ].is_same
 
 
-def _required(name: str) -> tuple[Stated, ...]:
+def _required(name: str) -> tuple[StatedRequirement, ...]:
     return tuple(parse_requirement(text, name) for text in REQUIRED.get(name, ()))
 
 

@@ -34,18 +34,30 @@ import yaml
 from _figures import write_figures
 from _right_missions import MACHINES, STATES, TREES, Mission
 
-from flexbt_core.behavior_tree import TreeLoadError
-from flexbt_core.monitors import RequirementError, Stated, machine_vocabulary, parse_requirement, problems_with
-from flexbt_core.state_machine import MachineDefinition, MachineError, read_machine
-from flexbt_formal.exploration import Bounds, Limits
-from flexbt_formal.proofs.behaviors import Version, compare_behaviors, prove_behavior
-from flexbt_formal.proofs.trees import compare_trees, prove_tree
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_core.monitors.requirement_text import (
+    RequirementError,
+    StatedRequirement,
+    machine_vocabulary,
+    parse_requirement,
+    problems_with,
+)
+from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_formal.exploration.explorer import ExplorationLimits
+from flexbt_formal.exploration.machine_system import MachineBounds
+from flexbt_formal.proofs.behavior_proof import Version, compare_behaviors, prove_behavior
+from flexbt_formal.proofs.tree_proof import compare_trees, prove_tree
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
-from flexbt_tools.behaviors import BuiltBehavior, check_behavior, used_trees
+from flexbt_tools.behaviors.built_behavior import BuiltBehavior, used_trees
+from flexbt_tools.behaviors.check import check_behavior
 from flexbt_tools.errors import RefusedError, UnfitError
-from flexbt_tools.tree_checks import Severity, check_trees
-from flexbt_tools.trees import OpenRegistry, read_library, roots
+from flexbt_tools.tree_checks.check import check_trees
+from flexbt_tools.tree_checks.diagnostics import CheckSeverity
+from flexbt_tools.trees.files import read_library, roots
+from flexbt_tools.trees.stand_ins import OpenRegistry
 
 TARGET: Final = 0.95
 SECONDS: Final = 20.0
@@ -328,7 +340,7 @@ def _wrong_tree(machine: Node, label: str, chance: random.Random) -> bool:
     given = machine['states'][label].get('parameters', {})
     if 'bt_file' not in given:
         return False
-    files = [f'flexbt_demo_behaviors/trees/{name}.xml' for name in _DEMONSTRATED]
+    files = [f'flexbt_demo_behaviors/navigate/{name}.xml' for name in _DEMONSTRATED]
     given['bt_file'] = chance.choice([one for one in files if one != given['bt_file']])
     return True
 
@@ -489,7 +501,7 @@ class OfTree:
     def __init__(self, mission: Mission, folder: Path) -> None:
         self.mission = mission
         self._file = folder / 'main.xml'
-        self._required: tuple[Stated, ...] = ()
+        self._required: tuple[StatedRequirement, ...] = ()
         self._known = set(self._warnings(mission.text))
         self._sound = self._library(mission.text)
         self._required, self.left_out = _fit(mission, lambda one: prove_tree(*self._sound, required=one))
@@ -508,14 +520,14 @@ class OfTree:
         if not self._known.issuperset(self._warnings(text)):
             return 'check'
         try:
-            report = prove_tree(*self._library(text), required=self._required, limits=Limits(SECONDS))
+            report = prove_tree(*self._library(text), required=self._required, limits=ExplorationLimits(SECONDS))
         except (TreeLoadError, RefusedError, UnfitError):
             return 'refused'
         return 'prove' if report.counterexamples else ''
 
     def is_alike(self, text: str) -> bool:
         """Return whether it does the same as the mission, followed to the end."""
-        found = compare_trees(self._sound, self._library(text), limits=Limits(SECONDS)).comparison
+        found = compare_trees(self._sound, self._library(text), limits=ExplorationLimits(SECONDS)).comparison
         return found.is_same and found.is_complete
 
     def _library(self, text: str) -> Any:
@@ -527,7 +539,7 @@ class OfTree:
         self._file.write_text(text, encoding='utf-8')
         keys = ('goal', 'goals', 'gate', 'yard', 'log', 'mode', 'shelf', 'desk')
         for one in check_trees([str(self._file)], _registry(), keys):
-            if one.rule.severity is not Severity.INFO:
+            if one.rule.severity is not CheckSeverity.INFO:
                 yield one.rule.name, one.place.message
 
 
@@ -539,7 +551,7 @@ class OfMachine:
 
     def __init__(self, mission: Mission, folder: Path) -> None:
         self.mission = mission
-        self._required: tuple[Stated, ...] = ()
+        self._required: tuple[StatedRequirement, ...] = ()
         self._sound = read_machine(mission.text, STATES)
         self._known = set(self._warnings(self._sound))
         vocabulary = machine_vocabulary(self._sound)
@@ -565,7 +577,7 @@ class OfMachine:
             return 'check'
         try:
             proof = prove_behavior(
-                self.mission.name, machine, used_trees(machine, (), _registry()), Bounds(), seconds=SECONDS,
+                self.mission.name, machine, used_trees(machine, (), _registry()), MachineBounds(), seconds=SECONDS,
                 configurations=100_000, required=self._required,
             )  # fmt: skip
         except (TreeLoadError, RefusedError, UnfitError):
@@ -578,13 +590,13 @@ class OfMachine:
             Version(one, used_trees(one, (), _registry())) for one in (self._sound, read_machine(text, STATES))
         )
         found = compare_behaviors(
-            self.mission.name, before, now, Bounds(), seconds=SECONDS, configurations=20_000
+            self.mission.name, before, now, MachineBounds(), seconds=SECONDS, configurations=20_000
         )  # fmt: skip
         return all(one.is_same and one.comparison.is_complete for one in found)
 
     def _warnings(self, machine: MachineDefinition) -> Iterator[tuple[str, str]]:
         for one in check_behavior(BuiltBehavior(self.mission.name, machine), (), _registry()):
-            if one.rule.severity is not Severity.INFO:
+            if one.rule.severity is not CheckSeverity.INFO:
                 yield one.rule.name, one.message
 
 
@@ -593,7 +605,9 @@ def _raise(problems: list[str]) -> None:
         raise UnfitError('\n'.join(problems))
 
 
-def _fit(mission: Mission, use: Callable[[tuple[Stated, ...]], object]) -> tuple[tuple[Stated, ...], int]:
+def _fit(
+    mission: Mission, use: Callable[[tuple[StatedRequirement, ...]], object]
+) -> tuple[tuple[StatedRequirement, ...], int]:
     """The requirements that can be said of the mission as it is, and how many cannot."""
     found = []
     for text in mission.required:

@@ -86,8 +86,8 @@ def participants(_node: Node) -> Attack:
         rclpy.init(context=context)
         node = rclpy.create_node(f'participant{number}', context=context)
         publishers += [
-            node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command()),
-            node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop()),
+            node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos()),
+            node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop_qos()),
         ]
 
     def send() -> None:
@@ -120,7 +120,7 @@ def loader(node: Node) -> Attack:
 
 def log(node: Node) -> Attack:
     """Each is within the limits of a note, and gets into the log."""
-    publisher = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
+    publisher = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
     text = 'n' * ExecutiveCommand.NOTE_LENGTH
 
     def send() -> None:

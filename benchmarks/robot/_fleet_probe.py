@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from flexbt_core.state_machine import OperatableStateMachine
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
 from flexbt_states import OperatorDecisionState
 
 

@@ -24,7 +24,7 @@ from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 
 from flexbt_common import names
-from flexbt_common.liveness import LEASE_SECONDS
+from flexbt_common.lifecycle.liveliness import LEASE_SECONDS
 
 TURN_SECONDS: Final = 0.01
 PR_SET_PDEATHSIG: Final = 1  # prctl(2)
@@ -58,7 +58,7 @@ def _type_of(type_name: str, suffix: str = '') -> tuple[Any, str]:
 
 def _messages(node: Node, topic: str, type_name: str) -> Callable[[], object]:
     message_type, _ = _type_of(type_name)
-    profile = names.latched(100)
+    profile = names.transient_local_qos(100)
     if topic.endswith('/alive'):
         profile.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
         profile.liveliness_lease_duration = Duration(seconds=LEASE_SECONDS)

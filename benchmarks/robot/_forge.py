@@ -41,7 +41,7 @@ def main(kind: str, count: int, amount: float, parent: int) -> None:
 def forge_robots(node: Node, count: int, rate: float) -> None:
     """Executives that run something, each with a status that goes on."""
     publishers = [
-        node.create_publisher(ExecutiveStatus, f'/z{number}/{names.EXECUTIVE_STATUS}', names.latched())
+        node.create_publisher(ExecutiveStatus, f'/z{number}/{names.EXECUTIVE_STATUS}', names.transient_local_qos())
         for number in range(count)
     ]
     print('forges', flush=True)
@@ -66,7 +66,7 @@ def forge_names(node: Node, count: int, seconds: float) -> None:
         publishers = []
         for number in range(count):
             topic = f'/z{turn}_{number}/{names.EXECUTIVE_STATUS}'
-            publishers.append(node.create_publisher(ExecutiveStatus, topic, names.latched()))
+            publishers.append(node.create_publisher(ExecutiveStatus, topic, names.transient_local_qos()))
             publishers[-1].publish(ExecutiveStatus(executive_id=f'z{number}', sequence=1, heartbeat_period=1.0))
         if turn == 1:
             print('forges', flush=True)
@@ -77,8 +77,8 @@ def forge_names(node: Node, count: int, seconds: float) -> None:
 
 def forge_trees(node: Node, count: int, nodes: float) -> None:
     """Runs of trees whose nodes all change."""
-    structures = node.create_publisher(TreeStructure, names.TREE_STRUCTURE, names.latched(count))
-    statuses = node.create_publisher(TreeStatus, names.TREE_STATUS, names.latched(count))
+    structures = node.create_publisher(TreeStructure, names.TREE_STRUCTURE, names.transient_local_qos(count))
+    statuses = node.create_publisher(TreeStatus, names.TREE_STATUS, names.transient_local_qos(count))
     size = int(nodes)
     tree = [
         TreeNode(uid=uid, parent=uid // 2, kind=uid % 6, name=f'node {uid}', registration='Sequence', path=f'p/{uid}')

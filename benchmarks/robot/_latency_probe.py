@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from flexbt_core.state_machine import Autonomy, OperatableStateMachine
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
 from flexbt_states import BtExecuteState, OperatorDecisionState
 
 TREE: Final = 'LatencyProbe'

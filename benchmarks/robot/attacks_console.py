@@ -30,7 +30,7 @@ from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 from domain_coordinator import domain_id
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 from flexbt_testing.system.processes import executable
@@ -64,7 +64,7 @@ class Target:
 
     def _join(self) -> None:
         node = self._runtime.node
-        node.create_subscription(ExecutiveCommand, names.EXECUTIVE_STOP, self._note, names.stop())
+        node.create_subscription(ExecutiveCommand, names.EXECUTIVE_STOP, self._note, names.stop_qos())
 
     def _note(self, command: Any) -> None:
         self.stops.setdefault(command.id, time.monotonic())

@@ -26,36 +26,37 @@ from typing import Any
 from _figures import write_figures
 from aiohttp import ClientSession
 
-from flexbt_console.commands import CommandBuilder, NobodyAsked
-from flexbt_console.mirror import (
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.spec import NullRobot
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import (
     ActiveState,
-    Command,
     CommandKind,
     CommandResult,
     Decision,
     DecisionKind,
     EventKind,
     ExecutiveEvent,
+    ExecutiveSnapshot,
     ExecutiveState,
-    Fleet,
+    FramedPose,
     GridMap,
     LogLine,
-    Mirror,
-    NodeStatus,
-    Pose,
+    LogSeverity,
+    OperatorCommand,
     ResultCode,
-    Severity,
-    Snapshot,
     StateKind,
     StateStructure,
-    StatusChange,
     Structure,
-    TreeNode,
 )
-from flexbt_console.ui.interaction import Attention, Station
-from flexbt_console.ui.screen import OperatorScreen
-from flexbt_console.ui.web import Access, PageStation, WebServer, serving
-from flexbt_core.clock import ManualClock
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange
+from flexbt_console.ui.screen.app import OperatorScreen
+from flexbt_console.ui.station import Attention, Station
+from flexbt_console.ui.web.access import Access
+from flexbt_console.ui.web.requests import PageStation
+from flexbt_console.ui.web.server import WebServer, serving
+from flexbt_core.clock.clock import ManualClock
 
 STEP = 0.5
 """Simulated seconds from one status to the next."""
@@ -65,7 +66,7 @@ NODES = 40
 MAP_SECONDS = 600.0
 
 
-class Robot(NobodyAsked):
+class Robot(NullRobot):
     """An executive as its mirror hears it; it is a link, too: it applies what it is sent."""
 
     def __init__(self) -> None:
@@ -76,7 +77,7 @@ class Robot(NobodyAsked):
         self.sequence = 0
         self._step = 0
 
-    def send(self, command: Command, timeout: float, label: str) -> object:
+    def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
         """Take a command, which is answered with the next status."""
         tracked = self.mirror.give(command, timeout, label)
         self.results = (*self.results[-7:], CommandResult(command.id, ResultCode.APPLIED))
@@ -92,11 +93,11 @@ class Robot(NobodyAsked):
         if now % RUN_SECONDS < STEP:
             self._begin(executive, run, now)
         state = f'/State{int(now % 50)}'
-        pose = Pose(5.0 + 4.0 * math.cos(now / 10.0), 5.0 + 4.0 * math.sin(now / 7.0), now % 3.0)
+        pose = FramedPose(5.0 + 4.0 * math.cos(now / 10.0), 5.0 + 4.0 * math.sin(now / 7.0), now % 3.0)
         waits = now % 20.0 < 3.0
         decision = Decision(f'd{int(now // 20)}', DecisionKind.TRANSITION, state, 'done', ('done',), 2, prompt='so?')
         self.mirror.receive_snapshot(
-            Snapshot(
+            ExecutiveSnapshot(
                 executive,
                 self.sequence,
                 state=ExecutiveState.RUNNING,
@@ -109,12 +110,12 @@ class Robot(NobodyAsked):
                 stamp=now,
             )
         )
-        statuses = [NodeStatus(1 + (uid + self._step) % 3) for uid in range(NODES)]
+        statuses = [MirroredStatus(1 + (uid + self._step) % 3) for uid in range(NODES)]
         changes = [StatusChange(now, uid + 1, status) for uid, status in enumerate(statuses)]
         ends = now % RUN_SECONDS >= RUN_SECONDS - STEP
         self.mirror.receive_tree_status(f't{run}', self.sequence, statuses, changes, now, finished=ends, paused=False)
         text = f'line {self.sequence} of a log that does not end'
-        self.mirror.receive_log(LogLine(executive, self.sequence, Severity.INFO, text, state, run, now))
+        self.mirror.receive_log(LogLine(executive, self.sequence, LogSeverity.INFO, text, state, run, now))
         kind = EventKind.TRANSITION
         self.mirror.receive_events([ExecutiveEvent(executive, self.sequence, kind, path=state, run_id=run, stamp=now)])
         around = [math.tau * number / 360 for number in range(360)]
@@ -123,7 +124,7 @@ class Robot(NobodyAsked):
         self.mirror.receive_scan(scan, 3.0)
         self.mirror.receive_plan(tuple((pose.x + number * 0.05, pose.y) for number in range(200)))
         if waits and now % 20.0 < STEP:
-            answer = Command(
+            answer = OperatorCommand(
                 f'c{self.sequence}', CommandKind.CONFIRM, 'ann', executive, run, decision.id, outcome='done'
             )
             self.send(answer, 5.0, 'confirm')
@@ -137,7 +138,7 @@ class Robot(NobodyAsked):
             for path, kind in zip(paths, kinds, strict=True)
         ]
         self.mirror.receive_structure(Structure(run, f'Endurance {run}', tuple(states)))
-        nodes = [TreeNode(uid, uid // 2, f'node {uid}', 'Sequence') for uid in range(1, NODES + 1)]
+        nodes = [MirroredNode(uid, uid // 2, f'node {uid}', 'Sequence') for uid in range(1, NODES + 1)]
         self.mirror.receive_tree_structure(f't{run}', f'Tree {run}', nodes, now)
         if now % MAP_SECONDS < RUN_SECONDS:
             self.mirror.receive_map(GridMap(200, 200, 0.05, 0.0, 0.0, bytes([int(now) % 100]) * 40_000))

@@ -56,8 +56,9 @@ from nav2_msgs.action import NavigateToPose
 from std_msgs.msg import Header
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_common.calls.action_call import ActionCall, ActionLinks
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, StopGuardStatus
 from flexbt_testing.system.hold_up import THREADS
 from flexbt_testing.system.probe import Probe, stamp
@@ -433,8 +434,8 @@ class Answers:
 
     def _open(self) -> None:
         node = self._probe.console.node
-        ReceivedMessages(node, ExecutiveCommand, names.EXECUTIVE_STOP, names.stop(), self._on_stop, 10_000)
-        node.create_subscription(StopGuardStatus, names.STOP_GUARD_STATUS, self._on_guard, names.latched())
+        ReceivedMessages(node, ExecutiveCommand, names.EXECUTIVE_STOP, names.stop_qos(), self._on_stop, 10_000)
+        node.create_subscription(StopGuardStatus, names.STOP_GUARD_STATUS, self._on_guard, names.transient_local_qos())
 
     def _on_stop(self, received: Received) -> None:
         if self.left is None and received.data is not None and OPERATOR.encode() in received.data:

@@ -45,8 +45,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from _figures import write_figures
-from _processes import install_behavior, processor_time
+from _figures import install_behavior, processor_time, write_figures
 from domain_coordinator import domain_id
 
 from flexbt_testing.system.processes import executable
@@ -73,13 +72,13 @@ class Station:
         from rclpy.serialization import serialize_message
 
         from flexbt_common import names
-        from flexbt_console.commands import CommandBuilder
-        from flexbt_console.link import OperatorLink
-        from flexbt_console.mirror import Mirror
+        from flexbt_console.commands.command_builder import CommandBuilder
+        from flexbt_console.link.operator_link import ExecutiveLink
+        from flexbt_console.mirror.mirror import Mirror
         from flexbt_msgs.msg import ExecutiveLog, ExecutiveStatus
 
         self.mirror = Mirror(runtime.steady)
-        self.link = OperatorLink(runtime, self.mirror)
+        self.link = ExecutiveLink(runtime, self.mirror)
         self.make = CommandBuilder('benchmark')
         self.bytes = 0
 
@@ -88,7 +87,7 @@ class Station:
 
         def subscribe() -> None:
             for type, topic in ((ExecutiveStatus, names.EXECUTIVE_STATUS), (ExecutiveLog, names.EXECUTIVE_LOG)):
-                runtime.node.create_subscription(type, topic, count, names.latched())
+                runtime.node.create_subscription(type, topic, count, names.transient_local_qos())
 
         runtime.call(subscribe)
         self._runtime = runtime
@@ -99,10 +98,10 @@ class Station:
     def run_tree(self) -> Any:
         """Have the BT server of the robot run the tree of deadlines; the goal."""
         from flexbt_common import names
-        from flexbt_common.calls import ActionLinks
+        from flexbt_common.calls.action_call import ActionLinks
         from flexbt_msgs.action import BtExecute, BtLoad
         from flexbt_msgs.msg import TreeStatus
-        from flexbt_testing.nodes.sent_goal import SentGoal
+        from flexbt_testing.nodes.clients import SentGoal
 
         links = ActionLinks(self._runtime)
         loaded = SentGoal(links.link(BtLoad, names.BT_LOADER), BtLoad.Goal(xml=TREE), DEADLINE).result
@@ -240,7 +239,7 @@ def main() -> int:
         os.environ.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
         if not arguments.simple:
             os.environ['ROS_DISCOVERY_SERVER'] = stack.enter_context(discovery_server())
-        from flexbt_common.runtime import NodeRuntime
+        from flexbt_common.runtime.node_runtime import NodeRuntime
 
         started = time.monotonic()
         processes: list[subprocess.Popen[bytes]] = []

@@ -17,12 +17,11 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from _figures import write_figures
-from _processes import processor_time
+from _figures import processor_time, write_figures
 from _terminal import Terminal
 from domain_coordinator import domain_id
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack, executable
 

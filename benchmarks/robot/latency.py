@@ -27,14 +27,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from _figures import write_figures
-from _processes import install_behavior
+from _figures import install_behavior, write_figures
 from domain_coordinator import domain_id
 from nav2_msgs.action import Wait
 
-from flexbt_common.calls import ActionCall, ActionLinks, GoalServer, ServedGoal
+from flexbt_common.calls.action_call import ActionCall, ActionLinks
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.discovery import only_this_computer
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.nodes.operator import Operator

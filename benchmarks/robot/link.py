@@ -34,13 +34,12 @@ from _figures import write_figures
 from domain_coordinator import domain_id
 
 from flexbt_common.discovery import only_this_computer, profile
-from flexbt_console.commands import SCAN_PERIOD
-from flexbt_onboard.commands import REPORT_TIME
-from flexbt_testing.system import network_namespace
-from flexbt_testing.system.lossy_link import LossyLink
-from flexbt_testing.system.network_namespace import NetworkNamespace
+from flexbt_console.commands.effects import SCAN_PERIOD
+from flexbt_onboard.commands.command_ledger import REPORT_TIME
+from flexbt_testing.system import networks
+from flexbt_testing.system.networks import LossyLink, NetworkNamespace
 from flexbt_testing.system.processes import Stack
-from flexbt_testing.system.remote import Console, Observer, remote_console, remote_observer
+from flexbt_testing.system.remote import RemoteConsole, RemoteObserver, remote_console, remote_observer
 from flexbt_testing.waiting import DEADLINE
 
 SETTLING = REPORT_TIME + 1.0
@@ -75,7 +74,7 @@ def wait(condition: Callable[[], object], what: str) -> None:
 class Meter:
     """Bytes a second over a window of time."""
 
-    def __init__(self, link: LossyLink, observer: Observer, seconds: float) -> None:
+    def __init__(self, link: LossyLink, observer: RemoteObserver, seconds: float) -> None:
         self._link = link
         self._observer = observer
         self._seconds = seconds
@@ -136,7 +135,7 @@ def measure(
     return figures
 
 
-def wait_ready(console: Console) -> None:
+def wait_ready(console: RemoteConsole) -> None:
     """Until a console shows a robot that is ready and at rest, and the discovery is over."""
 
     def is_ready() -> bool:
@@ -149,7 +148,7 @@ def wait_ready(console: Console) -> None:
     settle()
 
 
-def drive(console: Console) -> None:
+def drive(console: RemoteConsole) -> None:
     """Have the robot on its way to the kitchen."""
     console.send('start', 'Navigate', '--autonomy', 'high')
     wait(lambda: console.view().decision, 'question for a goal')
@@ -172,7 +171,7 @@ def main() -> int:
     parser.add_argument('--seconds', type=float, default=15.0, help='length of each window')
     parser.add_argument('--output', type=Path, default=Path('out/link.json'))
     arguments = parser.parse_args()
-    problem = network_namespace.missing()
+    problem = networks.missing()
     figures: dict[str, Any] = {'not measured': problem}
     if not problem:
         with domain_id() as domain:

@@ -31,10 +31,13 @@ from _terminal import Terminal
 from aiohttp import ClientSession
 from domain_coordinator import domain_id
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands import CommandBuilder
-from flexbt_console.link import OperatorLink
-from flexbt_console.mirror import AutonomyLevel, Command, CommandState, Mirror, View
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.command_tracker import CommandState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import AutonomyLevel, OperatorCommand
+from flexbt_console.mirror.view import View
 from flexbt_testing.system.processes import Stack, executable
 
 T = TypeVar('T')
@@ -51,7 +54,7 @@ class Operator:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._mirror = Mirror(runtime.steady)
-        self._link = OperatorLink(runtime, self._mirror, 'ann')
+        self._link = ExecutiveLink(runtime, self._mirror, 'ann')
         self._make = CommandBuilder('ann')
         self._goals = cycle(GOALS)
 
@@ -77,7 +80,7 @@ class Operator:
             raise TimeoutError(f'nothing within {DEADLINE:g} s; last heard: {self._mirror.view().snapshot}')
         return value
 
-    def _give(self, command: Command) -> None:
+    def _give(self, command: OperatorCommand) -> None:
         self._link.send(command, DEADLINE)
         tracked = self._link.settled(command.id, DEADLINE)
         assert tracked is not None and tracked.state is CommandState.APPLIED, tracked

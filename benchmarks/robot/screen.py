@@ -23,31 +23,31 @@ from typing import Any
 
 from _figures import write_figures
 
-from flexbt_console.commands import CommandBuilder, NobodyAsked
-from flexbt_console.mirror import (
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.spec import NullRobot
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import (
     ActiveState,
     Decision,
     DecisionKind,
+    ExecutiveSnapshot,
     ExecutiveState,
-    Fleet,
+    FramedPose,
     GridMap,
-    Mirror,
-    NodeStatus,
-    Pose,
-    Snapshot,
     StateKind,
     StateStructure,
     Structure,
-    TreeNode,
 )
-from flexbt_console.ui.interaction import Attention, Station
-from flexbt_console.ui.screen import OperatorScreen
-from flexbt_core.clock import Clock, SteadyClock
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus
+from flexbt_console.ui.screen.app import OperatorScreen
+from flexbt_console.ui.station import Attention, Station
+from flexbt_core.clock.clock import Clock, SteadyClock
 
 KEYS = ['o', 'down', 'down', 'escape', 'question_mark', 'escape', 'z', 'z', 'z', 'z']
 
 
-class Robot(NobodyAsked):
+class Robot(NullRobot):
     """A mirror that is fed, and a link that goes nowhere."""
 
     def __init__(self, number: int, clock: SteadyClock) -> None:
@@ -57,18 +57,18 @@ class Robot(NobodyAsked):
         self.mirror.receive_structure(Structure('r', 'Patrol', (root, *states)))
         walls = bytes(100 if x % 40 == 0 or y % 40 == 0 else 0 for y in range(400) for x in range(400))
         self.mirror.receive_map(GridMap(400, 400, 0.05, 0.0, 0.0, walls))
-        nodes = [TreeNode(uid, uid // 2, f'N{uid}', 'Sequence') for uid in range(1, 41)]
+        nodes = [MirroredNode(uid, uid // 2, f'N{uid}', 'Sequence') for uid in range(1, 41)]
         self.mirror.receive_tree_structure('t', 'Drive', nodes, 0.0)
-        self.mirror.receive_tree_status('t', 1, [NodeStatus.RUNNING] * 40, [], 1.0, finished=False, paused=False)
+        self.mirror.receive_tree_status('t', 1, [MirroredStatus.RUNNING] * 40, [], 1.0, finished=False, paused=False)
         asked = (Decision('d', DecisionKind.TRANSITION, '/S1', 'done', ('done',), 2),) if number % 5 == 0 else ()
-        self.snapshot = Snapshot(
+        self.snapshot = ExecutiveSnapshot(
             'e', 0, state=ExecutiveState.RUNNING, run_id='r', behavior='Patrol', decisions=asked,
-            active_states=(ActiveState('/S1', 1.0, tree_run_id='t'),), robot_pose=Pose(1.0, 1.0), stamp=1.0,
+            active_states=(ActiveState('/S1', 1.0, tree_run_id='t'),), robot_pose=FramedPose(1.0, 1.0), stamp=1.0,
         )  # fmt: skip
 
     def change(self) -> None:
         """The next status: it drives."""
-        pose = Pose(1.0 + self.snapshot.sequence * 0.01 % 8.0, 1.0)
+        pose = FramedPose(1.0 + self.snapshot.sequence * 0.01 % 8.0, 1.0)
         self.snapshot = replace(self.snapshot, sequence=self.snapshot.sequence + 1, robot_pose=pose)
         self.mirror.receive_snapshot(replace(self.snapshot, stamp=1.0 + self.snapshot.sequence * 0.1))
 

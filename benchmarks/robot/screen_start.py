@@ -24,11 +24,11 @@ from _figures import write_figures
 from _terminal import Terminal
 from domain_coordinator import domain_id
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.link import OperatorLink
-from flexbt_console.mirror import Mirror
-from flexbt_testing.system.console_process import console_answer
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.python_processes import console_answer
 from flexbt_testing.waiting import wait_until
 
 EXECUTIVE = 'onboard_executive'
@@ -84,7 +84,7 @@ def first_status() -> Iterator[list[float]]:
     with NodeRuntime.open('observer') as runtime:
         mirror = Mirror(runtime.steady)
         mirror.add_listener(lambda _: times.append(time.monotonic()) if not times and mirror.view().live else None)
-        OperatorLink(runtime, mirror, None)
+        ExecutiveLink(runtime, mirror, None)
         yield times
 
 

@@ -15,15 +15,14 @@ import tempfile
 import time
 from pathlib import Path
 
-from _figures import write_figures
-from _processes import processor_time
+from _figures import processor_time, write_figures
 from _terminal import Terminal
 from domain_coordinator import domain_id
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.system.console_process import console_answer
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.python_processes import console_answer
 
 GOAL = '10.0 2.3 0'
 """m, m, rad: far enough for a window of 20 s."""

@@ -31,11 +31,15 @@ from _figures import write_figures
 from _maps import MAPS, drawn
 from numpy.typing import NDArray
 
-from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation
+from flexbt_navigation.controller.path_follower import FollowerLimits
+from flexbt_navigation.costmaps.costmap import Costmap, Inflation
+from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation
+from flexbt_navigation.errors import NavigationError
+from flexbt_navigation.navigator import Navigator
+from flexbt_navigation.planner.hybrid_planner import planner_for
+from flexbt_navigation.preparation import prepare_navigation
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.executables import SWITCH_INTERVAL
-from flexbt_sim.navigation import FollowerLimits, Navigator, planner_for, prepare_navigation
-from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import (
     MODELS,
     Circle,

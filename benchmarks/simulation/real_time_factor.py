@@ -18,17 +18,17 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from _figures import write_figures
-from _processes import processor_time
+from _figures import processor_time, write_figures
 from domain_coordinator import domain_id
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath
 from simulation_interfaces.srv import GetEntityState
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.system.processes import Stack
 
 PLACES = ((3.8, 1.2), (0.8, 4.45), (9.6, 6.6), (10.0, 2.3))

@@ -29,7 +29,7 @@ import yaml
 from _figures import write_figures
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.simulator import built_in_map
+from flexbt_sim.simulator.parameters import built_in_map
 from flexbt_sim.world import (
     MODELS,
     Circle,

@@ -8,19 +8,16 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from flexbt_core.clock import SteadyClock
-from flexbt_core.monitors import MachineMonitor, Violation, declared_resources
-from flexbt_core.state_machine import (
-    Autonomy,
-    Decision,
-    EventState,
-    ExitReason,
-    MachineRun,
-    OperatableStateMachine,
-    Severity,
-    UserData,
-    define,
-)
+from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.monitors.machine_monitor import MachineMonitor, declared_resources
+from flexbt_core.monitors.properties import Violation
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Autonomy, Decision
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.userdata import UserData
 
 DEPTH: Final = 4
 CHAIN: Final = 500

@@ -13,22 +13,23 @@ from typing import Any, Final
 
 from target import target
 
+from flexbt_common import files
 from flexbt_common.calls import goal_server
-from flexbt_common.liveness import presence
-from flexbt_common.runtime import latest_message, resources
-from flexbt_common.values import limits, value_text
+from flexbt_common.lifecycle import presence
+from flexbt_common.middleware import received_messages
+from flexbt_common.values import limits, value_types
 from flexbt_core.behavior_tree.script import parser, values
+from flexbt_navigation.behaviors.server import MOST_DISTANCE, MOST_SPEED, MOST_TURN
+from flexbt_onboard.behaviors import machine_behavior
 from flexbt_onboard.commands import command_bounds, input_requests
-from flexbt_onboard.event_log import event_log
-from flexbt_onboard.link import command_intake
-from flexbt_onboard.synthesis import machine_store
-from flexbt_server.actions import execute_server, load_server
+from flexbt_onboard.link import console_link
+from flexbt_onboard.persistence import event_log
+from flexbt_server.actions import data_servers, execute_server
 from flexbt_server.groot2 import server as groot2_server
-from flexbt_server.leaves import topic_cache, trigger_services
-from flexbt_server.navigators import navigator
+from flexbt_server.leaves import leaf_services, topic_cache
+from flexbt_server.navigators import bt_navigator
 from flexbt_server.runs import run_logs
 from flexbt_server.trees import blackboards
-from flexbt_sim.nodes.behavior_server import MOST_DISTANCE, MOST_SPEED, MOST_TURN
 from flexbt_sim.world import FARTHEST, MAX_CELLS, MAX_RESOLUTION, MIN_RESOLUTION
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'interfaces.md'
@@ -46,8 +47,8 @@ def bounds() -> Iterator[tuple[str, str]]:
     yield (
         'a command to the executive; those of one sender',
         (
-            f'{command_intake.COMMAND_BYTES:,} bytes; {command_intake.COMMAND_RATE:g} a second, and '
-            f'{command_intake.COMMAND_BURST} at once'
+            f'{console_link.COMMAND_BYTES:,} bytes; {console_link.COMMAND_RATE:g} a second, and '
+            f'{console_link.COMMAND_BURST} at once'
         ),
     )
     yield 'its texts', lengths(command_bounds.COMMAND_LENGTHS)
@@ -63,19 +64,22 @@ def bounds() -> Iterator[tuple[str, str]]:
         'a text for people from an executive',
         (f'{limits.LONG_TEXT:,} characters; the middle of a longer one is cut'),
     )
-    yield 'YAML that is not JSON, as the text of a value', f'{value_text.MAX_YAML:,} characters'
-    yield 'the name of a file; directories in it', f'{resources.MAX_NAME:,} characters; {resources.MAX_PARTS}'
+    yield 'YAML that is not JSON, as the text of a value', f'{value_types.MAX_YAML:,} characters'
+    yield 'the name of a file; directories in it', f'{files.MAX_NAME:,} characters; {files.MAX_PARTS}'
     yield (
         'a message for a leaf that reads a topic',
         ', '.join(
-            [f'{limits.MESSAGE:,} bytes', *(f'`{one.__name__}` {n:,}' for one, n in latest_message.MOST_BYTES.items())]
+            [
+                f'{limits.MESSAGE:,} bytes',
+                *(f'`{one.__name__}` {n:,}' for one, n in received_messages.MOST_BYTES.items()),
+            ]
         ),
     )
     yield (
         'goals at a time',
         (
-            f'`bt_executor` {execute_server.MOST_RUNS}; a navigator {navigator.MOST_GOALS}; `bt_loader` '
-            f'{load_server.MOST_LOADS}; `operator_input` {input_requests.MOST_REQUESTS}; any other action '
+            f'`bt_executor` {execute_server.MOST_RUNS}; a navigator {bt_navigator.MOST_NAVIGATOR_GOALS}; `bt_loader` '
+            f'{data_servers.MOST_LOADS}; `operator_input` {input_requests.MOST_REQUESTS}; any other action '
             f'{goal_server.MOST_GOALS:,}'
         ),
     )
@@ -100,7 +104,7 @@ def bounds() -> Iterator[tuple[str, str]]:
     )
     yield (
         'a stored machine; their number',
-        (f'{machine_store.MACHINE_LENGTH:,} characters; {machine_store.MOST_MACHINES}'),
+        (f'{machine_behavior.MACHINE_LENGTH:,} characters; {machine_behavior.MOST_MACHINES}'),
     )
     yield (
         'a place; turn, distance and speed of a motion',
@@ -113,7 +117,7 @@ def bounds() -> Iterator[tuple[str, str]]:
     )
     yield (
         'cached topics and services of leaves while no tree needs them',
-        (f'{topic_cache.MOST_TOPICS}; {trigger_services.MOST_SERVICES}'),
+        (f'{topic_cache.MOST_TOPICS}; {leaf_services.MOST_SERVICES}'),
     )
     yield (
         'presence tokens that an executive accepts, of one process; of all',

@@ -13,9 +13,12 @@ from typing import Any, Final
 
 from target import target
 
-from flexbt_core.behavior_tree import Example, NodeKind, NodeManifest, PortDirection, node_skill
-from flexbt_core.behavior_tree.model import NO_DEFAULT
-from flexbt_core.skills import Skill
+from flexbt_core.behavior_tree.engine.registry import node_skill
+from flexbt_core.behavior_tree.model.definition import NodeManifest
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, PortDirection
+from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.skills.skill import Skill
 from flexbt_server.node_types import node_registry
 
 HERE: Final = Path(__file__).parent

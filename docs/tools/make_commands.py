@@ -12,9 +12,9 @@ from typing import Final
 
 from target import target
 
-from flexbt_console.commands import COMMANDS as CONSOLE_COMMANDS
-from flexbt_console.commands import CommandSpec, Send
-from flexbt_onboard.commands import COMMANDS
+from flexbt_console.commands.registry import COMMANDS as CONSOLE_COMMANDS
+from flexbt_console.commands.spec import CommandSpec, Send
+from flexbt_onboard.commands.command_registry import COMMANDS
 
 PAGE: Final = Path(__file__).parents[1] / 'explanation' / 'operator_link.md'
 BEGIN: Final = '<!-- written by docs/tools/make_commands.py -->\n'

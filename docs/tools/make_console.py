@@ -12,8 +12,10 @@ from typing import Final
 
 from target import target
 
-from flexbt_console.commands import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, LinkNeed, Mode, Send
-from flexbt_console.ui.interaction import HOW_KEYS_SEND, KEYS
+from flexbt_console.commands.command_line import COMMON_OPTIONS, EXIT_CODES
+from flexbt_console.commands.registry import COMMANDS
+from flexbt_console.commands.spec import CommandSpec, LinkNeed, Mode, Send
+from flexbt_console.ui.keys import HOW_KEYS_SEND, KEYS
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
 HEAD: Final = """\

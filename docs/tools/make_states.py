@@ -18,7 +18,7 @@ from target import target
 
 import flexbt_flexbe.states
 import flexbt_states
-from flexbt_core.skills import class_of
+from flexbt_core.skills.skill import usual_outcome_class
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'states.md'
 HEAD: Final = """\
@@ -126,7 +126,7 @@ def section(state: type[Any]) -> Iterator[str]:
 
 def _outcome(name: str) -> str:
     """Return an outcome, with its class if the name shows it."""
-    kind = class_of(name)
+    kind = usual_outcome_class(name)
     return 'outcome' if kind is None else f'outcome, {kind.value.replace("_", " ")}'
 
 

@@ -29,19 +29,11 @@ from flexbt_sim.world import (
     StationModel,
     ZoneModel,
 )
-from flexbt_sim.world.descriptions import (
-    SECTIONS,
-    FaultTiming,
-    FloorPlan,
-    Key,
-    RobotModel,
-    Specification,
-    WorldModel,
-    keys_of,
-    types_of,
-    written,
-)
-from flexbt_sim.world.plane import MAX_CORNERS, Shape
+from flexbt_sim.world.descriptions.faults import FaultTiming
+from flexbt_sim.world.descriptions.models import RobotModel
+from flexbt_sim.world.descriptions.specification import ModelKey, ModelSpecification, keys_of, types_of, written
+from flexbt_sim.world.descriptions.world_file import SECTIONS, FloorPlan, WorldModel
+from flexbt_sim.world.plane.geometry import MAX_CORNERS, Shape
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'world_files.md'
 HEAD: Final = """\
@@ -115,7 +107,7 @@ def doc(specification: type) -> str:
     return ' '.join((specification.__doc__ or '').split()).replace('``', '`')
 
 
-def section(specification: type[Specification]) -> Iterator[str]:
+def section(specification: type[ModelSpecification]) -> Iterator[str]:
     """Return the section of a specification: its keys, and those of the mappings in it."""
     yield from [doc(specification), '', *table(specification), '']
     for name, kind in types_of(specification).items():
@@ -126,17 +118,17 @@ def section(specification: type[Specification]) -> Iterator[str]:
                 yield from [doc(part), '', *table(part), '']
 
 
-def parts(kind: Any) -> Iterator[type[Specification]]:
+def parts(kind: Any) -> Iterator[type[ModelSpecification]]:
     """Return the specifications in a type."""
     if isinstance(kind, type) and not typing.get_args(kind):
-        if issubclass(kind, Specification):
+        if issubclass(kind, ModelSpecification):
             yield kind
         return
     for one in typing.get_args(kind):
         yield from parts(one)
 
 
-def table(specification: type[Specification]) -> Iterator[str]:
+def table(specification: type[ModelSpecification]) -> Iterator[str]:
     """Return the table of the keys of a specification."""
     yield '| Key | Type | Default | Meaning |'
     yield '|---|---|---|---|'
@@ -146,7 +138,7 @@ def table(specification: type[Specification]) -> Iterator[str]:
         yield f'| `{written(name)}` | {kind} | {shown(defaults[name])} | {key.text} |'
 
 
-def described(kind: Any, key: Key) -> str:
+def described(kind: Any, key: ModelKey) -> str:
     """Return the type of a key, with its unit, bounds and choices."""
     if kind == Shape:
         return f'shape, at most {MAX_CORNERS} corners'
@@ -161,7 +153,7 @@ def described(kind: Any, key: Key) -> str:
         return 'point'
     if kind is Pose:
         return 'pose'
-    if issubclass(kind, Specification):
+    if issubclass(kind, ModelSpecification):
         return 'mapping, see below'
     words = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text'}
     bounds = ''
@@ -175,7 +167,7 @@ def shown(value: Any) -> str:
     """Return a default as text."""
     if value is dataclasses.MISSING:
         return 'required'
-    if isinstance(value, Specification):
+    if isinstance(value, ModelSpecification):
         return ''
     if value is None or isinstance(value, bool):
         return f'`{str(value).lower().replace("none", "null")}`'
@@ -208,12 +200,12 @@ def models() -> Iterator[str]:
     yield ''
 
 
-def values(specification: Specification, prefix: str = '') -> Iterator[tuple[str, str]]:
+def values(specification: ModelSpecification, prefix: str = '') -> Iterator[tuple[str, str]]:
     """Return all values of a model, by the paths of their keys."""
     for name in keys_of(type(specification)):
         value = getattr(specification, name)
         path = f'{prefix}{written(name)}'
-        if isinstance(value, Specification):
+        if isinstance(value, ModelSpecification):
             yield from values(value, f'{path}.')
         else:
             yield path, shown(value)

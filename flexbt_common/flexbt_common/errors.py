@@ -14,7 +14,7 @@ flexbt_core.errors.FlexbtError
 from __future__ import annotations
 
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import shown
+from flexbt_core.values.text import short_repr
 
 
 class UnknownTypeError(FlexbtError):
@@ -29,7 +29,7 @@ class ValueConversionError(FlexbtError):
     """The value under ``key``, shown as ``text``, is not a value of ``type``; ``reason`` says where and why."""
 
     def __init__(self, key: str, type: str, text: str, reason: str) -> None:
-        super().__init__(f'{key or "value"}: cannot take {shown(text)} as {type or "a value"}: {reason}')
+        super().__init__(f'{key or "value"}: cannot take {short_repr(text)} as {type or "a value"}: {reason}')
         self.key = key
         self.type = type
         self.text = text

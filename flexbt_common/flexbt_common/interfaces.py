@@ -35,7 +35,7 @@ SETTABLE_SERVERS: Final = ('controller_server', 'planner_server')
 """Those of these nodes that have parameters."""
 
 
-class Kind(Enum):
+class InterfaceKind(Enum):
     """What an interface is; the value is the word of a policy for it."""
 
     TOPIC = 'topic'
@@ -51,7 +51,7 @@ class Interface:
     ``offered_by`` are the nodes that publish or serve it, ``used_by`` those that subscribe to it or call it.
     """
 
-    kind: Kind
+    kind: InterfaceKind
     name: str
     offered_by: tuple[str, ...]
     used_by: tuple[str, ...] = ()
@@ -63,11 +63,11 @@ CONSOLES: Final = (CONSOLE, OBSERVER)
 
 
 def _topics(*topics: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()) -> tuple[Interface, ...]:
-    return tuple(Interface(Kind.TOPIC, name, by, to) for name in topics)
+    return tuple(Interface(InterfaceKind.TOPIC, name, by, to) for name in topics)
 
 
 def _services(*services: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()) -> tuple[Interface, ...]:
-    return tuple(Interface(Kind.SERVICE, name, by, to) for name in services)
+    return tuple(Interface(InterfaceKind.SERVICE, name, by, to) for name in services)
 
 
 def _managed(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
@@ -92,7 +92,7 @@ def _managed(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
 
 
 def _actions(*actions: str, to: tuple[str, ...], by: str | None = None) -> tuple[Interface, ...]:
-    return tuple(Interface(Kind.ACTION, name, () if by is None else (by,), to) for name in actions)
+    return tuple(Interface(InterfaceKind.ACTION, name, () if by is None else (by,), to) for name in actions)
 
 
 def _parameters(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
@@ -263,7 +263,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     ),
     *_actions(f'{SIMULATOR}/simulate_steps', by=SIMULATOR, to=()),
     *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),
-    *(Interface(Kind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, RECORDER)),
+    *(Interface(InterfaceKind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, RECORDER)),
 )
 """What the nodes of a robot and its operators have between them."""
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from flexbt_common.cli import home_path
-from flexbt_common.errors import UnfitParameterError
-from flexbt_common.runtime import ParameterDeclarer
+from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_core.errors import FlexbtError
-from flexbt_core.monitors import Monitoring, Stated, read_requirements
-from flexbt_core.values import TextFileError, read_text
+from flexbt_core.monitors.monitoring import Monitoring
+from flexbt_core.monitors.requirement_text import StatedRequirement, read_requirements
+from flexbt_core.values.text_files import TextFileError, read_text
+
+from .errors import UnfitParameterError
+from .files import home_path
 
 _MOST_BYTES: Final = 1_000_000
 
@@ -33,7 +35,7 @@ def declare_monitoring(declare: ParameterDeclarer) -> Monitoring:
     return Monitoring(is_on, action == 'stop', _requirements(written) if written and is_on else {})
 
 
-def _requirements(written: str) -> dict[str, tuple[Stated, ...]]:
+def _requirements(written: str) -> dict[str, tuple[StatedRequirement, ...]]:
     try:
         return read_requirements(read_text(home_path(written), _MOST_BYTES), written)
     except TextFileError as error:

@@ -181,7 +181,7 @@ def alive_topic(node_name: str) -> str:
     return f'{node_name}/alive'
 
 
-def latched(depth: int = 1) -> QoSProfile:
+def transient_local_qos(depth: int = 1) -> QoSProfile:
     """For state: a late subscriber gets the last ``depth`` messages."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
@@ -191,7 +191,7 @@ def latched(depth: int = 1) -> QoSProfile:
     )
 
 
-def command() -> QoSProfile:
+def command_qos() -> QoSProfile:
     """For commands: reliable, and not repeated to whoever comes later."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
@@ -201,19 +201,19 @@ def command() -> QoSProfile:
     )
 
 
-def stop() -> QoSProfile:
+def stop_qos() -> QoSProfile:
     """For stops, which have a queue of their own: what floods that of the commands drives none of them out."""
-    profile = command()
+    profile = command_qos()
     profile.depth = STOP_DEPTH
     return profile
 
 
-def unacknowledged(depth: int = 10) -> QoSProfile:
+def best_effort_qos(depth: int = 10) -> QoSProfile:
     """For what is said again and again, so that nothing has to be sent twice."""
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def deep_services() -> QoSProfile:
+def service_qos() -> QoSProfile:
     """For services, also those inside actions, on both sides.
 
     The default keeps ten requests and ten responses; what a larger burst brings is lost silently, and its futures
@@ -222,10 +222,10 @@ def deep_services() -> QoSProfile:
     return QoSProfile(depth=1000)
 
 
-def deep_action_services() -> dict[str, QoSProfile]:
-    """:func:`deep_services` as keyword arguments of rclpy's ``ActionClient`` and ``ActionServer``."""
+def action_service_qos() -> dict[str, QoSProfile]:
+    """:func:`service_qos` as keyword arguments of rclpy's ``ActionClient`` and ``ActionServer``."""
     return {
-        'goal_service_qos_profile': deep_services(),
-        'result_service_qos_profile': deep_services(),
-        'cancel_service_qos_profile': deep_services(),
+        'goal_service_qos_profile': service_qos(),
+        'result_service_qos_profile': service_qos(),
+        'cancel_service_qos_profile': service_qos(),
     }

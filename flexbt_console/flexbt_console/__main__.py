@@ -3,6 +3,6 @@
 
 import sys
 
-from flexbt_console.ui import main
+from flexbt_console.ui.console import main
 
 sys.exit(main())

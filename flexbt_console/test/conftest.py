@@ -13,7 +13,7 @@ import pytest
 @pytest.fixture
 def executives() -> Iterator[Any]:
     """Starts executives in a namespace of their own: ``executives('name', heartbeat=0.25, faults=...)``."""
-    from flexbt_common.runtime import NodeRuntime
+    from flexbt_common.runtime.node_runtime import NodeRuntime
     from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 
     with ExitStack() as stack:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviors, trees and launch files of the FlexBT demonstrations."""
+"""The demonstrations of FlexBT, a folder each: behaviors, trees, worlds, places, launch files and scripts."""

@@ -10,8 +10,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from flexbt_demo_behaviors.demonstration import DemoSettings, built_in_places, demo_processes
-from flexbt_demo_behaviors.launching import nodes_of, numbers, speed_argument, text
+from flexbt_demo_behaviors.demonstration.demo_processes import DemoSettings, built_in_places, demo_processes
+from flexbt_demo_behaviors.demonstration.launching import nodes_of, numbers, speed_argument, text
 
 
 def nodes(context: LaunchContext) -> list[Node]:

@@ -8,7 +8,7 @@ ros2 run flexbt_console console start Inspection site=gate --wait
 from launch import LaunchDescription
 from launch_ros.actions import Node
 
-from flexbt_demo_behaviors.launching import RESPAWN
+from flexbt_demo_behaviors.demonstration.launching import RESPAWN
 
 
 def generate_launch_description() -> LaunchDescription:

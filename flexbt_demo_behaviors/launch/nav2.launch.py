@@ -9,8 +9,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from flexbt_demo_behaviors.demonstration import ParameterValue, Process
-from flexbt_demo_behaviors.launching import nodes_of, numbers, speed_argument, text
+from flexbt_demo_behaviors.demonstration.demo_processes import ParameterValue, Process
+from flexbt_demo_behaviors.demonstration.launching import nodes_of, numbers, speed_argument, text
 
 NAVIGATORS = ('navigate_to_pose', 'navigate_through_poses', 'follow_waypoints')
 
@@ -27,7 +27,7 @@ def nodes(context: LaunchContext) -> list[Node]:
     server = {**simulated, 'navigators': NAVIGATORS, 'allowed_directories': (text(context, 'trees'),)}
     robot = (
         Process('flexbt_sim', 'simulator', simulator),
-        Process('flexbt_sim', 'navigation', simulated),
+        Process('flexbt_navigation', 'navigation', simulated),
         Process('flexbt_server', 'bt_server', server),
     )
     return nodes_of(robot, namespace=LaunchConfiguration('namespace'))

@@ -5,9 +5,12 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_core.state_machine import Autonomy, MachineDefinition, StateDefinition, define
-from flexbt_demo_behaviors.behaviors import Inspection, InspectSite, Navigate, NavigateSplit, ShowPathState
-from flexbt_onboard.behaviors import Behavior, BehaviorLibrary, definition_of
+from flexbt_core import Autonomy, MachineDefinition, StateDefinition, define
+from flexbt_demo_behaviors.inspection.behaviors import Inspection, InspectSite
+from flexbt_demo_behaviors.navigate.behaviors import Navigate, NavigateSplit, ShowPathState
+from flexbt_onboard.behaviors.behavior import Behavior
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.run_building import definition_of
 
 BEHAVIORS = [Navigate, NavigateSplit, Inspection, InspectSite]
 
@@ -54,7 +57,7 @@ def test_recovery_leads_back_to_asking_or_ends_the_behavior() -> None:
 
 def test_a_tree_that_is_not_installed_is_refused_when_the_behavior_is_built() -> None:
     behavior = Navigate()
-    behavior.set_parameter('tree', 'flexbt_demo_behaviors/trees/missing.xml')
+    behavior.set_parameter('tree', 'flexbt_demo_behaviors/navigate/missing.xml')
     with pytest.raises(Exception, match=r'missing\.xml'):
         define(behavior.create())
 

@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration import (
+from flexbt_demo_behaviors.demonstration.running import (
     DISCOVERY_PORT,
     DISCOVERY_PORT_STEP,
     DOMAINS,

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from flexbt_console.errors import UsageError
-from flexbt_demo_behaviors.demonstration import (
+from flexbt_demo_behaviors.demonstration.demo_processes import (
     DemoSettings,
     Process,
     built_in_places,

@@ -12,15 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.cli import restored_signals
-from flexbt_demo_behaviors.demonstration import (
-    DemoError,
-    EndedProcess,
-    ProcessGroup,
-    process_group,
-    run_demonstration,
-    tell_ended,
-)
+from flexbt_common.command_line import restored_signals
+from flexbt_demo_behaviors.demonstration import process_group
+from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
+from flexbt_demo_behaviors.demonstration.report import DemoError
+from flexbt_demo_behaviors.demonstration.running import run_demonstration, tell_ended
 
 DEADLINE = 60.0
 """Seconds of wall time, on a busy machine too."""

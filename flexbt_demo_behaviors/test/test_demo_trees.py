@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.behavior_tree import TreeLibrary, load_xml
+from flexbt_core import TreeLibrary, load_xml
 from flexbt_server.node_types import node_registry
 
-TREES = Path(__file__).parents[1] / 'trees'
-FILES = sorted(TREES.glob('*.xml'))
+PACKAGE = Path(__file__).parents[1] / 'flexbt_demo_behaviors'
+FILES = sorted([*(PACKAGE / 'navigate').glob('*.xml'), *(PACKAGE / 'inspection').glob('*.xml')])
 
 
 def fail_on_broken(point: str, error: Exception) -> None:

@@ -6,26 +6,25 @@ Code that imports ``flexbe_core`` itself runs as it is; see :mod:`flexbt_flexbe.
 
 from typing import Any
 
-from flexbt_core.state_machine import Autonomy, UserData
-
-from .api import (
-    Behavior,
-    ConcurrencyContainer,
-    EventState,
-    Logger,
-    OperatableStateMachine,
-    PriorityContainer,
-    StateLogger,
-)
-from .proxy import (
-    ProxyActionClient,
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_flexbe.api.behavior import Behavior
+from flexbt_flexbe.api.call_proxies import ProxyActionClient, ProxyServiceCaller
+from flexbt_flexbe.api.event_state import ConcurrencyContainer, EventState, OperatableStateMachine, PriorityContainer
+from flexbt_flexbe.api.logger import Logger, StateLogger
+from flexbt_flexbe.api.topic_proxies import (
+    QOS_DEFAULT,
+    QOS_LATCH,
+    QOS_LOSSY,
     ProxyPublisher,
-    ProxyServiceCaller,
     ProxySubscriberCached,
     ProxyTransformListener,
 )
 
 __all__ = [
+    'QOS_DEFAULT',
+    'QOS_LATCH',
+    'QOS_LOSSY',
     'Autonomy',
     'Behavior',
     'ConcurrencyContainer',
@@ -41,7 +40,9 @@ __all__ = [
     'StateLogger',
     'UserData',
     'initialize_flexbe_core',
+    'initialize_proxies',
     'set_node',
+    'shutdown_proxies',
 ]
 
 
@@ -50,3 +51,11 @@ def initialize_flexbe_core(node: Any) -> None:
 
 
 set_node = initialize_flexbe_core
+
+
+def initialize_proxies(node: Any) -> None:
+    """Does nothing: proxies find the node of their run."""
+
+
+def shutdown_proxies() -> None:
+    """Does nothing: a run ends what its states use."""

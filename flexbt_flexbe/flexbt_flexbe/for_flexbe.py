@@ -21,10 +21,11 @@ import threading
 from functools import cache
 from typing import Any, Final
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.clock import Clock
-from flexbt_core.state_machine import EventState, ExitReason, Severity
-from flexbt_onboard.behaviors import StateServices
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Clock
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_onboard.behaviors.run_context import StateServices
 
 REST_SECONDS: Final = 3.0
 """How long a behavior that was stopped waits for a goal to end."""

@@ -15,10 +15,11 @@ from pathlib import Path
 import pytest
 from flexbe_packages import GREET, HOLD, PARAMS, PATROL, TREES, manifest, write_package
 
-from flexbt_flexbe import shim
-from flexbt_flexbe.api import converted
-from flexbt_flexbe.behaviors import discovery
-from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary, RunRequest, building, definition_of
+from flexbt_flexbe import discovery, shim
+from flexbt_flexbe.api.behavior import converted
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.behaviors.run_building import RunRequest, definition_of
+from flexbt_onboard.behaviors.run_context import building
 from flexbt_onboard.errors import OnboardError, ParameterError
 from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.pytest_plugin import HOSTILE_YAML

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Severity
+from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_flexbe import (
     Autonomy,
     ConcurrencyContainer,

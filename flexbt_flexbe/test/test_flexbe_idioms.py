@@ -20,10 +20,10 @@ from rclpy.wait_for_message import wait_for_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_flexbe import EventState, Logger, ProxySubscriberCached
 from flexbt_msgs.action import BtExecute
-from flexbt_onboard.behaviors import building
+from flexbt_onboard.behaviors.run_context import building
 from flexbt_testing.nodes.scripted_action_server import ends
 from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import DEADLINE, wait_until

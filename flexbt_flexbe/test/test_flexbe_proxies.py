@@ -13,13 +13,7 @@ from rclpy.action import CancelResponse
 from std_msgs.msg import Int64, String
 from std_srvs.srv import Trigger
 
-from flexbt_flexbe import (
-    EventState,
-    ProxyActionClient,
-    ProxyPublisher,
-    ProxyServiceCaller,
-    ProxySubscriberCached,
-)
+from flexbt_flexbe import EventState, ProxyActionClient, ProxyPublisher, ProxyServiceCaller, ProxySubscriberCached
 from flexbt_flexbe.errors import ProxyError
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes.scripted_action_server import ends
@@ -268,7 +262,7 @@ class TestServices:
             return response
 
         # A node of its own: the bench's own thread must stay free.
-        from flexbt_common.runtime import NodeRuntime
+        from flexbt_common.runtime.node_runtime import NodeRuntime
 
         runtime = NodeRuntime('service_server', args=())
         runtime.call(lambda: runtime.node.create_service(Trigger, name, callback))

@@ -12,9 +12,11 @@ from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import Bool, Empty, Int64, String
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import resolve_type, to_entry
-from flexbt_core.state_machine import EventState, Severity
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
+from flexbt_common.values.value_types import resolve_type
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_flexbe import EventState as FlexbeState
 from flexbt_flexbe import Logger, ProxySubscriberCached, states
 from flexbt_flexbe.states import (
@@ -40,7 +42,7 @@ from flexbt_flexbe.states import (
 )
 from flexbt_flexbe.states.bt_states import full_type
 from flexbt_msgs.action import OperatorInput
-from flexbt_onboard.behaviors import building
+from flexbt_onboard.behaviors.run_context import building
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ends
 from flexbt_testing.nodes.state_bench import StateBench

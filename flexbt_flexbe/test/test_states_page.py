@@ -15,7 +15,7 @@ import pytest
 
 import flexbt_flexbe.states
 import flexbt_states
-from flexbt_onboard.behaviors import building
+from flexbt_onboard.behaviors.run_context import building
 
 DOCS = Path(__file__).parents[2] / 'docs'
 

@@ -15,5 +15,5 @@ def stop_guard() -> int:
 
 
 def run_report() -> int:
-    """See :mod:`flexbt_onboard.event_log.run_report`; gives the exit code."""
-    return run_main('flexbt_onboard.event_log.run_report')
+    """See :mod:`flexbt_onboard.persistence.run_report`; gives the exit code."""
+    return run_main('flexbt_onboard.persistence.run_report')

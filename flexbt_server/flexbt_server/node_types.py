@@ -11,8 +11,9 @@ from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import Final
 
-from flexbt_core.behavior_tree import NodeRegistry, builtin_registry
-from flexbt_core.behavior_tree.nodes.nav2 import Nav2Branch, register_nav2
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.registration import Nav2Branch, register_nav2
 
 ENTRY_POINTS: Final = 'flexbt.bt_nodes'
 """Group of the entry points by which an installed package adds node types: functions that take the registry."""
@@ -64,6 +65,6 @@ def _add(
 
 
 def _ros_leaves(nav2_branch: Nav2Branch) -> Callable[[NodeRegistry], None]:
-    from flexbt_server.nav2 import register_leaves
+    from flexbt_server.nav2.register import register_leaves
 
     return lambda registry: register_leaves(registry, nav2_branch)

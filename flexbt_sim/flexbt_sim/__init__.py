@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A light 2D robot simulator and navigation servers with the interfaces of Nav2."""
+"""A lightweight 2D robot simulator with the standard interfaces of simulators."""

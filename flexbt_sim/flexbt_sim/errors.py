@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Self
 
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import one_line
+from flexbt_core.values.text import one_line
 
 
 class SimulationError(FlexbtError):

@@ -17,7 +17,8 @@ from typing import Any, Final
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received
+from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received
+from flexbt_common.runtime.node_runtime import NodeRuntime
 
 LINGER_SECONDS: Final = 1.0
 """A command that was sent while others listened may still wait for its receiver: when they are gone, so long the next

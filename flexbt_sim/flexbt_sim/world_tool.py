@@ -9,11 +9,14 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_common.cli import HintingArgumentParser
-from flexbt_core.values import counted, lines
+from flexbt_common.command_line import SuggestingArgumentParser
+from flexbt_core.values.text import escape_lines, pluralize
+from flexbt_sim.world.pictures import Trace, draw_world
+from flexbt_sim.world.plane.geometry import Pose
+from flexbt_sim.world.robot import COMMAND_PERIOD
+from flexbt_sim.world.world import World
 
 from .errors import SimulationError
-from .world import COMMAND_PERIOD, Pose, Trace, World, draw_world
 
 NAVIGATORS: Final = 'flexbt.navigators'
 """Entry points of classes that drive a robot of a world to goals: that of flexbt_navigation."""
@@ -29,14 +32,14 @@ def main(args: list[str] | None = None) -> int:
         world = World.load(options.file, seed=options.seed)
         report: str = options.command(world, options)
     except (SimulationError, OSError, ValueError) as error:
-        print(*lines(str(error)), sep='\n', file=sys.stderr)
+        print(*escape_lines(str(error)), sep='\n', file=sys.stderr)
         return 1
     print(report)
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = HintingArgumentParser(prog='world_tool', description=__doc__)
+    parser = SuggestingArgumentParser(prog='world_tool', description=__doc__)
     commands = parser.add_subparsers(required=True)
     check = commands.add_parser('check', help='read a world file, and tell all that is wrong with it')
     draw = commands.add_parser('draw', help='draw the world as it is at the start')
@@ -61,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check(world: World, options: argparse.Namespace) -> str:
     kinds = ('robot', 'obstacle', 'door', 'station', 'zone', 'place', 'fault')
-    return f'{options.file}: ' + ', '.join(counted(len(getattr(world, f'{kind}s')), kind) for kind in kinds)
+    return f'{options.file}: ' + ', '.join(pluralize(len(getattr(world, f'{kind}s')), kind) for kind in kinds)
 
 
 def _draw(world: World, options: argparse.Namespace) -> str:

@@ -1,19 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """States for FlexBT behaviors: behavior trees, operator input and generic ones."""
 
-from .behavior_trees import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, BtSetDataState
-from .generic import (
-    CalculationState,
-    CheckConditionState,
-    ExecuteBehaviorState,
-    LogKeyState,
-    LogState,
-    OperatorDecisionState,
-    OperatorInputState,
-    WaitForServersState,
-    WaitState,
-)
-from .topics import PublishOnceState, SubscribeOnceState, SubscriberState
+from .bt_data_states import BtGetDataState, BtLoaderState, BtSetDataState
+from .bt_execute_states import BtExecuteGoalState, BtExecuteState
+from .execute_behavior_state import ExecuteBehaviorState
+from .operator_states import OperatorDecisionState, OperatorInputState
+from .topic_states import PublishOnceState, SubscribeOnceState, SubscriberState
+from .value_states import CalculationState, CheckConditionState, LogKeyState, LogState
+from .wait_states import WaitForServersState, WaitState
 
 BtLoadState = BtLoaderState
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from nav_msgs.msg import Path
 
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BtLoadError, BtLoadReport
 from flexbt_states import BtGetDataState, BtLoaderState, BtLoadState, BtSetDataState

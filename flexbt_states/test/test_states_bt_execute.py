@@ -13,13 +13,18 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.action import CancelResponse
 
-from flexbt_common.calls import ActionCall, GoalStatus
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry, to_entry
-from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine
+from flexbt_common.calls.action_call import ActionCall, GoalStatus
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry, to_entry
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child
 from flexbt_msgs.action import BtExecute
-from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorLibrary, BehaviorManifest, RunRequest
-from flexbt_onboard.node import ExecutiveParameters, open_executive
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.node.executive import open_executive
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer, ends

@@ -12,7 +12,9 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
-from flexbt_core.state_machine import EventState, OperatableStateMachine, with_timeout
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.authoring.wrappers import with_timeout
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import BtExecute, BtSetData
 from flexbt_msgs.srv import ControlTree
 from flexbt_states import BtExecuteGoalState, BtExecuteState, BtSetDataState
@@ -41,7 +43,7 @@ class TreeServer:
         runtime = self.actions.runtime
         runtime.call(
             lambda: runtime.node.create_service(
-                ControlTree, f'{prefix}{names.CONTROL_TREE}', self._control, qos_profile=names.deep_services()
+                ControlTree, f'{prefix}{names.CONTROL_TREE}', self._control, qos_profile=names.service_qos()
             )
         )
 

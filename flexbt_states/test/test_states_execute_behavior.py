@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import ExecuteBehavior
 from flexbt_states import ExecuteBehaviorState
 from flexbt_states.errors import StateParameterError

@@ -8,15 +8,10 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, DecisionKind, OperatableStateMachine, Severity
-from flexbt_states import (
-    CalculationState,
-    CheckConditionState,
-    LogKeyState,
-    LogState,
-    OperatorDecisionState,
-    WaitState,
-)
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_states import CalculationState, CheckConditionState, LogKeyState, LogState, OperatorDecisionState, WaitState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import DEADLINE, wait_until

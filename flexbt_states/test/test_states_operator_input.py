@@ -10,12 +10,12 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import CancelResponse
 
-from flexbt_common.calls import GoalAdmission
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import to_entry
+from flexbt_common.calls.goal_server import GoalAdmission
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_onboard.commands import InputRequests
+from flexbt_onboard.commands.input_requests import InputRequests
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_states import OperatorInputState
 from flexbt_states.errors import StateParameterError

@@ -14,12 +14,13 @@ from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import ConcurrencyContainer, EventState, OperatableStateMachine
+from flexbt_common.calls.action_call import ActionCall, ActionLinks
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-from flexbt_onboard.node import ExecutiveParameters
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_states import BtExecuteState
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer

@@ -13,8 +13,8 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from std_msgs.msg import String
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime, qos_misfit
-from flexbt_core.state_machine import OperatableStateMachine
+from flexbt_common.runtime.node_runtime import NodeRuntime, qos_misfit
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.state_bench import StateBench
@@ -64,7 +64,7 @@ def test_without_a_message_in_time_the_outcome_is_timeout(bench: StateBench) -> 
 
 
 def test_a_latched_message_counts_when_asked_for(bench: StateBench, peer: Peer) -> None:
-    peer.publisher('map_name', names.latched()).publish(String(data='office'))
+    peer.publisher('map_name', names.transient_local_qos()).publish(String(data='office'))
     read: dict[str, Any] = {}
     run = bench.run_state(
         lambda: SubscribeOnceState('map_name', String, latched=True), {'message': None}, outputs=['message'], read=read
@@ -147,7 +147,7 @@ def test_subscriber_state_takes_what_came_before_unless_told_to_clear(
 
 
 def test_publish_once_reaches_who_listens(bench: StateBench, peer: Peer) -> None:
-    peer.listen('words', names.latched())
+    peer.listen('words', names.transient_local_qos())
 
     def machine() -> OperatableStateMachine:
         root = OperatableStateMachine(outcomes=['done'])

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from nav2_msgs.action import Wait
 
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_states import WaitForServersState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer

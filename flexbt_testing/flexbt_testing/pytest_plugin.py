@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import pytest
 
-from flexbt_testing import lock_order
+from . import lock_order
 
 HOSTILE_YAML: Final[Mapping[str, str]] = {
     'nested lists': '[' * 100_000 + ']' * 100_000,

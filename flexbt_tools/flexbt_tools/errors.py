@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from enum import IntEnum
 from typing import ClassVar
 
-from flexbt_core.behavior_tree import LoadError
+from flexbt_core.behavior_tree.model.errors import LoadError
 
 
 class ExitCode(IntEnum):

@@ -8,8 +8,11 @@ import os
 from collections import Counter
 from pathlib import Path
 
-from flexbt_core.state_machine import Autonomy, EventState, ExitReason, OperatableStateMachine, UserData
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
 
 GATES = tuple(f'Gate{number}' for number in range(1, 13))
 

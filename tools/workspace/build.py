@@ -12,12 +12,11 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, TypedDict
 
-from .errors import CommandError
-from .layout import Layout, Package
-from .stamps import STAMP, hash_of, read_stamp, remove, write_stamp
-from .terminal import run_logged, step
-from .underlay import Underlay
-from .virtual_environment import VirtualEnvironment
+from workspace.errors import CommandError
+from workspace.layout import STAMP, Layout, Package, hash_of, read_stamp, remove, write_stamp
+from workspace.terminal import run_logged, step
+from workspace.underlay import Underlay
+from workspace.virtual_environment import VirtualEnvironment
 
 _FORMAT = 3  # of the stamp; a change of it builds everything anew
 _PASSING = re.compile(r'\..*|.*~|__pycache__|.*\.egg-info')  # caches, and what editors leave while a file is open

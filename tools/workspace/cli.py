@@ -13,13 +13,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
-from . import prerequisites
-from .checks import bench, lint, test_run
-from .errors import WorkspaceError, of_system
-from .layout import Layout
-from .stamps import remove
-from .terminal import report
-from .workspace import Workspace
+from workspace import bench, lint, prerequisites, test_run
+from workspace.errors import WorkspaceError, of_system
+from workspace.layout import Layout, remove
+from workspace.terminal import report
+from workspace.workspace import Workspace
 
 _INTERRUPTED = 130
 

@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from .errors import CommandError, WorkspaceError
-from .terminal import Step, step
+from workspace.errors import CommandError, WorkspaceError
+from workspace.terminal import Step, step
 
 _REMEDY = (
     'mend what the log names: most often the network, or the proxy (HTTPS_PROXY, PIP_INDEX_URL); '

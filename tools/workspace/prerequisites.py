@@ -16,11 +16,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import WorkspaceError, write_remedy
-from .installer import bundled_pip
-from .layout import Layout
-from .stamps import STAMP
-from .underlay import DISTRIBUTION, Underlay
+from workspace.errors import WorkspaceError, write_remedy
+from workspace.installer import bundled_pip
+from workspace.layout import STAMP, Layout
+from workspace.underlay import DISTRIBUTION, Underlay
 
 SPACE_OF_WHEELS = 1_000_000_000  # bytes: virtual environment 0.6 GB, the downloads
 SPACE_OF_PIP = 300_000_000  # bytes of temporary files, at most 0.15 GB

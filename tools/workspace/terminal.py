@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import CommandError, WorkspaceError
+from workspace.errors import CommandError, WorkspaceError
 
 _LABEL_WIDTH = 34
 _FIRST_NOTE_S = 5.0  # in a log file, and then

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import WorkspaceError
-from .layout import Layout
+from workspace.errors import WorkspaceError
+from workspace.layout import Layout
 
 DISTRIBUTION = 'jazzy'
 

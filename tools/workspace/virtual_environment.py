@@ -11,12 +11,11 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from .errors import CommandError
-from .installer import Installer
-from .layout import Layout
-from .prerequisites import suitable_cmake
-from .stamps import STAMP, hash_of, read_stamp, remove, write_stamp
-from .terminal import Step, last_line, run_logged, step
+from workspace.errors import CommandError
+from workspace.installer import Installer
+from workspace.layout import STAMP, Layout, hash_of, read_stamp, remove, write_stamp
+from workspace.prerequisites import suitable_cmake
+from workspace.terminal import Step, last_line, run_logged, step
 
 _CMAKE_REQUIREMENTS = 'requirements-cmake.txt'
 _UV_REQUIREMENT = 'requirements-uv.txt'

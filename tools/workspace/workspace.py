@@ -11,18 +11,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from .build import Build
-from .errors import WorkspaceError
-from .layout import Layout
-from .terminal import finish_logged, start_logged, step, stop_group
-from .underlay import clean_environment, detect
-from .virtual_environment import VirtualEnvironment
+from workspace.build import Build
+from workspace.errors import WorkspaceError
+from workspace.layout import Layout
+from workspace.terminal import finish_logged, start_logged, step, stop_group
+from workspace.underlay import clean_environment, detect
+from workspace.virtual_environment import VirtualEnvironment
 
 # ament's and colcon's scripts quote neither of these everywhere; a colon separates the entries of path lists; CMake
 # reads the lists of files that rosidl writes as ASCII.
 _UNUSABLE_IN_A_PATH = re.compile(r'[\s:;\'"$`\\*?\[\](){}<>|&!#]|[^\x00-\x7f]')
 
-_OF_LOOPS = ('flexbt_core', 'flexbt_sim')  # the packages whose loops numba compiles, and what they import
+# The packages whose loops numba compiles, and what they import.
+_OF_LOOPS = ('flexbt_core', 'flexbt_sim', 'flexbt_navigation')
 
 
 class Workspace:
@@ -64,7 +65,7 @@ class Workspace:
         log = self.layout.log / 'setup-loops.log'
         sources = [*(self.layout.root / name for name in _OF_LOOPS), self.clean_environment.get('PYTHONPATH', '')]
         process = start_logged(
-            self._build.on_underlay(['python3', '-m', 'flexbt_sim.compiling']),
+            self._build.on_underlay(['python3', '-m', 'flexbt_navigation.preparation']),
             log,
             environment={**self.clean_environment, 'PYTHONPATH': os.pathsep.join(map(str, filter(None, sources)))},
             directory=self.layout.root,

@@ -1,48 +1,53 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One goal sent to an action server, from the search for the server to exactly one outcome, whatever happens.
-
-rclpy alone leaves a caller waiting for ever when no server is there, when the server dies, when an answer gets lost
-in an outage, or when a goal is canceled before it is accepted. Here every one of these ends with an outcome in
-bounded time, and no goal is left running without an owner:
-
-- A goal is sent when the server is there, and given up when it does not appear.
-- The acceptance counts as well when only the server's list of goals tells it: the answer to the first goal after
-  start-up gets lost when the server does not know this client yet.
-- A cancel before the acceptance is sent on acceptance; an acceptance after the deadline is canceled as well.
-- From the moment that the goal is sent, its server is watched. The goal is lost when the liveliness token of the
-  server's node says that its process has ended, was replaced, or is late for too long (:mod:`.links`). Of a server
-  without a token, the graph says whether it is there: when it is gone longer than an outage may last, the goal is
-  lost; when it is back, the result is asked for again, and a server that does not know the goal any more answers with
-  status 0: lost as well.
-- A server whose node hangs has not lost the goal: it may go on with it at any time. It is waited for while the node is
-  late, and is sent a cancel when it is late for too long. Where the goal was canceled without a timeout it is waited
-  for until its process is known to have ended, because who cancels so relies on the end.
-- A goal that was canceled without a timeout before the server has answered is lost, too, when the server twice does not
-  know it: its request, or the server that got it, was lost.
-- Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
-  goal, whose result may be on its way still.
-"""
+"""One goal sent to an action server, with deadlines and exactly one outcome, and the shared connections to servers."""
 
 from __future__ import annotations
 
 import math
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import Any, Final
 
 from action_msgs.msg import GoalStatus as RosGoalStatus
+from action_msgs.msg import GoalStatusArray
 from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
+from rclpy.qos import qos_profile_action_status_default
 from unique_identifier_msgs.msg import UUID
 
-from flexbt_core.clock import Timer
+from flexbt_common.middleware.rclpy_private import ACTION_CLIENT, ExtendedActionClient, is_usable
+from flexbt_common.names import action_service_qos
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
 
-from .action_link import ActionLinks, ActionServerLink
-from .links import WATCH_SECONDS, Servers
+from .links import WATCH_SECONDS, ServerLink, ServerLinks, ServerNodes, Servers
 
-__all__ = ['ActionCall', 'ActionLinks', 'ActionServerLink', 'GoalOutcome', 'GoalStatus']
+# One goal sent to an action server, from the search for the server to exactly one outcome, whatever happens.
+#
+# rclpy alone leaves a caller waiting for ever when no server is there, when the server dies, when an answer gets lost
+# in an outage, or when a goal is canceled before it is accepted. Here every one of these ends with an outcome in
+# bounded time, and no goal is left running without an owner:
+#
+# - A goal is sent when the server is there, and given up when it does not appear.
+# - The acceptance counts as well when only the server's list of goals tells it: the answer to the first goal after
+#   start-up gets lost when the server does not know this client yet.
+# - A cancel before the acceptance is sent on acceptance; an acceptance after the deadline is canceled as well.
+# - From the moment that the goal is sent, its server is watched. The goal is lost when the liveliness token of the
+#   server's node says that its process has ended, was replaced, or is late for too long (:mod:`.links`). Of a server
+#   without a token, the graph says whether it is there: when it is gone longer than an outage may last, the goal is
+#   lost; when it is back, the result is asked for again, and a server that does not know the goal any more answers with
+#   status 0: lost as well.
+# - A server whose node hangs has not lost the goal: it may go on with it at any time. It is waited for while the node
+#   is late, and is sent a cancel when it is late for too long. Where the goal was canceled without a timeout it is
+#   waited for until its process is known to have ended, because who cancels so relies on the end.
+# - A goal that was canceled without a timeout before the server has answered is lost, too, when the server twice does
+#   not know it: its request, or the server that got it, was lost.
+# - Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
+#   goal, whose result may be on its way still.
 
 _APPEAR_PERIOD: Final = 0.05
 _ANSWER_LATE: Final = 0.1
@@ -437,3 +442,59 @@ class ActionCall:
         timer = self._timers.pop(purpose, None)
         if timer is not None:
             timer.cancel()
+
+
+# The connections of a node to action servers.
+
+
+class ActionServerLink(ServerLink):
+    """The connection of this node to one action server. Made by :class:`ActionLinks`, on the executor thread.
+
+    ``client`` is rclpy's, to be used on the executor thread only; ``name`` is the server's name as it was asked for.
+    ``status_listeners`` are told the status of their goal, by its id, whenever the server publishes its goals.
+    """
+
+    def __init__(self, runtime: NodeRuntime, action_type: Any, name: str, nodes: ServerNodes) -> None:
+        super().__init__(runtime, name, nodes, f'rt{runtime.node.resolve_topic_name(f"{name}/_action/status")}')
+        self.action_type = action_type
+        self.status_listeners: dict[bytes, Callable[[int], None]] = {}
+        self.client: Any = self._make_client()
+
+    def _make_client(self) -> ActionClient:
+        node = self.runtime.node
+        arguments, options = (node, self.action_type, self.name), action_service_qos()
+        tell = partial(_tell, self.status_listeners)
+        if is_usable(ACTION_CLIENT):
+            client = ExtendedActionClient(*arguments, **options)
+            client.on_list = tell  # which does not hold the link
+            return client
+        topic = f'{self.name}/_action/status'
+        listening = node.create_subscription(GoalStatusArray, topic, tell, qos_profile_action_status_default)
+        self.subscriptions = (listening,)
+        return ActionClient(*arguments, **options)
+
+    @property
+    def type_name(self) -> str:
+        """``package/action/Name`` of the action."""
+        package, kind, *_ = self.action_type.__module__.split('.')
+        return f'{package}/{kind}/{self.action_type.__name__}'
+
+    def is_shown(self) -> bool:
+        """See :meth:`ServerLink.is_shown`."""
+        return bool(self.client.server_is_ready())
+
+    def __str__(self) -> str:
+        return f'{self.name!r} ({self.type_name})'
+
+
+def _tell(listeners: Mapping[bytes, Callable[[int], None]], goals: GoalStatusArray) -> None:
+    for goal in goals.status_list:
+        listener = listeners.get(bytes(goal.goal_info.goal_id.uuid))
+        if listener is not None:
+            listener(goal.status)
+
+
+class ActionLinks(ServerLinks[ActionServerLink]):
+    """The links of one node to action servers."""
+
+    link_class = ActionServerLink

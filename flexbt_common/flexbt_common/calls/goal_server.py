@@ -1,15 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An action server whose goals are ended by a call, and whose results are on their way when that call returns.
-
-rclpy's own runs a coroutine for each goal. When that has returned, the result takes two more turns of the executor
-until it is sent, after the list of goals that tells the client of the end. And the list, which goes out with every
-change of any goal, has all goals of the last ``result_timeout`` seconds in it, which each client unpacks: at 10 goals
-a second and the 15 minutes of rclpy's default that is longer than the goals take.
-
-Here the result leaves first. Ended goals stay in the list for a moment only; their results can be asked for longer, and
-as long a cancel is answered with "terminated", not with "unknown". That takes private parts of rclpy: where it lacks
-them, its own server does all this in its own way.
-"""
+"""An action server whose goals are ended by calls, and the admission of its goals."""
 
 from __future__ import annotations
 
@@ -27,14 +17,45 @@ from rclpy.action.server import GoalEvent, ServerGoalHandle
 from rclpy.task import Future
 
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.names import deep_action_services
-from flexbt_common.runtime import ACTION_SERVER, NodeRuntime, OpenActionServer, is_usable
-from flexbt_common.values import check_limits, length_of
-from flexbt_core.values import sendable
+from flexbt_common.middleware.rclpy_private import ACTION_SERVER, ExtendedActionServer, is_usable
+from flexbt_common.names import action_service_qos
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import check_limits, length_of
+from flexbt_core.values.text import sanitize_for_message
 
-from .goal_admission import GoalAdmission
 
-__all__ = ['MOST_GOALS', 'RESULT_SECONDS', 'GoalFault', 'GoalServer', 'ServedGoal', 'goal_servers', 'set_error']
+class GoalAdmission:
+    """One for all goals of ``subject``, such as 'the server'. ``refusal``: why none is admitted; '' when all are.
+
+    A server that is given one rejects the goals that are not admitted, as the lifecycle servers of ROS do.
+    """
+
+    def __init__(self, subject: str, why: str = '') -> None:
+        """Closed if ``why``, which follows the subject, is given."""
+        self._subject = subject
+        self.refusal = ''
+        if why:
+            self.close(why)
+
+    def open(self) -> None:
+        """Admit goals."""
+        self.refusal = ''
+
+    def close(self, why: str) -> None:
+        """Refuse goals from now on."""
+        self.refusal = f'{self._subject} {why}'
+
+
+# An action server whose goals are ended by a call, and whose results are on their way when that call returns.
+#
+# rclpy's own runs a coroutine for each goal. When that has returned, the result takes two more turns of the executor
+# until it is sent, after the list of goals that tells the client of the end. And the list, which goes out with every
+# change of any goal, has all goals of the last ``result_timeout`` seconds in it, which each client unpacks: at 10 goals
+# a second and the 15 minutes of rclpy's default that is longer than the goals take.
+#
+# Here the result leaves first. Ended goals stay in the list for a moment only; their results can be asked for longer,
+# and as long a cancel is answered with "terminated", not with "unknown". That takes private parts of rclpy: where it
+# lacks them, its own server does all this in its own way.
 
 MOST_RESULTS: Final = 1000
 RESULTS_LENGTH: Final = 64_000_000
@@ -159,7 +180,7 @@ class GoalServer:
     there: they are aborted with ``refused(why)``, the result for a reason. Those that ``admission`` does not admit are
     rejected; ROS has no way to tell the client why, so the log of the node does. It may be replaced.
 
-    It ends with the node, or the :class:`~flexbt_common.lifecycle.NodeScope`, that it is made on, if not before.
+    It ends with the node, or the :class:`NodeScope`, that it is made on, if not before.
     """
 
     def __init__(
@@ -193,7 +214,7 @@ class GoalServer:
             goal_callback=self._admit,
             handle_accepted_callback=self._accepted,
             cancel_callback=self._cancel,
-            **deep_action_services(),
+            **action_service_qos(),
         )
         self._server.on_end = self._goals.pop
         self._fault = GoalFault()
@@ -269,7 +290,7 @@ class GoalServer:
             goal.abort(self._refused(str(error)))
         except Exception as error:
             self._runtime.report_fault(error, f'goal of {self._name}')
-            goal.abort(self._refused(sendable(f'fault in the server: {error!r}', _FAULT_LIMIT)))
+            goal.abort(self._refused(sanitize_for_message(f'fault in the server: {error!r}', _FAULT_LIMIT)))
 
     def _begin_again(self) -> None:
         for goal in [goal for goal in self._goals.values() if not goal.active]:
@@ -315,7 +336,7 @@ def _refusal(action_type: Any, why: str) -> Any:
     return result
 
 
-class _Server(OpenActionServer):
+class _Server(ExtendedActionServer):
     """rclpy's server, which keeps results and who waits for them itself. ``on_end`` is told the ID of an ended goal."""
 
     on_end: Callable[[bytes], object]

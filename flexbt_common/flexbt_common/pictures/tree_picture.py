@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from .markup import DOT_HEAD, MARKS, MERMAID_HEAD, dot_text, mermaid_text
+from .markup import DOT_HEAD, MARK_STYLES, MERMAID_HEAD, dot_text, mermaid_text
 
 MOST_CHARACTERS: Final = 40
 """Of a line of a label; a longer one is folded."""
@@ -133,7 +133,7 @@ def dot_tree(prefix: str, nodes: Sequence[DrawnNode], *, grows_right: bool = Fal
         name = f'{prefix}{position}'
         shape, _ = _SHAPES[node.shape]
         kind = node.shape.value
-        colour = MARKS[kind].light
+        colour = MARK_STYLES[kind].light
         label = dot_text(node.label(is_low=grows_right))
         yield f'    {name} [{shape}, id={name}, class={kind}, fillcolor="{colour}", label={label}]'
         if node.parent is not None:

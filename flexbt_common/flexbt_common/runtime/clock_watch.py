@@ -17,14 +17,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from flexbt_common import names
-from flexbt_core.clock import Timer
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages, reports_writers, writer_name
+from flexbt_core.clock.clock import Timer
 
 from .node_log import RepeatedReports
 from .node_runtime import NodeRuntime
-from .received_messages import Received, ReceivedMessages, reports_writers, writer_name
-from .simulated_time import watch_clock_publishers
-
-__all__ = ['ClockHealth', 'clock_health']
+from .ros_clock import watch_clock_publishers
 
 STILL_SECONDS: Final = 3.0
 """Simulated time that has not gone on for so long stands still, s of wall time."""

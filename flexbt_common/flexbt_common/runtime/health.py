@@ -25,7 +25,7 @@ from functools import partial
 from types import FrameType
 from typing import Final
 
-from flexbt_core.clock import Clock
+from flexbt_core.clock.clock import Clock
 
 PERIOD: Final = 0.15
 """From one ping to the next, s of wall time."""
@@ -71,7 +71,7 @@ class Hang:
         return f'{self.name} has not answered for {self.seconds:.1f} s' + (f': {self.where}' if self.where else '')
 
 
-class Watched:
+class WatchedThread:
     """One thread that has to answer; until :meth:`close`, from any thread."""
 
     def __init__(
@@ -98,7 +98,7 @@ class Watched:
         return Hang(self.name, now - self.asked_at, where, stack)
 
 
-class Loop:
+class WatchedLoop:
     """A thread that works in a loop, from one rest to the next: it has to come to rest again soon.
 
     In its ``with`` block the thread that entered it is watched; in that of :meth:`resting` it may take any time,
@@ -115,9 +115,9 @@ class Loop:
         self._lock = threading.Lock()
         self._is_resting = False
         self._answer: Callable[[], None] | None = None
-        self._watched: Watched | None = None
+        self._watched: WatchedThread | None = None
 
-    def __enter__(self) -> Loop:
+    def __enter__(self) -> WatchedLoop:
         self._watched = self._health.register(self._name, self._ping, threading.current_thread(), self._where)
         return self
 
@@ -163,8 +163,8 @@ class Health:
         self._lock = threading.Lock()
         # Held while it is told whether something is late: who is told last is told what is.
         self._telling = threading.Lock()
-        self._watched: list[Watched] = []
-        self._missing: set[Watched] = set()
+        self._watched: list[WatchedThread] = []
+        self._missing: set[WatchedThread] = set()
         self._on_beat: list[Callable[[], object]] = []
         self._on_late: list[Callable[[str], object]] = []
         self._on_hang: list[Callable[[Hang], object]] = []
@@ -182,25 +182,25 @@ class Health:
         ping: Ping,
         thread: threading.Thread | None = None,
         where: Callable[[], str] | None = None,
-    ) -> Watched:
+    ) -> WatchedThread:
         """Have something watched, until it is closed.
 
         ``name`` is the subject of a sentence ('the executor'). ``where`` says what it is doing, for people; without it,
         the innermost call of ``thread`` is told.
         """
-        watched = Watched(self, name, ping, thread, where)
+        watched = WatchedThread(self, name, ping, thread, where)
         with self._lock:
             self._watched.append(watched)
         return watched
 
     def loop(
         self, name: str, where: Callable[[], str] | None = None, is_held_up: Callable[[], bool] | None = None
-    ) -> Loop:
+    ) -> WatchedLoop:
         """For a thread that works in a loop; see :class:`Loop`. ``where`` as for :meth:`register`."""
-        return Loop(self, name, where, is_held_up)
+        return WatchedLoop(self, name, where, is_held_up)
 
-    def forget(self, watched: Watched) -> None:
-        """See :meth:`Watched.close`."""
+    def forget(self, watched: WatchedThread) -> None:
+        """See :meth:`WatchedThread.close`."""
         with self._lock:
             if watched in self._watched:
                 self._watched.remove(watched)
@@ -281,7 +281,7 @@ class Health:
         name = 'the whole process (it was stopped, or its computer is busy)'
         self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=stopped >= OUT_OF_REACH_SECONDS))
 
-    def _tell_missing(self, missing: list[Watched], now: float) -> None:
+    def _tell_missing(self, missing: list[WatchedThread], now: float) -> None:
         longest = missing[0].hang(now)
         if longest.seconds >= LATE_SECONDS:
             self._tell_late(str(longest))
@@ -290,7 +290,7 @@ class Health:
                 watched.is_told = True
                 self._tell(watched.hang(now))
 
-    def _answered(self, watched: Watched) -> None:
+    def _answered(self, watched: WatchedThread) -> None:
         with self._lock:
             if watched not in self._missing:
                 return

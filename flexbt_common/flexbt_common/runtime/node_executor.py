@@ -5,7 +5,7 @@ rclpy makes a wait set, and lists of everything that can be in it, anew for each
 task; and each task wakes it twice again. That is 0.15 ms of processor time a turn for a node like the onboard
 executive, several times for each message, where the wait itself takes 3 us. Here the wait set is kept until a node
 gets or loses an entity, and what is ready is called at once. The node whose clock and simulated time count is the one
-that it is made for; ``add_node`` adds such as have other names (:mod:`flexbt_common.lifecycle.managed_part`).
+that it is made for; ``add_node`` adds such as have other names (:mod:`flexbt_common.lifecycle.lifecycle_subnode`).
 
 A subscription wakes the executor only while somebody waits for its messages: that to the simulated time while a timer
 waits for a time (:mod:`.simulated_time`), and one whose callback has ``is_awaited`` while that gives True. What comes
@@ -43,13 +43,11 @@ from rclpy.subscription import Subscription
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
-from flexbt_core.clock import SteadyClock
+from flexbt_common.middleware import rclpy_private
+from flexbt_common.middleware.rclpy_private import ExtendedExecutor, Later, Take
+from flexbt_core.clock.clock import SteadyClock
 
-from . import rclpy_private
-from .rclpy_private import Later, OpenExecutor, Take
-from .simulated_time import LONGEST_WAIT, ListeningTime, SimulatedTime, is_clock_subscription
-
-__all__ = ['NodeExecutor', 'StockNodeExecutor', 'make_executor']
+from .ros_clock import LONGEST_WAIT, HandledTime, SimulatedTime, is_clock_subscription
 
 _CHECK_SECONDS: Final = 1.0
 _CHECK_TOLERANCE: Final = 0.1
@@ -102,7 +100,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
         self._on_fault = on_fault
         self._on_turn = on_turn
         self.simulated_time = SimulatedTime(lambda error: self.create_task(on_fault, error))
-        self.listening_time = ListeningTime(SteadyClock(), node.get_clock())
+        self.listening_time = HandledTime(SteadyClock(), node.get_clock())
         self.guests = GuestExecutors()
         self.add_node(node)
 
@@ -129,7 +127,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
             raise ExternalShutdownException
 
 
-class NodeExecutor(OpenExecutor):
+class NodeExecutor(ExtendedExecutor):
     """Runs the callbacks of its nodes, on the thread that calls :meth:`turn`."""
 
     def __init__(
@@ -151,7 +149,7 @@ class NodeExecutor(OpenExecutor):
         self._awaiting: list[Task] = []
         self._thread = self._lent_to = 0
         self._turn = _Turn()
-        self.listening_time = ListeningTime(SteadyClock(), node.get_clock())
+        self.listening_time = HandledTime(SteadyClock(), node.get_clock())
         self.guests = GuestExecutors()
         self.add_node(node)
 

@@ -33,11 +33,8 @@ from typing import Any, Final
 
 from rclpy.logging import LoggingSeverity
 
-from flexbt_core.values import counted, lines
-
-from .rclpy_private import OpenLogger, log_for_callers_of
-
-__all__ = ['NodeLogger', 'StandardStreams']
+from flexbt_common.middleware.rclpy_private import ExtendedLogger, log_for_callers_of
+from flexbt_core.values.text import escape_lines, pluralize
 
 LINES: Final = 200
 """Lines of one message, at most: a trace may be long."""
@@ -87,7 +84,7 @@ class _Allowance:
             return dropped
 
 
-class NodeLogger(OpenLogger):
+class NodeLogger(ExtendedLogger):
     """The logger of a node, as rclpy's, whose messages are escaped and bounded.
 
     A message of several lines has the further ones indented, so that none of them looks like a message of its own.
@@ -97,7 +94,7 @@ class NodeLogger(OpenLogger):
     def __init__(self, name: str, burst: float = LOG_BURST, rate: float = LOG_RATE) -> None:
         super().__init__(name)
         self._allowances = {False: _Allowance(burst, rate), True: _Allowance(burst, rate)}
-        self._notices = OpenLogger(name)  # rclpy's refuses two severities from one place of the code
+        self._notices = ExtendedLogger(name)  # rclpy's refuses two severities from one place of the code
 
     def get_child(self, name: str) -> NodeLogger:
         """Return a logger below this one, which shares its allowance."""
@@ -112,7 +109,7 @@ class NodeLogger(OpenLogger):
         """See :meth:`rclpy.impl.rcutils_logger.RcutilsLogger.log`."""
         if not self.is_enabled_for(severity):
             return False
-        text = '\n    '.join(part.removeprefix('    ') for part in lines(str(message), LINES))
+        text = '\n    '.join(part.removeprefix('    ') for part in escape_lines(str(message), LINES))
         if severity < LoggingSeverity.INFO:
             return bool(super().log(text, severity, **options))
         allowance = self._allowances[severity >= LoggingSeverity.ERROR]
@@ -122,7 +119,7 @@ class NodeLogger(OpenLogger):
         has_room = stream is None or stream.has_room()
         if has_room and stream is not None and stream.unread:
             stream.end_line()
-            self._notices.warning(f'{counted(stream.unread, "message")} cut or missing here: {_NO_ROOM}')
+            self._notices.warning(f'{pluralize(stream.unread, "message")} cut or missing here: {_NO_ROOM}')
             stream.unread = 0
             stream.count_unread()
         is_logged = bool(super().log(text, severity, **options))
@@ -138,7 +135,7 @@ class NodeLogger(OpenLogger):
         dropped = allowance.take_dropped()
         if dropped:
             why = f'this node logged more than {allowance.rate:g} characters a second'
-            self._notices.warning(f'{counted(dropped, "message")} dropped: {why}')
+            self._notices.warning(f'{pluralize(dropped, "message")} dropped: {why}')
 
 
 class RepeatedReports:

@@ -52,15 +52,17 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from flexbt_common.errors import TopicTypeError
-from flexbt_common.names import deep_services
-from flexbt_core.clock import CoalescedTimers, SteadyClock, Timer
-from flexbt_core.values import lines
+from flexbt_common.middleware import rclpy_private
+from flexbt_common.middleware.default_context import DefaultContext
+from flexbt_common.middleware.fastdds import end_callbacks, release_large_messages
+from flexbt_common.middleware.qos_misfits import QosMisfits
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
+from flexbt_common.names import service_qos
+from flexbt_core.clock.clock import SteadyClock, Timer
+from flexbt_core.clock.waiting import CoalescedTimers
+from flexbt_core.values.text import escape_lines
 
-from . import rclpy_private
-from .default_context import DefaultContext
-from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
-from .large_messages import release_large_messages
 from .node_executor import NodeExecutor, StockNodeExecutor, make_executor
 from .node_log import NodeLogger, RepeatedReports, StandardStreams, watchdog_descriptor
 from .parameters import (
@@ -71,11 +73,7 @@ from .parameters import (
     undeclared,
     unknown_parameters,
 )
-from .qos_misfits import QosMisfits
-from .received_messages import COMPLAINT_SECONDS
 from .ros_clock import RosClock
-
-__all__ = ['NodeRuntime', 'qos_misfit', 'run_node']
 
 T = TypeVar('T')
 
@@ -97,8 +95,8 @@ _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
 
 
-class DeepNode(Node):
-    """A node whose services have the depth of :func:`flexbt_common.names.deep_services` where no other is given, and
+class LargeQueueNode(Node):
+    """A node whose services have the depth of :func:`service_qos` where no other is given, and
     answer whatever parameters are to be set. What it logs is escaped and bounded (:class:`.node_log.NodeLogger`)."""
 
     def get_logger(self) -> NodeLogger:
@@ -192,9 +190,7 @@ class DeepNode(Node):
         """See :meth:`rclpy.node.Node.create_service`."""
         if is_parameter_service(srv_type):
             callback = bounded(srv_type, callback, self)
-        return super().create_service(
-            srv_type, srv_name, callback, qos_profile=qos_profile or deep_services(), **options
-        )
+        return super().create_service(srv_type, srv_name, callback, qos_profile=qos_profile or service_qos(), **options)
 
 
 class _PostedTimer:
@@ -226,7 +222,7 @@ class NodeRuntime:
         args: Sequence[str] | None = None,
         parameters: Mapping[str, Any] | None = None,
         namespace: str | None = None,
-        node_class: type[DeepNode] = DeepNode,
+        node_class: type[LargeQueueNode] = LargeQueueNode,
     ) -> None:
         """Start a node in a context of its own.
 
@@ -294,7 +290,7 @@ class NodeRuntime:
         args: Sequence[str] | None = (),
         parameters: Mapping[str, Any] | None = None,
         namespace: str | None = None,
-        node_class: type[DeepNode] = DeepNode,
+        node_class: type[LargeQueueNode] = LargeQueueNode,
     ) -> Iterator[NodeRuntime]:
         """A runtime for the length of a ``with`` block; by default without the arguments of the process."""
         runtime = cls(name, args=args, parameters=parameters, namespace=namespace, node_class=node_class)
@@ -625,7 +621,7 @@ def run_node(
     name: str,
     setup: Callable[[NodeRuntime], object],
     args: list[str] | None = None,
-    node_class: type[DeepNode] = DeepNode,
+    node_class: type[LargeQueueNode] = LargeQueueNode,
     about: str | None = None,
 ) -> int:
     """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
@@ -643,7 +639,7 @@ def run_node(
     try:
         unknown = remove_ros_args([name, *given])[1:]
     except RuntimeError as error:  # of rcl, such as for a namespace that is no name in ROS
-        print(*lines(f'{name}: {error}'), sep='\n', file=sys.stderr)
+        print(*escape_lines(f'{name}: {error}'), sep='\n', file=sys.stderr)
         return 2
     if unknown:
         print(
@@ -664,14 +660,16 @@ def run_node(
             gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
         except Exception as error:
             reason = str(error) or type(error).__name__
-            print(*lines(f'{name}: cannot start: {reason}'), sep='\n', file=sys.stderr, flush=True)
+            print(*escape_lines(f'{name}: cannot start: {reason}'), sep='\n', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()
             _close_in_time(name, runtime)
             return 1
         os.read(signals, 1)
         if runtime.health.failure:
-            print(*lines(f'{name}: cannot go on: {runtime.health.failure}'), sep='\n', file=sys.stderr, flush=True)
+            print(
+                *escape_lines(f'{name}: cannot go on: {runtime.health.failure}'), sep='\n', file=sys.stderr, flush=True
+            )
         _close_in_time(name, runtime)
         return 1 if runtime.has_failed else 0
 

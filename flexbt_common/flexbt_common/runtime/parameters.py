@@ -29,10 +29,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from flexbt_common.errors import ResourceError, UnfitParameterError
-from flexbt_core.values import YamlError, hint, load_yaml, shown
-
-from .rclpy_private import given_parameters
-from .resources import with_package_shares
+from flexbt_common.files import with_package_shares
+from flexbt_common.middleware.rclpy_private import given_parameters
+from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.yaml_data import YamlError, load_yaml
 
 READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set while it is unconfigured'
 """Said by the descriptors of the parameters of managed nodes."""
@@ -102,7 +102,7 @@ class ParameterDeclarer:
         directories = tuple(Path(text).expanduser() for text in self.texts(name, default, description))
         for directory in directories:
             if not directory.is_absolute():
-                raise UnfitParameterError(name, f'{shown(str(directory))} is not an absolute path; {description}')
+                raise UnfitParameterError(name, f'{short_repr(str(directory))} is not an absolute path; {description}')
         return directories
 
     def real(
@@ -152,7 +152,9 @@ class ParameterDeclarer:
         given = given_parameters(self._node).get(name)
         if given is not None and given.value is not None:
             why = _misfit(given, self._node.describe_parameter(name), default)
-            raise UnfitParameterError(name, f'{why or shown(given.value)} (the node was started with it); {meaning}')
+            raise UnfitParameterError(
+                name, f'{why or short_repr(given.value)} (the node was started with it); {meaning}'
+            )
         if given is None or not isinstance(default, list):
             what = f'it has no value, or [], which has no type in ROS 2; write {name}: {_as_yaml(default)}'
             raise UnfitParameterError(name, f'{what}; {meaning}')
@@ -195,7 +197,7 @@ def refused_setting(node: Node, parameters: Sequence[Parameter]) -> str:
 def undeclared(node: Node, parameters: Sequence[Parameter]) -> str:
     """Return that a node does not have one of these parameters, and which name may have been meant."""
     name = next((one.name for one in parameters if not node.has_parameter(one.name)), '')
-    return f'there is no parameter {shown(name)}{hint(name, tuple(node.get_parameters_by_prefix("")))}'
+    return f'there is no parameter {short_repr(name)}{did_you_mean(name, tuple(node.get_parameters_by_prefix("")))}'
 
 
 def _named(name: str) -> str:
@@ -258,7 +260,7 @@ def _as_yaml(value: Any) -> str:
     """A value as one writes it in a parameter file."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
-    return shown(list(value) if isinstance(value, array.array) else value)
+    return short_repr(list(value) if isinstance(value, array.array) else value)
 
 
 # -------------------------------------------------------------------------------------------------------- declaring
@@ -336,7 +338,7 @@ def is_parameter_service(request_type: Any) -> bool:
 
 
 def _unknown_type(parameter: Any) -> str:
-    return f'{shown(parameter.name)} is of type {parameter.value.type}, which does not exist; nothing was set'
+    return f'{short_repr(parameter.name)} is of type {parameter.value.type}, which does not exist; nothing was set'
 
 
 def unknown_parameters(nodes: Sequence[Node]) -> Iterator[str]:
@@ -345,7 +347,7 @@ def unknown_parameters(nodes: Sequence[Node]) -> Iterator[str]:
     known = tuple(name for node in nodes for name in node.get_parameters_by_prefix(''))
     for name in dict.fromkeys(name for node in nodes for name in given_parameters(node)):
         if not any(node.has_parameter(name) for node in nodes) and not name.startswith(_OF_QOS):
-            yield f'there is no parameter {shown(name)}, so it is ignored{hint(name, known, "")}'
+            yield f'there is no parameter {short_repr(name)}, so it is ignored{did_you_mean(name, known, "")}'
 
 
 def refuse_while_configured(node: LifecycleNode, parameters: list[Parameter], state: str) -> SetParametersResult:

@@ -11,8 +11,6 @@ from typing import Final
 
 from .node_runtime import NodeRuntime
 
-__all__ = ['Pace', 'SenderRates']
-
 _SENDERS: Final = 256
 
 

@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from flexbt_core.values import counted, sendable, shown
+from flexbt_core.values.text import pluralize, sanitize_for_message, short_repr
 from flexbt_msgs.msg import BlackboardEntry, DecisionSubject
 
 from .entries import Encoding, to_entry
 from .limits import length_of
-from .pose_lists import fewer_poses
+from .message_fields import fewer_poses
 
 MOST_KEYS: Final = 20
 """Values of one decision that are shown; the others are named."""
@@ -38,9 +38,9 @@ def subject_message(id: str, number: int, values: Mapping[str, Any], missing: Se
         subject.entries.append(entry)
         subject.notes += [note] if note else []
     if left_out := ranked[MOST_KEYS:]:
-        names = sendable(', '.join(left_out), MOST_CHARACTERS // 4)
-        subject.notes.append(f'{counted(len(left_out), "value")} not shown: {names}')
-    subject.notes += [f'{sendable(key)} has no value' for key in missing[:MOST_KEYS]]
+        names = sanitize_for_message(', '.join(left_out), MOST_CHARACTERS // 4)
+        subject.notes.append(f'{pluralize(len(left_out), "value")} not shown: {names}')
+    subject.notes += [f'{sanitize_for_message(key)} has no value' for key in missing[:MOST_KEYS]]
     return subject
 
 
@@ -60,14 +60,14 @@ def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
             entry = to_entry(key, fewer, None, Encoding.BINARY)
             if len(entry.data) <= MOST_BYTES:
                 kept = len(_poses(fewer) or ())
-                return entry, '' if fewer is value else f'{sendable(key)}: {kept} of {len(poses)} poses'
+                return entry, '' if fewer is value else f'{sanitize_for_message(key)}: {kept} of {len(poses)} poses'
         elif _parts(value, _MOST_PARTS) >= 0:
             entry = to_entry(key, value, None, Encoding.TEXT)
             if len(entry.text) <= MOST_CHARACTERS:
                 return entry, ''
     except Exception:  # it has no type of ROS, or its own code raises
-        return BlackboardEntry(key=key, text=shown(value)), ''
-    return BlackboardEntry(key=key, text=shown(value)), f'{sendable(key)} is too large to be shown'
+        return BlackboardEntry(key=key, text=short_repr(value)), ''
+    return BlackboardEntry(key=key, text=short_repr(value)), f'{sanitize_for_message(key)} is too large to be shown'
 
 
 def _poses(value: Any) -> Sequence[Any] | None:

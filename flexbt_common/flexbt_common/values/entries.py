@@ -18,24 +18,19 @@ from typing import Any
 from rclpy.serialization import deserialize_message, serialize_message
 
 from flexbt_common.errors import UnknownTypeError, ValueConversionError
-from flexbt_core.values import shown
+from flexbt_core.values.text import short_repr
 from flexbt_msgs.msg import BlackboardEntry
 
-from .value_text import FieldError, from_plain, parse_text, plain_text, to_plain
-from .value_types import ValueType, message_type_name, resolve_type, type_name
-
-__all__ = [
-    'Encoding',
-    'ValueType',
-    'check_value',
-    'from_entry',
-    'message_type_name',
-    'resolve_type',
-    'text_to_value',
-    'to_entry',
-    'type_name',
-    'value_to_text',
-]
+from .value_types import (
+    FieldError,
+    ValueType,
+    from_plain,
+    parse_text,
+    plain_text,
+    resolve_type,
+    to_plain,
+    type_name,
+)
 
 _LENGTH = struct.Struct('<I')
 
@@ -60,7 +55,7 @@ def check_value(value: Any, type: str) -> Any:
     try:
         return from_plain(to_plain(value, resolved), resolved)
     except FieldError as error:
-        raise ValueConversionError('', resolved.name, shown(value), str(error)) from error
+        raise ValueConversionError('', resolved.name, short_repr(value), str(error)) from error
 
 
 def to_entry(key: str, value: Any, type: str | None = None, encoding: Encoding = Encoding.BINARY) -> BlackboardEntry:
@@ -74,7 +69,7 @@ def to_entry(key: str, value: Any, type: str | None = None, encoding: Encoding =
     try:
         resolved = resolve_type(type or type_name(value))
     except UnknownTypeError as error:
-        raise ValueConversionError(key, type or '', shown(value), str(error)) from error
+        raise ValueConversionError(key, type or '', short_repr(value), str(error)) from error
     entry = BlackboardEntry(key=key, type=resolved.name)
     try:
         plain = to_plain(value, resolved)
@@ -83,7 +78,7 @@ def to_entry(key: str, value: Any, type: str | None = None, encoding: Encoding =
         else:
             entry.text = plain_text(plain)
     except FieldError as error:
-        raise ValueConversionError(key, resolved.name, shown(value), str(error)) from error
+        raise ValueConversionError(key, resolved.name, short_repr(value), str(error)) from error
     return entry
 
 

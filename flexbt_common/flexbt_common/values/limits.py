@@ -15,14 +15,14 @@ from typing import Any, Final
 from rosidl_parser.definition import AbstractSequence, AbstractString, AbstractWString, Array, BasicType, NamespacedType
 
 from flexbt_common.errors import LimitExceededError
-from flexbt_core.values import sendable, shown
+from flexbt_core.values.text import sanitize_for_message, short_repr
 
 from .value_types import class_of_slot
 
 TEXT: Final = 1_000
 """Characters of a text that :data:`LIMITS` does not name: of a name, a key, a frame, an identifier."""
 _TOLD: Final = 60
-"""Characters that may tell in a text how much of it is left out; see :func:`flexbt_core.values.sendable`."""
+"""Characters that may tell in a text how much of it is left out; see :func:`sanitize_for_message`."""
 LIST: Final = 1_000
 """Elements of a list that it does not name."""
 LONG_TEXT: Final = 50_000
@@ -131,7 +131,7 @@ def check_limits(message: Any) -> None:
         )
 
 
-def make_sendable(message: Any) -> None:
+def sanitize_message(message: Any) -> None:
     """Make every text of a message, in place, one that can be sent and that is within its bound: receivers leave a
     whole message aside when one of its texts is too long.
     """
@@ -147,12 +147,12 @@ def _made_sendable(value: Any, slot: Any, key: str) -> Any:
     """The value itself where nothing had to be changed, or where it is a message."""
     if isinstance(slot, AbstractString | AbstractWString):
         limit = LIMITS.get(key, TEXT)
-        made = sendable(value, None if len(value) <= limit else limit - _TOLD)
+        made = sanitize_for_message(value, None if len(value) <= limit else limit - _TOLD)
         return value if made == value else made
     if isinstance(slot, NamespacedType):
         message_type: Any = class_of_slot(slot)
         if _check_of(message_type, True) is not None:
-            make_sendable(value)
+            sanitize_message(value)
     elif isinstance(slot, Array | AbstractSequence) and not isinstance(slot.value_type, BasicType):
         elements = [_made_sendable(one, slot.value_type, f'{key}[]') for one in value]
         if any(made is not one for made, one in zip(elements, value, strict=True)):
@@ -215,7 +215,7 @@ def _check_of_slot(slot: Any, key: str, is_bounded: bool) -> _Check | None:
 def _check_text(text: str, path: str, *, limit: float) -> int:
     if len(text) > limit:
         raise LimitExceededError(
-            f'{path} has {len(text)} characters, beginning with {shown(text[:40])}; {_most(limit)}'
+            f'{path} has {len(text)} characters, beginning with {short_repr(text[:40])}; {_most(limit)}'
         )
     return len(text)
 

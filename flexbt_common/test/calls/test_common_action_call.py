@@ -16,11 +16,11 @@ from builtin_interfaces.msg import Duration
 from nav2_msgs.action import Spin, Wait
 from rclpy.action import ActionServer, CancelResponse
 
-from flexbt_common.calls import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
-from flexbt_common.liveness import LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.system.python_process import PythonProcess, python_process
+from flexbt_testing.system.python_processes import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 APPEARS = 10.0  # wall time for the server to be discovered on a busy machine
@@ -320,7 +320,7 @@ def test_a_result_that_the_answer_to_a_late_cancel_overtakes_counts(
 def test_a_cancel_at_a_server_that_does_not_know_the_goal_loses_it(
     link: ActionServerLink, cancels_answered: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('flexbt_common.calls.action_call.WATCH_SECONDS', 1000.0)  # only the cancel can tell
+    monkeypatch.setattr('flexbt_common.calls.links.WATCH_SECONDS', 1000.0)  # only the cancel can tell
     done, accepted = Done(), threading.Event()
     with NodeRuntime.open('server') as first:
         ScriptedActionServer(first, Wait, 'wait')

@@ -21,18 +21,11 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.action.server import RCLError, ServerGoalHandle
 from unique_identifier_msgs.msg import UUID
 
-from flexbt_common.calls import (
-    ActionCall,
-    ActionLinks,
-    GoalFault,
-    GoalOutcome,
-    GoalServer,
-    GoalStatus,
-    ServedGoal,
-    goal_servers,
-)
-from flexbt_common.names import deep_action_services
-from flexbt_common.runtime import ACTION_CLIENT, ACTION_SERVER, NodeRuntime, OpenActionClient, is_usable
+from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
+from flexbt_common.calls.goal_server import GoalFault, GoalServer, ServedGoal, goal_servers
+from flexbt_common.middleware.rclpy_private import ACTION_CLIENT, ACTION_SERVER, ExtendedActionClient, is_usable
+from flexbt_common.names import action_service_qos
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 ours = pytest.mark.skipif(
@@ -97,7 +90,7 @@ class Client:
         self.runtime.node.create_subscription(
             GoalStatusArray, topic, lambda message: self.listed.append([one.status for one in message.status_list]), 100
         )
-        return ActionClient(self.runtime.node, Wait, 'wait', **deep_action_services())
+        return ActionClient(self.runtime.node, Wait, 'wait', **action_service_qos())
 
     def send(self, goal_id: bytes | None = None, seconds: int = 0) -> ClientGoalHandle:
         goal = Wait.Goal()
@@ -127,14 +120,14 @@ def result(text: str) -> Any:
 
 @pytest.mark.skipif(not is_usable(ACTION_CLIENT), reason='rclpy as it is keeps those whose end it has not heard of')
 def test_a_client_does_not_remember_the_goals_that_have_ended(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    heard = OpenActionClient.take_data
+    heard = ExtendedActionClient.take_data
 
     def without_list(client: Any) -> Any:  # which the next one has replaced
         data = heard(client)
         data.pop('status', None)
         return data
 
-    monkeypatch.setattr(OpenActionClient, 'take_data', without_list)
+    monkeypatch.setattr(ExtendedActionClient, 'take_data', without_list)
     served.on_goal = lambda goal: goal.succeed(result(''))
     with NodeRuntime.open('client') as runtime:
         link = ActionLinks(runtime).link(Wait, 'wait')

@@ -18,20 +18,12 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from flexbt_common.calls import (
-    ActionCall,
-    ActionLinks,
-    GoalStatus,
-    ServiceCall,
-    ServiceLink,
-    ServiceLinks,
-    ServiceOutcome,
-    service_outcome,
-)
 from flexbt_common.calls import links as links_module
-from flexbt_common.liveness import LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.system.python_process import PythonProcess, python_process
+from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalStatus
+from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome, service_outcome
+from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_testing.system.python_processes import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 PATIENT = {'server_timeout': DEADLINE, 'response_timeout': DEADLINE}

@@ -23,13 +23,14 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
-from flexbt_common.lifecycle import ManagedNode, unconfigured
-from flexbt_common.liveness import LivelinessToken, LivelinessWatch
-from flexbt_common.runtime import NodeRuntime, ParameterDeclarer
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.lifecycle.managed_node import ManagedNode, unconfigured
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtLoad
-from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.system.python_process import PythonProcess, python_process
+from flexbt_testing.nodes.clients import LifecycleClient
+from flexbt_testing.system.python_processes import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 
@@ -296,7 +297,7 @@ import sys
 import time
 from flexbt_core.errors import FlexbtError
 from flexbt_common.lifecycle.managed_node import run_managed_node
-from flexbt_common.runtime import ParameterDeclarer
+from flexbt_common.runtime.parameters import ParameterDeclarer
 
 def declare(node):
     ParameterDeclarer(node).fixed.integer('most', 1, 0, 9, 'how many there may be')

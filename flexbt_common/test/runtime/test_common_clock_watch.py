@@ -12,9 +12,12 @@ from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from flexbt_common.liveness import LivelinessToken, LivelinessWatch
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.middleware.received_messages import reports_writers
 from flexbt_common.names import CLOCK
-from flexbt_common.runtime import ClockHealth, NodeRuntime, clock_health, clock_watch, reports_writers
+from flexbt_common.runtime import clock_watch
+from flexbt_common.runtime.clock_watch import ClockHealth, clock_health
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.waiting import wait_until
 
 THIRTY_YEARS = 30 * 365 * 86_400

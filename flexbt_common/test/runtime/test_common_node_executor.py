@@ -26,9 +26,9 @@ from rclpy.node import Node
 from rclpy.task import Future, Task
 from std_msgs.msg import Int32
 
-from flexbt_common.runtime import LatestMessage
+from flexbt_common.middleware.rclpy_private import SWITCH
+from flexbt_common.middleware.received_messages import LatestMessage
 from flexbt_common.runtime.node_executor import NodeExecutor, is_misfit, make_executor
-from flexbt_common.runtime.rclpy_private import SWITCH
 from flexbt_msgs.srv import ControlTree
 from flexbt_testing.waiting import DEADLINE
 

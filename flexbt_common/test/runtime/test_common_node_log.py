@@ -17,14 +17,14 @@ import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
-from flexbt_common.runtime import NodeRuntime
 from flexbt_common.runtime.node_log import NodeLogger
-from flexbt_testing.system.python_process import logged_python_process
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_testing.system.python_processes import logged_python_process
 from flexbt_testing.waiting import wait_until
 
 _TALKER = """
 import logging, subprocess, sys
-from flexbt_common.runtime import run_node
+from flexbt_common.runtime.node_runtime import run_node
 
 def setup(runtime):
     log, children = runtime.node.get_logger(), []

@@ -30,13 +30,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future as Awaited
 from std_msgs.msg import Empty
 
-from flexbt_common.calls import ServiceLinks, service_outcome
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import TopicTypeError, UnfitParameterError
-from flexbt_common.lifecycle.lifecycle_node import OpenLifecycleNode
-from flexbt_common.runtime import NodeRuntime, rclpy_private, run_node
-from flexbt_common.runtime.node_runtime import DeepNode
+from flexbt_common.lifecycle.managed_node import ExtendedLifecycleNode
+from flexbt_common.middleware import rclpy_private
+from flexbt_common.runtime.node_runtime import LargeQueueNode, NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer, unknown_parameters
-from flexbt_testing.system.python_process import PythonProcess, python_process
+from flexbt_testing.system.python_processes import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -169,7 +169,7 @@ def test_nothing_that_is_posted_gets_lost_with_the_ring_of_the_bell(monkeypatch:
 GARBAGE = """
 import gc
 import weakref
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 
 class Link:
     def __init__(self):
@@ -410,9 +410,13 @@ GIVEN: list[tuple[str, Callable[[ParameterDeclarer], Any], Any]] = [
 
 @pytest.mark.skipif(not rclpy_private.is_usable(rclpy_private.PARAMETERS), reason='what is given is not known')
 @pytest.mark.parametrize(('text', 'declared', 'expected'), GIVEN)
-@pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
+@pytest.mark.parametrize('node_class', [LargeQueueNode, ExtendedLifecycleNode])
 def test_a_value_of_a_parameter_file_is_what_it_means(
-    tmp_path: Path, text: str, declared: Callable[[ParameterDeclarer], Any], expected: Any, node_class: type[DeepNode]
+    tmp_path: Path,
+    text: str,
+    declared: Callable[[ParameterDeclarer], Any],
+    expected: Any,
+    node_class: type[LargeQueueNode],
 ) -> None:
     (tmp_path / 'file.yaml').write_text(f'/**/one:\n  ros__parameters:\n    given: {text}\n')
     args = ['--ros-args', '--params-file', str(tmp_path / 'file.yaml')]
@@ -459,9 +463,13 @@ REFUSED: list[tuple[str, Callable[[ParameterDeclarer], Any], str]] = [
 
 @pytest.mark.skipif(not rclpy_private.is_usable(rclpy_private.PARAMETERS), reason='what is given is not known')
 @pytest.mark.parametrize(('text', 'declared', 'reason'), REFUSED)
-@pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
+@pytest.mark.parametrize('node_class', [LargeQueueNode, ExtendedLifecycleNode])
 def test_a_value_of_a_parameter_file_is_refused_with_the_reason(
-    tmp_path: Path, text: str, declared: Callable[[ParameterDeclarer], Any], reason: str, node_class: type[DeepNode]
+    tmp_path: Path,
+    text: str,
+    declared: Callable[[ParameterDeclarer], Any],
+    reason: str,
+    node_class: type[LargeQueueNode],
 ) -> None:
     (tmp_path / 'file.yaml').write_text(f'one:\n  ros__parameters:\n    given: {text}\n')
     args = ['--ros-args', '--params-file', str(tmp_path / 'file.yaml')]
@@ -483,9 +491,9 @@ def test_a_value_of_a_parameter_file_is_refused_with_the_reason(
         ('[true]', '[True] is of type bool array', 'false'),
     ],
 )
-@pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
+@pytest.mark.parametrize('node_class', [LargeQueueNode, ExtendedLifecycleNode])
 def test_what_is_no_bool_is_refused_for_use_sim_time_with_what_to_write(
-    text: str, reason: str, meant: str, node_class: type[DeepNode]
+    text: str, reason: str, meant: str, node_class: type[LargeQueueNode]
 ) -> None:
     with (
         pytest.raises(InvalidParameterTypeException) as refused,
@@ -495,8 +503,8 @@ def test_what_is_no_bool_is_refused_for_use_sim_time_with_what_to_write(
     assert str(refused.value) == f"parameter 'use_sim_time': {reason}, not bool; write use_sim_time: {meant}"
 
 
-@pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
-def test_a_callback_that_awaits_holds_up_nothing_else_of_the_node(node_class: type[DeepNode]) -> None:
+@pytest.mark.parametrize('node_class', [LargeQueueNode, ExtendedLifecycleNode])
+def test_a_callback_that_awaits_holds_up_nothing_else_of_the_node(node_class: type[LargeQueueNode]) -> None:
     began, heard = threading.Event(), threading.Event()
 
     async def wait_for_ever(_: Empty) -> None:

@@ -19,10 +19,11 @@ from rclpy.qos import QoSProfile
 from rclpy.time import Time as RosTime
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from flexbt_common.runtime import ListeningTime, NodeRuntime, is_usable
-from flexbt_common.runtime.rclpy_private import EXECUTOR
-from flexbt_common.runtime.simulated_time import LONGEST_WAIT
-from flexbt_core.clock import ManualClock, Timer, WakeEvent
+from flexbt_common.middleware.rclpy_private import EXECUTOR, is_usable
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.ros_clock import LONGEST_WAIT, HandledTime
+from flexbt_core.clock.clock import ManualClock, Timer
+from flexbt_core.clock.waiting import WakeEvent
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 
@@ -76,7 +77,7 @@ def test_a_node_that_waits_for_no_time_is_not_woken_by_it(simulation: Simulation
 
 def test_others_are_silent_only_as_long_as_wall_and_world_go_on() -> None:
     wall, world = ManualClock(), ROSClock()
-    heard = ListeningTime(wall, world)
+    heard = HandledTime(wall, world)
 
     def after(seconds: float, simulated: float | None = None) -> float:
         """What counts of so much wall time, in which simulated time comes to be this."""

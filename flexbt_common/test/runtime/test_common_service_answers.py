@@ -10,10 +10,11 @@ import pytest
 from rclpy.service import Service
 from std_srvs.srv import Trigger
 
-from flexbt_common.calls import ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime, rclpy_private
-from flexbt_common.runtime.rclpy_private import AGAIN_SECONDS, MOST_UNSENT, UNSENT_SECONDS, InsistentService
-from flexbt_core.clock import ManualClock
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.middleware import rclpy_private
+from flexbt_common.middleware.rclpy_private import AGAIN_SECONDS, MOST_UNSENT, UNSENT_SECONDS, ResendingService
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 
@@ -63,7 +64,7 @@ def test_an_answer_of_a_service_that_is_gone_meanwhile_is_no_fault(monkeypatch: 
     monkeypatch.setattr(Service, 'send_response', send)
     with NodeRuntime.open('server') as server:
         service = server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
-        insistent = InsistentService(service, lambda _seconds, fn: again.append(fn))
+        insistent = ResendingService(service, lambda _seconds, fn: again.append(fn))
         server.call(lambda: insistent.send_response(Trigger.Response(), None))
         server.call(lambda: server.node.destroy_service(service))
         server.call(again[0])
@@ -77,7 +78,7 @@ def test_of_many_answers_that_nobody_gets_only_some_are_sent_again(monkeypatch: 
     monkeypatch.setattr(Service, 'send_response', lambda _service, response, _header: sent.append(response))
     with NodeRuntime.open('server') as server:
         service = server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
-        insistent = InsistentService(service, lambda _seconds, fn: again.append(fn))
+        insistent = ResendingService(service, lambda _seconds, fn: again.append(fn))
         for round_of in range(1, 3):  # after the last attempt there is room for others
             for _ in range(20):
                 insistent.send_response(Trigger.Response(), None)

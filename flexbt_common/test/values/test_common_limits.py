@@ -20,8 +20,8 @@ import flexbt_msgs.action
 import flexbt_msgs.msg
 import flexbt_msgs.srv
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.values import check_limits, make_sendable, to_entry
-from flexbt_common.values.limits import LIMITS, MESSAGE, TEXT
+from flexbt_common.values.entries import to_entry
+from flexbt_common.values.limits import LIMITS, MESSAGE, TEXT, check_limits, sanitize_message
 from flexbt_msgs.action import BtExecute, BtLoad, BtSetData
 from flexbt_msgs.msg import (
     BehaviorList,
@@ -75,7 +75,7 @@ def test_a_text_that_is_too_long_is_cut_to_its_bound(message_type: type[Any]) ->
         except LimitExceededError as error:
             if ' characters' not in str(error):
                 continue  # a list
-            make_sendable(message)
+            sanitize_message(message)
             check_limits(message)
             assert 'characters left out' in str(message), path
             cut += 1
@@ -85,7 +85,7 @@ def test_a_text_that_is_too_long_is_cut_to_its_bound(message_type: type[Any]) ->
 def test_what_can_be_sent_is_left_as_it_is_and_the_rest_made_so() -> None:
     prompt = 'x' * LIMITS['flexbt_msgs/PendingDecision.prompt']
     status = ExecutiveStatus(decisions=[PendingDecision(prompt=prompt, outcomes=['a', '\udc80', '\0'])])
-    make_sendable(status)
+    sanitize_message(status)
     serialize_message(status)
     assert (status.decisions[0].prompt, status.decisions[0].outcomes) == (prompt, ['a', '\ufffd', '\ufffd'])
 

@@ -16,7 +16,7 @@ from nav2_msgs.action import NavigateThroughPoses
 from nav_msgs.msg import Goals, Path
 from rclpy.serialization import serialize_message
 
-from flexbt_common.values import fewer_poses, path_points, poses_of, set_poses
+from flexbt_common.values.message_fields import fewer_poses, path_points, poses_of, set_poses
 
 
 @pytest.mark.parametrize('message', [NavigateThroughPoses.Goal(), SimpleNamespace(poses=Goals())])

@@ -12,17 +12,17 @@ from rcl_interfaces.srv import DescribeParameters
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from flexbt_core.values import shown
+from flexbt_core.values.text import short_repr
 
 
 @pytest.mark.parametrize('message', [Point(x=1.0), String(data='a'), DescribeParameters.Request(names=['a', 'b'])])
 def test_a_small_message_is_shown_as_rclpy_writes_it(message: Any) -> None:
-    assert shown(message) == repr(message)
+    assert short_repr(message) == repr(message)
 
 
 @pytest.mark.parametrize('message', [Image(data=bytes(10**7)), String(data='x' * 10**7), [Pose()] * 100_000])
 def test_what_is_left_out_of_a_message_is_not_written(message: Any) -> None:
     tracemalloc.start()
-    assert 'msg' in shown(message)
+    assert 'msg' in short_repr(message)
     assert tracemalloc.get_traced_memory()[1] < 10**5
     tracemalloc.stop()

@@ -26,17 +26,8 @@ from rosidl_parser.definition import (
 from std_msgs.msg import Byte, String
 
 from flexbt_common.errors import UnknownTypeError, ValueConversionError
-from flexbt_common.values import (
-    PRIMITIVES,
-    Encoding,
-    check_value,
-    from_entry,
-    resolve_type,
-    text_to_value,
-    to_entry,
-    type_name,
-    value_to_text,
-)
+from flexbt_common.values.entries import Encoding, check_value, from_entry, text_to_value, to_entry, value_to_text
+from flexbt_common.values.value_types import PRIMITIVES, resolve_type, type_name
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 

@@ -12,19 +12,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexbt_console.errors import NotShownError, RefusedError
-from flexbt_console.mirror import (
+from flexbt_console.mirror.records import (
     AutonomyLevel,
     Behavior,
-    Command,
     CommandKind,
     Decision,
     DecisionKind,
     ExecutiveState,
     InputValue,
+    OperatorCommand,
     StateKind,
-    View,
 )
-from flexbt_core.values import hint, shown
+from flexbt_console.mirror.view import View
+from flexbt_core.values.text import did_you_mean, short_repr
 
 from .operator_values import answer, parameter_value
 
@@ -45,7 +45,7 @@ class CommandBuilder:
             raise RefusedError(self._why)
         return self.operator
 
-    def command(self, view: View, kind: CommandKind) -> Command:
+    def command(self, view: View, kind: CommandKind) -> OperatorCommand:
         """A new command for the run that is shown, with nothing filled in that only some kinds have.
 
         A STOP is for whichever executive is there: the one that is shown may not be it.
@@ -54,7 +54,7 @@ class CommandBuilder:
             RefusedError: an observer gives no commands.
         """
         snapshot = view.snapshot
-        return Command(
+        return OperatorCommand(
             id=os.urandom(16).hex(),
             kind=kind,
             operator=self.require_operator(),
@@ -71,7 +71,7 @@ class CommandBuilder:
         inputs: Sequence[InputValue] = (),
         *,
         unseen: bool = False,
-    ) -> Command:
+    ) -> OperatorCommand:
         """Start a behavior; without a level of autonomy, at the one that the executive shows.
 
         ``unseen``: also when it was synthesized, and its machine has not arrived; so for :meth:`switch`.
@@ -93,7 +93,7 @@ class CommandBuilder:
 
     def switch(
         self, view: View, name: str, arguments: Sequence[tuple[str, str]] = (), *, unseen: bool = False
-    ) -> Command:
+    ) -> OperatorCommand:
         """Go on with another behavior, keeping the active states.
 
         Raises:
@@ -103,7 +103,7 @@ class CommandBuilder:
         _check_behavior(view, name, arguments, unseen)
         return replace(self.command(view, CommandKind.SWITCH), behavior=name, arguments=tuple(arguments))
 
-    def autonomy(self, view: View, level: AutonomyLevel, path: str = '') -> Command:
+    def autonomy(self, view: View, level: AutonomyLevel, path: str = '') -> OperatorCommand:
         """Set the level of autonomy, of the run, of a sub-tree of it, or for the next run.
 
         Raises:
@@ -117,12 +117,12 @@ class CommandBuilder:
             path=_known_path(view, path) if path else '',
         )
 
-    def resume(self, view: View) -> Command:
+    def resume(self, view: View) -> OperatorCommand:
         """Go on with a paused run, or with one that the end of the executive interrupted."""
         is_interrupted = view.snapshot is not None and view.snapshot.state is ExecutiveState.INTERRUPTED
         return self.command(view, CommandKind.RESUME_RUN if is_interrupted else CommandKind.RESUME)
 
-    def repeat(self, view: View, path: str = '') -> Command:
+    def repeat(self, view: View, path: str = '') -> OperatorCommand:
         """Leave a state and enter it again. Without a path: the state that waits, or the only active one.
 
         Raises:
@@ -131,7 +131,7 @@ class CommandBuilder:
         path = _active_path(view, path) if path else _waiting_path(view)
         return replace(self.command(view, CommandKind.REPEAT), path=path)
 
-    def at_path(self, kind: CommandKind, view: View, path: str) -> Command:
+    def at_path(self, kind: CommandKind, view: View, path: str) -> OperatorCommand:
         """A command for a state or container, active or not: lock or unlock it, set or clear a breakpoint.
 
         Raises:
@@ -139,7 +139,7 @@ class CommandBuilder:
         """
         return replace(self.command(view, kind), path=_known_path(view, path))
 
-    def confirm(self, view: View, decision_id: str = '', *, unseen: bool = False) -> Command:
+    def confirm(self, view: View, decision_id: str = '', *, unseen: bool = False) -> OperatorCommand:
         """Confirm a transition, or the suggestion of a choice. Without an identifier: of the only decision.
 
         An identifier that is not pending here is sent all the same: the executive says what became of it. ``unseen``:
@@ -161,7 +161,7 @@ class CommandBuilder:
             decision_id = decision.id
         return replace(self.command(view, CommandKind.CONFIRM), decision_id=decision_id)
 
-    def choose(self, view: View, decision: Decision, outcome: str, *, unseen: bool = False) -> Command:
+    def choose(self, view: View, decision: Decision, outcome: str, *, unseen: bool = False) -> OperatorCommand:
         """Answer a decision by one of its outcomes: confirm the one that is wanted, force another.
 
         Raises:
@@ -170,7 +170,7 @@ class CommandBuilder:
         """
         if outcome not in decision.outcomes:
             raise RefusedError(
-                f'{decision.path} has no outcome {shown(outcome)}; choose one of {", ".join(decision.outcomes)}'
+                f'{decision.path} has no outcome {short_repr(outcome)}; choose one of {", ".join(decision.outcomes)}'
             )
         _check_shown(view, decision, unseen)
         if outcome == decision.outcome:
@@ -179,7 +179,9 @@ class CommandBuilder:
             self.command(view, CommandKind.FORCE), decision_id=decision.id, path=decision.path, outcome=outcome
         )
 
-    def force(self, view: View, path: str, outcome: str, decision_id: str = '', *, unseen: bool = False) -> Command:
+    def force(
+        self, view: View, path: str, outcome: str, decision_id: str = '', *, unseen: bool = False
+    ) -> OperatorCommand:
         """Leave a state by an outcome. Without a path: the state that waits, or the only active one.
 
         Raises:
@@ -194,7 +196,7 @@ class CommandBuilder:
             path = _waiting_path(view)
         outcomes = view.outcomes(path)
         if outcomes and outcome not in outcomes:
-            raise RefusedError(f'{path} has no outcome {shown(outcome)}; choose one of {", ".join(outcomes)}')
+            raise RefusedError(f'{path} has no outcome {short_repr(outcome)}; choose one of {", ".join(outcomes)}')
         if not decision_id:
             # The decision that the operator overrides: should another one have come up meanwhile, the
             # executive refuses instead of leaving a state that the operator has not seen.
@@ -205,7 +207,7 @@ class CommandBuilder:
             _check_shown(view, decision, unseen)
         return replace(self.command(view, CommandKind.FORCE), path=path, outcome=outcome, decision_id=decision_id)
 
-    def answer(self, view: View, decision_id: str, text: str, *, unseen: bool = False) -> Command:
+    def answer(self, view: View, decision_id: str, text: str, *, unseen: bool = False) -> OperatorCommand:
         """Answer an input request by a value; without an identifier, the only one.
 
         Raises:
@@ -220,7 +222,7 @@ class CommandBuilder:
             inputs=(answer(decision, text, view.places),),
         )
 
-    def decline(self, view: View, decision_id: str = '') -> Command:
+    def decline(self, view: View, decision_id: str = '') -> OperatorCommand:
         """Decline an input request; without an identifier, the only one.
 
         Raises:
@@ -229,7 +231,7 @@ class CommandBuilder:
         decision = _input_request(view, decision_id)
         return replace(self.command(view, CommandKind.DECLINE), decision_id=decision.id)
 
-    def to_requester(self, kind: CommandKind, view: View, operator: str = '') -> Command:
+    def to_requester(self, kind: CommandKind, view: View, operator: str = '') -> OperatorCommand:
         """A command about another operator, by default the one who asks for the authority: hand it over, or refuse.
 
         Raises:
@@ -269,7 +271,7 @@ def _pending(view: View, decision_id: str) -> Decision:
     decision = view.pending(decision_id)
     if decision is None:
         listed = ', '.join(_describe(decision) for decision in view.decisions) or 'none'
-        raise RefusedError(f'decision {shown(decision_id)} is not pending (any more); pending: {listed}')
+        raise RefusedError(f'decision {short_repr(decision_id)} is not pending (any more); pending: {listed}')
     return decision
 
 
@@ -309,7 +311,7 @@ def _active_path(view: View, text: str) -> str:
             return known  # it may be active though all in it has ended: the executive knows
     active = ', '.join(matches or view.active_paths) or 'none'
     what = 'is not unique' if matches else 'is not active'
-    raise RefusedError(f'{shown(text)} {what}; active: {active}')
+    raise RefusedError(f'{short_repr(text)} {what}; active: {active}')
 
 
 def _known_path(view: View, text: str) -> str:
@@ -322,9 +324,9 @@ def _known_path(view: View, text: str) -> str:
     if len(matches) == 1:
         return matches[0]
     if matches:
-        raise RefusedError(f'{shown(text)} is not unique: {", ".join(matches)}')
-    remedy = hint(suffix, known, '; see "structure"')
-    raise RefusedError(f'there is no state {shown(text)}{remedy}')
+        raise RefusedError(f'{short_repr(text)} is not unique: {", ".join(matches)}')
+    remedy = did_you_mean(suffix, known, '; see "structure"')
+    raise RefusedError(f'there is no state {short_repr(text)}{remedy}')
 
 
 def find_behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:
@@ -338,9 +340,11 @@ def find_behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:
         return found[0]
     same = [one.name for one in behaviors if one.name == f'{one.package}/{name}']
     if same:
-        raise RefusedError(f'several packages have a behavior {shown(name)}; say {" or ".join(map(shown, same))}')
-    remedy = hint(name, [one.name for one in behaviors], '; see "behaviors"')
-    raise RefusedError(f'there is no behavior {shown(name)}{remedy}')
+        raise RefusedError(
+            f'several packages have a behavior {short_repr(name)}; say {" or ".join(map(short_repr, same))}'
+        )
+    remedy = did_you_mean(name, [one.name for one in behaviors], '; see "behaviors"')
+    raise RefusedError(f'there is no behavior {short_repr(name)}{remedy}')
 
 
 def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]], unseen: bool) -> None:
@@ -349,10 +353,10 @@ def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]],
         return
     behavior = find_behavior(behaviors, name)
     if behavior.error:
-        raise RefusedError(f'behavior {shown(name)} cannot be used: {behavior.error}')
+        raise RefusedError(f'behavior {short_repr(name)} cannot be used: {behavior.error}')
     if behavior.lacks_machine and not unseen:
         raise NotShownError(
-            f'behavior {shown(name)} was synthesized, and its machine was not received (it may be too long); '
+            f'behavior {short_repr(name)} was synthesized, and its machine was not received (it may be too long); '
             'nothing was sent. Look at its file on the robot, or send it all the same with --unseen'
         )
     parameters = {parameter.name: parameter for parameter in behavior.parameters}
@@ -362,5 +366,7 @@ def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]],
         parameter = parameters.get(key)
         if parameter is None:
             known = ', '.join(parameters) or 'none'
-            raise RefusedError(f'behavior {shown(name)} has no parameter {shown(key)}; its parameters: {known}')
+            raise RefusedError(
+                f'behavior {short_repr(name)} has no parameter {short_repr(key)}; its parameters: {known}'
+            )
         parameter_value(parameter, value)

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Command lines: words to a parsed command, checked against the registry."""
+"""Command lines, parsed and checked against the registry, and the help on them."""
 
 from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Sequence
 from typing import Final
 
-from flexbt_console.errors import UsageError
-from flexbt_console.mirror import LOST_SECONDS
-from flexbt_core.values import excerpt, hint, shown
+from flexbt_console.errors import ExitCode, UsageError
+from flexbt_console.mirror.freshness import LOST_SECONDS
+from flexbt_core.values.text import did_you_mean, short_repr, truncate_middle
 
 from .registry import COMMANDS, find
-from .spec import CommandLine, CommandSpec, Option, Read, seconds
-from .words import robot_names
+from .spec import CommandLine, CommandSpec, Option, Read, robot_names, seconds
 
 COMMON_OPTIONS: Final = (
     Option('--json', 'print JSON for programs: one object, or one a line for watch'),
@@ -114,8 +114,8 @@ def _split_ros_arguments(words: Sequence[str]) -> tuple[list[str], tuple[str, ..
 def _find(name: str) -> CommandSpec:
     spec = find(name)
     if spec is None:
-        remedy = hint(name, [spec.name for spec in COMMANDS], '; see console --help')
-        raise UsageError(f'there is no command {shown(name)}{remedy}')
+        remedy = did_you_mean(name, [spec.name for spec in COMMANDS], '; see console --help')
+        raise UsageError(f'there is no command {short_repr(name)}{remedy}')
     return spec
 
 
@@ -125,8 +125,8 @@ def _take_option(word: str, rest: list[str], spec: CommandSpec | None, options: 
     option = next((option for option in known if option.name == name), None)
     if option is None:
         where = f'"{spec.name}" has' if spec else 'there is'
-        near = hint(name, [option.name for option in known], '')
-        raise UsageError(f'{where} no option {excerpt(name)} here{near}')
+        near = did_you_mean(name, [option.name for option in known], '')
+        raise UsageError(f'{where} no option {truncate_middle(name)} here{near}')
     if name in options and not option.repeated:
         raise UsageError(f'{name} is given twice')
     if option.value is None:
@@ -147,3 +147,92 @@ def _read(read: Read | None, word: str, what: str = '') -> None:
             read(word)
     except UsageError as error:
         raise UsageError(f'{what}{error}') from None
+
+
+# The help of the console and of each command, and what the exit codes mean.
+
+WIDTH: Final = 79
+"""Columns of a help text."""
+
+EXIT_CODES: Final = {
+    ExitCode.OK: 'applied, or shown',
+    ExitCode.FAULT: 'a fault of the console itself',
+    ExitCode.USAGE: 'wrong usage; nothing was sent',
+    ExitCode.REFUSED: 'refused, by the executive or before it was sent; the reason is printed',
+    ExitCode.TIMEOUT: 'no answer in time; whether it had an effect is not known',
+    ExitCode.NO_LINK: 'no link: no executive is heard',
+    ExitCode.INTERRUPTED: 'interrupted while waiting (watch and the prompt end with 0)',
+}
+
+
+def overview() -> str:
+    """The help of the whole console."""
+    lines = [
+        'usage: console [COMMAND] [ARGUMENT ...] [OPTION ...] [--ros-args ...]',
+        '',
+        "The operator's console of a FlexBT executive.",
+        'Without a command, in a terminal: the screen, or the prompt where it cannot be.',
+        '',
+        'commands:',
+    ]
+    lines += _table([(spec.name, spec.summary) for spec in COMMANDS])
+    lines += ['', 'options of every command:']
+    lines += _table([(option.usage, option.help) for option in COMMON_OPTIONS])
+    lines += ['', 'exit codes:']
+    lines += _table([(str(code.value), meaning) for code, meaning in EXIT_CODES.items()])
+    lines += ['', 'console COMMAND --help tells more of a command.']
+    return '\n'.join(lines)
+
+
+def command_help(spec: CommandSpec) -> str:
+    """The help of one command."""
+    lines = _help_of(spec, f'console {spec.usage}', spec.options)
+    lines += ['', 'options of every command:']
+    lines += _table([(option.usage, option.help) for option in COMMON_OPTIONS])
+    return '\n'.join(lines)
+
+
+def prompt_help(leaving: str) -> list[str]:
+    """The help of the interactive prompt; ``leaving`` is what happens when the operator leaves it."""
+    rows = [(' '.join([spec.name, *(argument.usage for argument in spec.arguments)]), spec) for spec in COMMANDS]
+    return [
+        'While a decision is shown, in short: a number or name chooses an outcome;',
+        'a place, "x y yaw" or a value answers an input request.',
+        *_table(
+            [
+                *((usage, spec.summary) for usage, spec in rows if spec.in_prompt),
+                ('help [COMMAND]', 'show this, or the options of a command and more about it'),
+                ('quit', f'leave the prompt, as Ctrl-D does: {leaving}'),
+            ]
+        ),
+        'Tab completes a word; Ctrl-C clears the line.',
+    ]
+
+
+def prompt_command_help(spec: CommandSpec) -> list[str]:
+    """The help of one command at the interactive prompt."""
+    return _help_of(spec, spec.prompt_usage, spec.prompt_options)
+
+
+def _help_of(spec: CommandSpec, usage: str, options: tuple[Option, ...]) -> list[str]:
+    lines = textwrap.wrap(f'usage: {usage}', WIDTH, subsequent_indent=' ' * 8)
+    lines += ['', *textwrap.wrap(spec.summary, WIDTH)]
+    for paragraph in spec.details:
+        lines += ['', *textwrap.wrap(paragraph, WIDTH)]
+    if options:
+        lines += ['', 'options:', *_table([(option.usage, option.help) for option in options])]
+    return lines
+
+
+def _table(rows: list[tuple[str, str]]) -> list[str]:
+    width = min(24, max(len(left) for left, _ in rows))
+    lines = []
+    for left, right in rows:
+        first, *more = textwrap.wrap(right, WIDTH - width - 4) or ['']
+        if len(left) > width:
+            lines.append(f'  {left}')
+            lines.append(f'  {"":{width}}  {first}')
+        else:
+            lines.append(f'  {left:{width}}  {first}')
+        lines += [f'  {"":{width}}  {line}' for line in more]
+    return lines

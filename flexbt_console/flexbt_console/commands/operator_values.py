@@ -12,10 +12,19 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import LIVENESS, AutonomyLevel, BehaviorParameter, Decision, InputValue, Pose, plain_type
-from flexbt_console.present import limits_text
-from flexbt_core import values
-from flexbt_core.values import TextFileError, hint, read_text, shown
+from flexbt_console.mirror.records import (
+    LIVENESS,
+    AutonomyLevel,
+    BehaviorParameter,
+    Decision,
+    FramedPose,
+    InputValue,
+    plain_type,
+)
+from flexbt_console.present.rendering import limits_text
+from flexbt_core.values import places
+from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text_files import TextFileError, read_text
 
 MOST_COLUMNS: Final = 1000
 """Columns, and rows, of a picture in cells."""
@@ -38,7 +47,7 @@ def autonomy_level(text: str) -> AutonomyLevel:
     numbers = {str(level.value): level for level in AutonomyLevel}
     level = names.get(text.lower(), numbers.get(text))
     if level is None:
-        raise UsageError(f'{shown(text)} is no level of autonomy; expected off, low, high, full or 0 to 3')
+        raise UsageError(f'{short_repr(text)} is no level of autonomy; expected off, low, high, full or 0 to 3')
     return level
 
 
@@ -50,7 +59,7 @@ def assignment(text: str) -> tuple[str, str]:
     """
     key, equals, value = text.partition('=')
     if not equals or not key:
-        raise UsageError(f'{shown(text)}: expected PARAMETER=VALUE')
+        raise UsageError(f'{short_repr(text)}: expected PARAMETER=VALUE')
     return key, value
 
 
@@ -64,7 +73,7 @@ def parameter_value(parameter: BehaviorParameter, text: str) -> str:
     Raises:
         RefusedError: it is no value of its type, none of its choices, or beyond its limits.
     """
-    where = f'parameter {shown(parameter.name)}: {shown(text)}'
+    where = f'parameter {short_repr(parameter.name)}: {short_repr(text)}'
     if parameter.choices:
         if text not in parameter.choices:
             raise RefusedError(f'{where} is none of its choices ({", ".join(parameter.choices)})')
@@ -72,7 +81,7 @@ def parameter_value(parameter: BehaviorParameter, text: str) -> str:
     if parameter.type == 'bool' and text.strip().lower() not in _BOOLEANS:
         raise RefusedError(f'{where} is no bool; expected true or false')
     if parameter.type in _STRUCTURES:
-        from flexbt_core.values import YamlError, load_yaml  # help and completion need no YAML
+        from flexbt_core.values.yaml_data import YamlError, load_yaml  # help and completion need no YAML
 
         kind, example = _STRUCTURES[parameter.type]
         try:
@@ -104,7 +113,7 @@ def line_count(text: str) -> int:
         UsageError: it is no number above 0.
     """
     if not text.isascii() or not text.isdigit() or int(text) == 0:
-        raise UsageError(f'{shown(text)}: expected a number of lines above 0')
+        raise UsageError(f'{short_repr(text)}: expected a number of lines above 0')
     return int(text)
 
 
@@ -115,14 +124,14 @@ _CAPABILITIES: Final = 1_000_000
 def liveness(text: str) -> str:
     """Read what is assumed about failures. Raises UsageError when it is none of LIVENESS."""
     if text not in LIVENESS:
-        raise UsageError(f'{shown(text)}: expected {", ".join(LIVENESS)}')
+        raise UsageError(f'{short_repr(text)}: expected {", ".join(LIVENESS)}')
     return text
 
 
 def retry_count(text: str) -> int:
     """Read how often a state is repeated. Raises UsageError when it is no number from 0 to 1000."""
     if not text.isascii() or not text.isdigit() or len(text) > 9 or int(text) > _MOST_RETRIES:
-        raise UsageError(f'{shown(text)}: expected a number from 0 to {_MOST_RETRIES}')
+        raise UsageError(f'{short_repr(text)}: expected a number from 0 to {_MOST_RETRIES}')
     return int(text)
 
 
@@ -144,7 +153,7 @@ def port_number(text: str) -> int:
         UsageError: it is no number up to 65535.
     """
     if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
-        raise UsageError(f'{shown(text)}: expected the number of a port, 0 to 65535')
+        raise UsageError(f'{short_repr(text)}: expected the number of a port, 0 to 65535')
     return int(text)
 
 
@@ -157,25 +166,26 @@ def full_namespace(text: str) -> str:
     full = '/' + text.strip('/')
     if _NAMESPACE.fullmatch(full) is None:
         raise UsageError(
-            f'{shown(text)} is no namespace of ROS: letters, digits and _ between slashes, no part begins with a digit'
+            f'{short_repr(text)} is no namespace of ROS: '
+            'letters, digits and _ between slashes, no part begins with a digit'
         )
     return full
 
 
-def load_places(file: Path) -> dict[str, Pose]:
-    """Read a YAML file of named places, see :func:`flexbt_core.values.load_places`.
+def load_places(file: Path) -> dict[str, FramedPose]:
+    """Read a YAML file of named places, see :func:`load_places`.
 
     Raises:
         UsageError: the file cannot be read, or an entry is not a place; names file and entry.
     """
     try:
-        known = values.load_places(file)
+        known = places.load_places(file)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    return {name: Pose(place.x, place.y, place.yaw, place.frame) for name, place in known.items()}
+    return {name: FramedPose(place.x, place.y, place.yaw, place.frame) for name, place in known.items()}
 
 
-def value_text(text: str, type: str, places: Mapping[str, Pose]) -> str:
+def value_text(text: str, type: str, places: Mapping[str, FramedPose]) -> str:
     """The text of a value of ``type`` (as in BlackboardEntry), from what the operator wrote; checked.
 
     A message type that is not installed here is left to the executive to check.
@@ -191,12 +201,12 @@ def value_text(text: str, type: str, places: Mapping[str, Pose]) -> str:
     if pose_form is not None and not text.lstrip().startswith(('{', '[')):
         poses = [pose_form(_pose(part, places)) for part in text.split(';')] if text.strip() else []
         if not is_array and len(poses) != 1:
-            raise RefusedError(f'{shown(text)}: expected one pose: a place, or "x y yaw"')
+            raise RefusedError(f'{short_repr(text)}: expected one pose: a place, or "x y yaw"')
         return json.dumps(poses if is_array else poses[0])
     return _checked_text(text, type)
 
 
-def answer(decision: Decision, text: str, places: Mapping[str, Pose]) -> InputValue:
+def answer(decision: Decision, text: str, places: Mapping[str, FramedPose]) -> InputValue:
     """The value that answers an input request.
 
     Raises:
@@ -204,13 +214,13 @@ def answer(decision: Decision, text: str, places: Mapping[str, Pose]) -> InputVa
     """
     allowed = decision.input_choices
     if allowed and text not in allowed:
-        raise RefusedError(f'{shown(text)} is not allowed here; choose one of {", ".join(allowed)}')
+        raise RefusedError(f'{short_repr(text)} is not allowed here; choose one of {", ".join(allowed)}')
     if allowed and decision.input_type.removesuffix('[]') not in ('string', 'str'):
         places = {}
     return InputValue('', decision.input_type, value_text(text, decision.input_type, places))
 
 
-def start_input(text: str, places: Mapping[str, Pose]) -> InputValue:
+def start_input(text: str, places: Mapping[str, FramedPose]) -> InputValue:
     """Read ``key=type:value`` of the input userdata of a start.
 
     Raises:
@@ -220,11 +230,13 @@ def start_input(text: str, places: Mapping[str, Pose]) -> InputValue:
     key, equals, rest = text.partition('=')
     type, colon, value = rest.partition(':')
     if not (key and equals and type and colon):
-        raise UsageError(f'--input {shown(text)}: expected key=type:value, e.g. goal=geometry_msgs/PoseStamped:1 2 0')
+        raise UsageError(
+            f'--input {short_repr(text)}: expected key=type:value, e.g. goal=geometry_msgs/PoseStamped:1 2 0'
+        )
     return InputValue(key, type, value_text(value, type, places))
 
 
-def _pose(text: str, places: Mapping[str, Pose]) -> Pose:
+def _pose(text: str, places: Mapping[str, FramedPose]) -> FramedPose:
     words = text.split()
     if len(words) == 1 and words[0] in places:
         return places[words[0]]
@@ -233,21 +245,23 @@ def _pose(text: str, places: Mapping[str, Pose]) -> Pose:
         (yaw,) = rest or (0.0,)
     except ValueError:
         known = f'; the places are {", ".join(sorted(places))}' if places else '; there are no named places'
-        remedy = hint(text.strip(), places, known)
-        raise RefusedError(f'{shown(text.strip())} is no place and not "x y yaw" (metres, radians){remedy}') from None
+        remedy = did_you_mean(text.strip(), places, known)
+        raise RefusedError(
+            f'{short_repr(text.strip())} is no place and not "x y yaw" (metres, radians){remedy}'
+        ) from None
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
-        raise RefusedError(f'{shown(text.strip())}: a pose has finite numbers')
-    return Pose(x, y, yaw)
+        raise RefusedError(f'{short_repr(text.strip())}: a pose has finite numbers')
+    return FramedPose(x, y, yaw)
 
 
-def _pose_plain(place: Pose) -> dict[str, Any]:
+def _pose_plain(place: FramedPose) -> dict[str, Any]:
     return {
         'position': {'x': place.x, 'y': place.y},
         'orientation': {'z': math.sin(place.yaw / 2.0), 'w': math.cos(place.yaw / 2.0)},
     }
 
 
-_POSE_FORMS: Final[Mapping[str, Callable[[Pose], dict[str, Any]]]] = {
+_POSE_FORMS: Final[Mapping[str, Callable[[FramedPose], dict[str, Any]]]] = {
     'geometry_msgs/PoseStamped': lambda place: {
         'header': {'frame_id': place.frame},
         'pose': _pose_plain(place),
@@ -255,13 +269,14 @@ _POSE_FORMS: Final[Mapping[str, Callable[[Pose], dict[str, Any]]]] = {
     'geometry_msgs/Pose': _pose_plain,
     'geometry_msgs/Pose2D': lambda place: {'x': place.x, 'y': place.y, 'theta': place.yaw},
 }
-"""How a pose becomes plain data of each of :data:`flexbt_console.mirror.POSE_TYPES`."""
+"""How a pose becomes plain data of each of :data:`POSE_TYPES`."""
 
 
 def _checked_text(text: str, type: str) -> str:
     # Imported here because it brings rclpy and the interface packages along, which takes a while.
     from flexbt_common.errors import UnknownTypeError, ValueConversionError
-    from flexbt_common.values import resolve_type, text_to_value, value_to_text
+    from flexbt_common.values.entries import text_to_value, value_to_text
+    from flexbt_common.values.value_types import resolve_type
 
     try:
         resolved = resolve_type(type)
@@ -270,7 +285,7 @@ def _checked_text(text: str, type: str) -> str:
     try:
         return value_to_text(text_to_value(text, resolved.name), resolved.name)
     except ValueConversionError as error:
-        raise RefusedError(f'{shown(text)} is no {type}: {error.reason}') from error
+        raise RefusedError(f'{short_repr(text)} is no {type}: {error.reason}') from error
 
 
 def map_size(text: str) -> tuple[int, int]:
@@ -287,7 +302,9 @@ def map_size(text: str) -> tuple[int, int]:
         size = int(columns), int(rows)
         if 8 <= size[0] <= MOST_COLUMNS and 4 <= size[1] <= MOST_COLUMNS:
             return size
-    raise UsageError(f'{shown(text)}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_COLUMNS}x{MOST_COLUMNS}')
+    raise UsageError(
+        f'{short_repr(text)}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_COLUMNS}x{MOST_COLUMNS}'
+    )
 
 
 def shell_name(text: str) -> str:
@@ -297,5 +314,5 @@ def shell_name(text: str) -> str:
         UsageError: it is another one.
     """
     if text not in SHELLS:
-        raise UsageError(f'{shown(text)}: expected {" or ".join(SHELLS)}')
+        raise UsageError(f'{short_repr(text)}: expected {" or ".join(SHELLS)}')
     return text

@@ -10,9 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from flexbt_console.mirror import LIVENESS, NOTE_LENGTH, SYNTHESIS_SECONDS, Command, CommandKind, View
+from flexbt_console.mirror.records import LIVENESS, NOTE_LENGTH, SYNTHESIS_SECONDS, CommandKind, OperatorCommand
+from flexbt_console.mirror.view import View
 
-from . import sending, showing, words
+from . import effects, spec
 from .command_builder import CommandBuilder
 from .operator_values import (
     SHELLS,
@@ -62,7 +63,7 @@ def _structure_known(view: View) -> bool:
 
 _REASON = Option('--reason', 'why, for the event log', 'TEXT')
 _DECISION = Option(
-    DECISION, 'the decision that is meant; refused when it is not pending any more', 'ID', values=words.decisions
+    DECISION, 'the decision that is meant; refused when it is not pending any more', 'ID', values=spec.decisions
 )
 _UNSEEN = Option(UNSEEN, 'answer although what you are asked about (a path, a value) was not received')
 _UNSEEN_MACHINE = Option(UNSEEN, 'send it although the behavior was synthesized, and its machine was not received')
@@ -74,7 +75,7 @@ _ADDRESS = Option(
 )
 _SCAN_PERIOD = Option(
     '--scan-period',
-    f'from one scan of the lidar on the map to the next (default {showing.SCAN_PERIOD:g})',
+    f'from one scan of the lidar on the map to the next (default {effects.SCAN_PERIOD:g})',
     'SECONDS',
     read=seconds,
 )
@@ -84,7 +85,7 @@ _ROBOT = Option(
     'namespace of a robot (default: every robot that is found)',
     'NAME',
     repeated=True,
-    values=words.robot_names,
+    values=spec.robot_names,
 )
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
@@ -101,7 +102,7 @@ COMMANDS: Final = (
     CommandSpec(
         'status',
         'show what runs, what waits for the operator, and how old that knowledge is',
-        Show(showing.status),
+        Show(effects.status),
         link=LinkNeed.HEARD,
         has_arrived=_subjects_known,
     ),
@@ -119,21 +120,21 @@ COMMANDS: Final = (
     CommandSpec(
         'behaviors',
         'list the behaviors that can be started, with their parameters',
-        Show(showing.behaviors),
-        (Argument('NAME', required=False, spaced=True, values=words.behaviors),),
+        Show(effects.behaviors),
+        (Argument('NAME', required=False, spaced=True, values=spec.behaviors),),
         details=('Of NAME alone, also the machine when it was synthesized. JSON has all machines.',),
         has_arrived=_behaviors_known,
     ),
     CommandSpec(
         'structure',
         'show the state machine that runs: states, outcomes, targets, required autonomy',
-        Show(showing.structure),
+        Show(effects.structure),
         has_arrived=_structure_known,
     ),
     CommandSpec(
         'tree',
         'show the trees that run, or the latest: each node with its status, and what has failed by what',
-        Ask(showing.tree),
+        Ask(effects.tree),
         details=(
             'A node that was halted shows how it had ended before. Behind the nodes stands each that has failed by '
             'itself, with those above it that have failed by it.',
@@ -142,7 +143,7 @@ COMMANDS: Final = (
     CommandSpec(
         'map',
         'show the map: walls, places, the plan, and where the robot is',
-        Ask(showing.map_of_robot, is_map=True),
+        Ask(effects.map_of_robot, is_map=True),
         options=(
             Option('--png', 'write an image into this file instead', 'FILE', in_prompt=False),
             Option(
@@ -155,8 +156,8 @@ COMMANDS: Final = (
     CommandSpec(
         'userdata',
         'show what the states of the run have handed to each other',
-        Ask(showing.userdata),
-        (Argument('PATH', required=False, values=words.userdata_paths), Argument('KEY', required=False, repeated=True)),
+        Ask(effects.userdata),
+        (Argument('PATH', required=False, values=spec.userdata_paths), Argument('KEY', required=False, repeated=True)),
         details=(
             'The values of every active machine, by the names of their keys in it; of the machine PATH only, "/" for '
             'the outermost, and of the KEYs only, when these are given. It is read between two steps of the run.',
@@ -165,31 +166,31 @@ COMMANDS: Final = (
     CommandSpec(
         'log',
         'show the latest lines of the log',
-        Show(showing.log),
+        Show(effects.log),
         (Argument('COUNT', required=False, read=line_count),),
-        details=(f'COUNT lines at most, {showing.LOG_COUNT} when it is left out.',),
+        details=(f'COUNT lines at most, {effects.LOG_COUNT} when it is left out.',),
     ),
     CommandSpec(
         'events',
         'show the latest transitions, and the commands of all operators',
-        Show(showing.events),
+        Show(effects.events),
         (Argument('COUNT', required=False, read=line_count),),
-        details=(f'COUNT of them at most, {showing.LOG_COUNT} when it is left out.',),
+        details=(f'COUNT of them at most, {effects.LOG_COUNT} when it is left out.',),
     ),
     CommandSpec(
         'start',
         'start a behavior',
-        sending.START,
+        effects.START,
         (
-            Argument('NAME', spaced=True, values=words.behaviors),
-            Argument('PARAMETER=VALUE', required=False, repeated=True, values=words.parameters, read=assignment),
+            Argument('NAME', spaced=True, values=spec.behaviors),
+            Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
         ),
         (
             Option(
                 '--autonomy',
                 'off, low, high, full or 0 to 3 (default: as it is shown)',
                 'LEVEL',
-                values=words.levels,
+                values=spec.levels,
                 read=autonomy_level,
             ),
             Option('--input', 'input userdata of the behavior', 'KEY=TYPE:VALUE', repeated=True),
@@ -208,17 +209,17 @@ COMMANDS: Final = (
     CommandSpec(
         'stop',
         'stop the run and bring the robot to rest',
-        sending.alone(CommandKind.STOP),
+        effects.alone(CommandKind.STOP),
         options=(_REASON, _WAIT, _WAIT_TIMEOUT),
         link=LinkNeed.HEARD,
     ),
     CommandSpec(
         'autonomy',
         'set how much the robot decides alone',
-        sending.AUTONOMY,
+        effects.AUTONOMY,
         (
-            Argument('LEVEL', values=words.levels, read=autonomy_level),
-            Argument('PATH', required=False, values=words.states),
+            Argument('LEVEL', values=spec.levels, read=autonomy_level),
+            Argument('PATH', required=False, values=spec.states),
         ),
         (_REASON,),
         details=(
@@ -231,8 +232,8 @@ COMMANDS: Final = (
     CommandSpec(
         'confirm',
         'let the transition happen that waits for the operator',
-        sending.CONFIRM,
-        (Argument('ID', required=False, values=words.decisions),),
+        effects.CONFIRM,
+        (Argument('ID', required=False, values=spec.decisions),),
         (_UNSEEN, _REASON),
         details=('Without ID: the only pending decision; when there are several, they are listed.',),
         has_arrived=_subjects_known,
@@ -240,8 +241,8 @@ COMMANDS: Final = (
     CommandSpec(
         'force',
         "leave a state by an outcome of the operator's choice",
-        sending.FORCE,
-        (Argument('PATH', required=False, values=words.active_states), Argument('OUTCOME', values=words.outcomes)),
+        effects.FORCE,
+        (Argument('PATH', required=False, values=spec.active_states), Argument('OUTCOME', values=spec.outcomes)),
         (_DECISION, _UNSEEN, _REASON),
         details=(
             f'{_PATH_DETAILS} Without PATH: the state that waits for the operator, or else the only active state.',
@@ -251,27 +252,27 @@ COMMANDS: Final = (
     CommandSpec(
         'input',
         'answer an input request by a value',
-        sending.INPUT,
+        effects.INPUT,
         (
-            Argument('ID', required=False, values=words.input_requests),
-            Argument('VALUE', required=False, repeated=True, values=words.short_answers),
+            Argument('ID', required=False, values=spec.input_requests),
+            Argument('VALUE', required=False, repeated=True, values=spec.short_answers),
         ),
         (_DECISION, Option('--decline', 'decline to answer'), _UNSEEN, _REASON),
         details=('Without ID: the only pending input request.', *_VALUE_DETAILS),
         has_arrived=_all_to_answer_known,
-        check=sending.check_input,
+        check=effects.check_input,
     ),
     CommandSpec(
         'decline',
         'decline to answer an input request',
-        sending.DECLINE,
-        (Argument('ID', required=False, values=words.input_requests),),
+        effects.DECLINE,
+        (Argument('ID', required=False, values=spec.input_requests),),
         (_REASON,),
     ),
     CommandSpec(
         'pause',
         'let the run stand still',
-        sending.alone(CommandKind.PAUSE),
+        effects.alone(CommandKind.PAUSE),
         options=(_REASON,),
         details=(
             'No state is executed or left, and time does not pass for them, until "resume". "stop" works as ever.',
@@ -280,7 +281,7 @@ COMMANDS: Final = (
     CommandSpec(
         'resume',
         'go on with a paused run, or with one that the end of the executive interrupted',
-        sending.RESUME,
+        effects.RESUME,
         options=(_REASON,),
         details=(
             'After a crash of the executive the states that were active are entered again. "abort" gives the run up.',
@@ -289,14 +290,14 @@ COMMANDS: Final = (
     CommandSpec(
         'abort',
         'give up a run that the end of the executive interrupted',
-        sending.alone(CommandKind.ABORT_RUN),
+        effects.alone(CommandKind.ABORT_RUN),
         options=(_REASON,),
     ),
     CommandSpec(
         'repeat',
         'leave a state and enter it again',
-        sending.REPEAT,
-        (Argument('PATH', required=False, values=words.active_states),),
+        effects.REPEAT,
+        (Argument('PATH', required=False, values=spec.active_states),),
         (_REASON,),
         details=('Without PATH: the state that waits for the operator, or else the only active state.',),
         has_arrived=_structure_known,
@@ -304,8 +305,8 @@ COMMANDS: Final = (
     CommandSpec(
         'lock',
         'keep a state or container from being left',
-        sending.at_path(CommandKind.LOCK),
-        (Argument('PATH', values=words.states),),
+        effects.at_path(CommandKind.LOCK),
+        (Argument('PATH', values=spec.states),),
         (_REASON,),
         details=(_PATH_DETAILS,),
         has_arrived=_structure_known,
@@ -313,16 +314,16 @@ COMMANDS: Final = (
     CommandSpec(
         'unlock',
         'undo lock',
-        sending.at_path(CommandKind.UNLOCK),
-        (Argument('PATH', values=words.locked),),
+        effects.at_path(CommandKind.UNLOCK),
+        (Argument('PATH', values=spec.locked),),
         (_REASON,),
         has_arrived=_structure_known,
     ),
     CommandSpec(
         'breakpoint',
         'let every transition out of a state wait for the operator, whatever the autonomy',
-        sending.at_path(CommandKind.BREAKPOINT),
-        (Argument('PATH', values=words.states),),
+        effects.at_path(CommandKind.BREAKPOINT),
+        (Argument('PATH', values=spec.states),),
         (_REASON,),
         details=(_PATH_DETAILS,),
         has_arrived=_structure_known,
@@ -330,18 +331,18 @@ COMMANDS: Final = (
     CommandSpec(
         'clear',
         'clear a breakpoint',
-        sending.at_path(CommandKind.CLEAR_BREAKPOINT),
-        (Argument('PATH', values=words.breakpoints),),
+        effects.at_path(CommandKind.CLEAR_BREAKPOINT),
+        (Argument('PATH', values=spec.breakpoints),),
         (_REASON,),
         has_arrived=_structure_known,
     ),
     CommandSpec(
         'switch',
         'go on with another behavior, keeping the active states',
-        sending.SWITCH,
+        effects.SWITCH,
         (
-            Argument('NAME', spaced=True, values=words.behaviors),
-            Argument('PARAMETER=VALUE', required=False, repeated=True, values=words.parameters, read=assignment),
+            Argument('NAME', spaced=True, values=spec.behaviors),
+            Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
         ),
         (_UNSEEN_MACHINE, _REASON),
         details=(
@@ -352,7 +353,7 @@ COMMANDS: Final = (
     CommandSpec(
         'synthesize',
         'have a behavior made of capabilities that reaches goals whatever fails, or be told why there is none',
-        Ask(showing.synthesis),
+        Ask(effects.synthesis),
         (Argument('SYSTEM', required=False),),
         (
             Option('--goal', 'what is to hold (all of them)', 'FORMULA', repeated=True),
@@ -381,12 +382,12 @@ COMMANDS: Final = (
             'started by this, and what runs goes on. Where no machine can do that, the answer is why, and the exit '
             'code 3. In line mode Ctrl-C cancels it.',
         ),
-        check=showing.check_synthesis,
+        check=effects.check_synthesis,
     ),
     CommandSpec(
         'claim',
         'claim the authority to command',
-        sending.alone(CommandKind.CLAIM_AUTHORITY),
+        effects.alone(CommandKind.CLAIM_AUTHORITY),
         options=(_REASON,),
         details=(
             'While nobody has the authority, every operator may command. When another operator has it, this asks for '
@@ -397,40 +398,40 @@ COMMANDS: Final = (
     CommandSpec(
         'release',
         'give the authority back, or do not ask for it any more',
-        sending.alone(CommandKind.RELEASE_AUTHORITY),
+        effects.alone(CommandKind.RELEASE_AUTHORITY),
         options=(_REASON,),
     ),
     CommandSpec(
         'handover',
         'give the authority to another operator',
-        sending.to_requester(CommandKind.HAND_OVER_AUTHORITY),
-        (Argument('OPERATOR', required=False, values=words.requesters),),
+        effects.to_requester(CommandKind.HAND_OVER_AUTHORITY),
+        (Argument('OPERATOR', required=False, values=spec.requesters),),
         (_REASON,),
         details=('Without OPERATOR: to the one who asks for it.',),
     ),
     CommandSpec(
         'refuse',
         'keep the authority, and take who asks for it from the list',
-        sending.to_requester(CommandKind.REFUSE_AUTHORITY),
-        (Argument('OPERATOR', required=False, values=words.requesters),),
+        effects.to_requester(CommandKind.REFUSE_AUTHORITY),
+        (Argument('OPERATOR', required=False, values=spec.requesters),),
         (_REASON,),
         details=('Without OPERATOR: the one who asks for it, who may ask again.',),
     ),
     CommandSpec(
         'note',
         'write a remark into the event log and the log of every console',
-        sending.NOTE,
+        effects.NOTE,
         (Argument('TEXT', repeated=True),),
         details=(
             f'TEXT is what comes after "note", {NOTE_LENGTH} characters at most. It becomes part of the report of the '
             'run, and of its recording. It needs neither a run nor the authority.',
         ),
-        check=sending.check_note,
+        check=effects.check_note,
     ),
     CommandSpec(
         'places',
         'list the named places: those of the robot, and those of --places',
-        Show(showing.places),
+        Show(effects.places),
         link=LinkNeed.NONE,
         has_arrived=_places_known,
     ),
@@ -497,7 +498,7 @@ def find(name: str) -> CommandSpec | None:
     return next((spec for spec in COMMANDS if spec.name == name), None)
 
 
-def build(line: CommandLine, view: View, make: CommandBuilder) -> Command:
+def build(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
     """Make the command for the executive that the line asks for, bound to what ``view`` shows.
 
     Raises:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is said of a command in the registry, and a line in which it is written."""
+"""The declaration of a command in the registry, a line in which it is written, and suggestions for its words."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from enum import Enum
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import (
-    Command,
+from flexbt_console.mirror.records import (
+    AutonomyLevel,
     CommandKind,
     DecisionKind,
     ExecutiveEvent,
     LogLine,
+    OperatorCommand,
     Synthesis,
     SynthesisRequest,
     UserdataScope,
-    View,
 )
-from flexbt_core.values import shown
+from flexbt_console.mirror.view import View
+from flexbt_core.values.text import short_repr
 
 from .command_builder import CommandBuilder
 
@@ -110,11 +111,11 @@ class Send(NamedTuple):
     """The command is sent to the executive: ``build`` makes it, bound to what the view shows; raises ConsoleError."""
 
     kinds: tuple[CommandKind, ...]
-    build: Callable[[CommandLine, View, CommandBuilder], Command]
+    build: Callable[[CommandLine, View, CommandBuilder], OperatorCommand]
     answers: Answers | None = None
 
 
-class Shown(NamedTuple):
+class ShownAnswer(NamedTuple):
     """The answer of a command: the value for programs (JSON), and lines for people; whether it is a "no"."""
 
     value: Any
@@ -122,7 +123,7 @@ class Shown(NamedTuple):
     is_refusal: bool = False
 
 
-class Known(Protocol):
+class ConsoleHistory(Protocol):
     """What the console knows beside the view."""
 
     def log(self, count: int) -> tuple[LogLine, ...]:
@@ -137,10 +138,10 @@ class Known(Protocol):
 class Show(NamedTuple):
     """The command shows what the console knows; raises ConsoleError when that has not arrived."""
 
-    show: Callable[[CommandLine, View, Known], Shown]
+    show: Callable[[CommandLine, View, ConsoleHistory], ShownAnswer]
 
 
-class AskedRobot(Protocol):
+class RobotQueries(Protocol):
     """A robot that is asked. Not on the executor thread; each method raises ConsoleError."""
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
@@ -171,15 +172,15 @@ class AskedRobot(Protocol):
         ...
 
 
-class CommandedRobot(AskedRobot, Protocol):
+class RobotCommands(RobotQueries, Protocol):
     """A robot that is asked and commanded: the operator link, as far as user interfaces use it."""
 
-    def send(self, command: Command, timeout: float, label: str) -> object:
+    def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
         """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
         ...
 
 
-class NobodyAsked:
+class NullRobot:
     """Stands for a robot where there is none to ask; ``why`` is told."""
 
     why: ClassVar[str] = 'there is no robot to ask'
@@ -211,7 +212,7 @@ class Ask(NamedTuple):
     """The command asks the robot, and waits for what it says: so many seconds, or longer, and then it tells lines
     meanwhile. Not on the executor thread. ``is_map``: what it shows is the map, which some can show as an image."""
 
-    ask: Callable[[CommandLine, AskedRobot, float, Callable[[str], None]], Shown]
+    ask: Callable[[CommandLine, RobotQueries, float, Callable[[str], None]], ShownAnswer]
     is_map: bool = False
 
 
@@ -352,5 +353,77 @@ def seconds(text: str) -> float:
     except ValueError:
         number = math.nan
     if not 0.0 < number < math.inf:
-        raise UsageError(f'{shown(text)}: expected a number of seconds above 0')
+        raise UsageError(f'{short_repr(text)}: expected a number of seconds above 0')
     return number
+
+
+# What the words of a line may be, as the robot is now; for completion.
+
+
+def levels(typed: Typed) -> Iterable[str]:
+    return (level.name.lower() for level in AutonomyLevel)
+
+
+def behaviors(typed: Typed) -> Iterable[str]:
+    """Those that cannot be loaded come last: whoever starts one is told why it cannot be."""
+    return (one.name for one in sorted(typed.view.behaviors or (), key=lambda one: bool(one.error)))
+
+
+def parameters(typed: Typed) -> Iterable[str]:
+    chosen = (behavior for behavior in typed.view.behaviors or () if typed.words[:1] == (behavior.name,))
+    return (f'{parameter.name}=' for behavior in chosen for parameter in behavior.parameters)
+
+
+def states(typed: Typed) -> Iterable[str]:
+    view = typed.view
+    return (state.path for state in view.structure.states) if view.structure else view.active_levels
+
+
+def active_states(typed: Typed) -> Iterable[str]:
+    return typed.view.active_levels
+
+
+def locked(typed: Typed) -> Iterable[str]:
+    return typed.view.snapshot.locked if typed.view.snapshot else ()
+
+
+def breakpoints(typed: Typed) -> Iterable[str]:
+    return typed.view.snapshot.breakpoints if typed.view.snapshot else ()
+
+
+def outcomes(typed: Typed) -> Iterable[str]:
+    view = typed.view
+    if typed.words:
+        return view.outcomes(typed.words[0])
+    waiting = view.decision.outcomes if view.decision else ()
+    return (*waiting, *(view.outcomes(view.active_paths[0]) if len(view.active_paths) == 1 else ()))
+
+
+def decisions(typed: Typed) -> Iterable[str]:
+    return (decision.id for decision in typed.view.decisions)
+
+
+def input_requests(typed: Typed) -> Iterable[str]:
+    return (decision.id for decision in typed.view.decisions if decision.kind is DecisionKind.INPUT)
+
+
+def requesters(typed: Typed) -> Iterable[str]:
+    return typed.view.snapshot.authority_requests if typed.view.snapshot else ()
+
+
+def userdata_paths(typed: Typed) -> Iterable[str]:
+    structure = typed.view.structure
+    return (state.path for state in structure.states if state.children) if structure else ()
+
+
+def robot_names(typed: Typed) -> Iterable[str]:
+    """The namespaces of the robots of the domain."""
+    return typed.robots
+
+
+def short_answers(typed: Typed) -> Iterable[str]:
+    """What may be typed in short, without a command: the choices of the oldest decision, or the places."""
+    decision = typed.view.decision
+    if decision is None:
+        return ()
+    return decision.choices or (sorted(typed.view.places) if decision.wants_pose else ())

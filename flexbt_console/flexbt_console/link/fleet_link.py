@@ -15,10 +15,12 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 from flexbt_common import names
-from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, participant_of
-from flexbt_console.mirror import Fleet, Mirror
+from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, guid_prefix_of
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.mirror import Mirror
 
-from .operator_link import OperatorLink
+from .operator_link import ExecutiveLink
 
 MOST_ROBOTS: Final = 64
 """Robots that are joined although nobody has named or opened them, at most."""
@@ -45,7 +47,7 @@ _ENDING: Final = f'/{names.EXECUTIVE_STATUS}'
 
 class _Joined(NamedTuple):
     mirror: Mirror
-    link: OperatorLink
+    link: ExecutiveLink
 
 
 class FleetLink:
@@ -86,7 +88,7 @@ class FleetLink:
         if not only:
             runtime.call(self._look)
 
-    def robot(self, name: str) -> tuple[Mirror, OperatorLink]:
+    def robot(self, name: str) -> tuple[Mirror, ExecutiveLink]:
         """The mirror and the link of a robot. Raises KeyError when it is not known."""
         return self._joined[name]
 
@@ -105,7 +107,7 @@ class FleetLink:
         """See :meth:`open`."""
         self._joined[name].link.close_surroundings()
 
-    def select(self, name: str) -> tuple[Mirror, OperatorLink]:
+    def select(self, name: str) -> tuple[Mirror, ExecutiveLink]:
         """Have one robot open, instead of the one before, and give it. Raises as :meth:`robot`."""
         self.open(name)
         if self._selected:
@@ -146,7 +148,7 @@ class FleetLink:
             owner = None if name in self._joined else self._owners.get(name)
             if owner is None:  # of those that are joined it may be another one by now
                 endpoints = node.get_publishers_info_by_topic(topic)
-                owner = participant_of(bytes(endpoints[0].endpoint_gid)) if endpoints else UNKNOWN_WRITER
+                owner = guid_prefix_of(bytes(endpoints[0].endpoint_gid)) if endpoints else UNKNOWN_WRITER
             owners[name] = owner
         self._owners = owners
         return {*owners}
@@ -191,7 +193,7 @@ class FleetLink:
     def _join(self, name: str) -> Mirror:
         mirror = self._make_mirror()
         only_status = name not in self._kept
-        link = OperatorLink(self._runtime, mirror, self._operator, name, only_status=only_status)
+        link = ExecutiveLink(self._runtime, mirror, self._operator, name, only_status=only_status)
         self._joined[name] = _Joined(mirror, link)
         return mirror
 

@@ -12,10 +12,11 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseStamped
 from std_msgs.msg import Header
 
-from flexbt_common.values import from_entry, path_points, seconds_of
-from flexbt_console import mirror as records
+from flexbt_common.values.entries import from_entry
+from flexbt_common.values.message_fields import path_points, seconds_of
+from flexbt_console.mirror import records
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import sendable, shown
+from flexbt_core.values.text import sanitize_for_message, short_repr
 from flexbt_msgs.msg import (
     BehaviorArgument,
     BehaviorList,
@@ -37,9 +38,9 @@ E = TypeVar('E', bound=IntEnum)
 N = TypeVar('N', int, float)
 
 
-def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
+def snapshot_record(message: ExecutiveStatus) -> records.ExecutiveSnapshot:
     """The record of a status."""
-    return records.Snapshot(
+    return records.ExecutiveSnapshot(
         executive_id=message.executive_id,
         sequence=message.sequence,
         heartbeat_period=message.heartbeat_period,
@@ -156,7 +157,7 @@ def behaviors_record(message: BehaviorList) -> records.BehaviorList:
     )
 
 
-def places_record(message: PlaceList) -> dict[str, records.Pose]:
+def places_record(message: PlaceList) -> dict[str, records.FramedPose]:
     """The places that a robot knows, by name."""
     poses = ((place.name, _pose(place.pose)) for place in message.places)
     return {name: pose for name, pose in poses if name and pose is not None}
@@ -167,7 +168,7 @@ def log_record(message: ExecutiveLog) -> records.LogLine:
     return records.LogLine(
         executive_id=message.executive_id,
         sequence=message.sequence,
-        severity=known_constant(records.Severity, message.severity),
+        severity=known_constant(records.LogSeverity, message.severity),
         text=message.text,
         path=message.path,
         run_id=message.run_id,
@@ -224,7 +225,7 @@ def _subject_value(entry: BlackboardEntry) -> records.SubjectValue:
     if isinstance(value, Pose):
         value = PoseStamped(header=Header(frame_id='map'), pose=value)
     found = _pose(value) if isinstance(value, PoseStamped) else None
-    return records.SubjectValue(entry.key, entry.type, entry.text or shown(value), pose=found)
+    return records.SubjectValue(entry.key, entry.type, entry.text or short_repr(value), pose=found)
 
 
 def _path_value(entry: BlackboardEntry, points: Sequence[tuple[float, float]]) -> records.SubjectValue:
@@ -233,28 +234,35 @@ def _path_value(entry: BlackboardEntry, points: Sequence[tuple[float, float]]) -
     return records.SubjectValue(entry.key, entry.type, 'it has a point that is nowhere')
 
 
-def command_message(record: records.Command, now: float) -> ExecutiveCommand:
+def command_message(record: records.OperatorCommand, now: float) -> ExecutiveCommand:
     """The message of a command; ``now`` is the time of this computer in seconds."""
     return ExecutiveCommand(
         id=record.id,
         stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)),
-        operator_id=sendable(record.operator),
+        operator_id=sanitize_for_message(record.operator),
         kind=int(record.kind),
         executive_id=record.executive_id,
         run_id=record.run_id,
-        decision_id=sendable(record.decision_id),
-        path=sendable(record.path),
-        outcome=sendable(record.outcome),
+        decision_id=sanitize_for_message(record.decision_id),
+        path=sanitize_for_message(record.path),
+        outcome=sanitize_for_message(record.outcome),
         autonomy=int(record.autonomy),
-        behavior=sendable(record.behavior),
-        arguments=[BehaviorArgument(name=sendable(name), value=sendable(value)) for name, value in record.arguments],
+        behavior=sanitize_for_message(record.behavior),
+        arguments=[
+            BehaviorArgument(name=sanitize_for_message(name), value=sanitize_for_message(value))
+            for name, value in record.arguments
+        ],
         inputs=[
-            BlackboardEntry(key=sendable(value.key), type=sendable(value.type), text=sendable(value.text))
+            BlackboardEntry(
+                key=sanitize_for_message(value.key),
+                type=sanitize_for_message(value.type),
+                text=sanitize_for_message(value.text),
+            )
             for value in record.inputs
         ],
-        grantee=sendable(record.grantee),
-        text=sendable(record.text),
-        reason=sendable(record.reason),
+        grantee=sanitize_for_message(record.grantee),
+        text=sanitize_for_message(record.text),
+        reason=sanitize_for_message(record.reason),
         wait_queue=record.wait_queue,
         wait_interaction=record.wait_interaction,
     )
@@ -277,8 +285,8 @@ def _decision(message: Any) -> records.Decision:
     )
 
 
-def _progress(message: Any) -> records.Progress:
-    return records.Progress(
+def _progress(message: Any) -> records.DriveProgress:
+    return records.DriveProgress(
         distance=_known(message.distance_remaining),
         time=_known(message.time_remaining),
         poses=_known(message.poses_remaining),
@@ -291,7 +299,7 @@ def _known(value: N) -> N | None:
     return value if 0 <= value < math.inf else None
 
 
-def _pose(message: Any) -> records.Pose | None:
+def _pose(message: Any) -> records.FramedPose | None:
     """None for one that is not known, or is none: a robot that is lost may send anything."""
     if not message.header.frame_id:
         return None
@@ -299,7 +307,7 @@ def _pose(message: Any) -> records.Pose | None:
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     if not (is_length(position.x) and is_length(position.y) and math.isfinite(yaw)):
         return None
-    return records.Pose(position.x, position.y, yaw, message.header.frame_id)
+    return records.FramedPose(position.x, position.y, yaw, message.header.frame_id)
 
 
 def is_length(value: float) -> bool:

@@ -18,34 +18,19 @@ from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.liveness import PresenceToken
-from flexbt_common.runtime import (
-    UNKNOWN_WRITER,
-    NodeRuntime,
-    Pace,
-    Received,
-    ReceivedMessages,
-    SenderRates,
-    writer_name,
-)
-from flexbt_common.values import check_limits, seconds_of
+from flexbt_common.lifecycle.presence import PresenceToken
+from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.sender_rates import Pace, SenderRates
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
-from flexbt_console.mirror import (
-    LONGEST_RESEND,
-    Change,
-    Command,
-    CommandKind,
-    CommandState,
-    Mirror,
-    Synthesis,
-    SynthesisRequest,
-    TrackedCommand,
-    Transit,
-    UserdataScope,
-    View,
-)
-from flexbt_core.clock import Timer
-from flexbt_core.values import one_line
+from flexbt_console.mirror.command_tracker import LONGEST_RESEND, CommandState, TrackedCommand
+from flexbt_console.mirror.mirror import Change, Mirror, Transit
+from flexbt_console.mirror.records import CommandKind, OperatorCommand, Synthesis, SynthesisRequest, UserdataScope
+from flexbt_console.mirror.view import View
+from flexbt_core.clock.clock import Timer
+from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import (
     BehaviorList,
     BehaviorStructure,
@@ -58,8 +43,7 @@ from flexbt_msgs.msg import (
     StopGuardStatus,
 )
 
-from .executive_sender import ExecutiveSender, Succession
-from .interface_check import interface_problem, senders_problem
+from .executive_sender import ExecutiveSender, Succession, interface_problem, senders_problem
 from .messages import (
     behaviors_record,
     command_message,
@@ -73,8 +57,8 @@ from .messages import (
 )
 
 if TYPE_CHECKING:
+    from .queries import SynthesisQuery
     from .surroundings_link import SurroundingsLink
-    from .synthesis_query import SynthesisQuery
 
 T = TypeVar('T')
 
@@ -107,7 +91,7 @@ TELL_SECONDS: Final = 10.0
 """Between two lines about messages that cannot be read."""
 
 
-class OperatorLink:
+class ExecutiveLink:
     """Feeds a mirror from the topics of an executive, and sends the mirror's commands until they are answered.
 
     The link only moves messages: what they mean is the mirror's business. A command is sent as soon as the
@@ -182,7 +166,7 @@ class OperatorLink:
             self._only_status = False
             self._hear_picture()
 
-    def send(self, command: Command, timeout: float, label: str = '') -> TrackedCommand:
+    def send(self, command: OperatorCommand, timeout: float, label: str = '') -> TrackedCommand:
         """Give a command, called ``label``, to the executive; its fate is followed by the mirror. From any thread."""
         tracked = self._mirror.give(command, timeout, label)
         if command.kind is CommandKind.STOP:  # from this thread: the executor may be busy with what others send
@@ -239,8 +223,8 @@ class OperatorLink:
         return self.wait_for(settled, timeout)
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """The userdata of the run, see :func:`flexbt_console.link.userdata_query.userdata`. Raises what that raises."""
-        from .userdata_query import userdata  # what only this command needs
+        """The userdata of the run, see :func:`userdata`. Raises what that raises."""
+        from .queries import userdata  # what only this command needs
 
         return userdata(self._runtime, self._namespace, path, keys, timeout)
 
@@ -251,7 +235,7 @@ class OperatorLink:
         tell: Callable[[str], None],
         left: Future[None] | None = None,
     ) -> Synthesis:
-        """Have a behavior made, see :meth:`flexbt_console.link.synthesis_query.SynthesisQuery.ask`.
+        """Have a behavior made, see :meth:`SynthesisQuery.ask`.
 
         Raises what that raises, and RefusedError for an observer.
         """
@@ -260,7 +244,7 @@ class OperatorLink:
     def cancel_synthesis(self, timeout: float) -> int:
         """Cancel what is being made; how many these were.
 
-        Raises what :meth:`flexbt_console.link.synthesis_query.SynthesisQuery.cancel` raises, and RefusedError for an
+        Raises what :meth:`SynthesisQuery.cancel` raises, and RefusedError for an
         observer.
         """
         return self._synthesis_query().cancel(timeout)
@@ -311,7 +295,7 @@ class OperatorLink:
         self._runtime.call(close)
 
     def _synthesis_query(self) -> SynthesisQuery:
-        from .synthesis_query import SynthesisQuery  # what only this command needs
+        from .queries import SynthesisQuery  # what only this command needs
 
         if self._operator is None:
             raise RefusedError('an observer has nothing made; leave --observer out')
@@ -330,14 +314,14 @@ class OperatorLink:
         self._pace_of_others: Pace = self._runtime.once('robots that nobody has opened', Pace)
         self._hear_picture()
         self._pings = node.create_publisher(
-            Header, names.of_robot(self._namespace, names.EXECUTIVE_PING), names.unacknowledged()
+            Header, names.of_robot(self._namespace, names.EXECUTIVE_PING), names.best_effort_qos()
         )
         guard = self._topic(names.STOP_GUARD_STATUS)
         self._guards = ReceivedMessages(
-            node, StopGuardStatus, guard, names.latched(LIST_DEPTH), self._on_guard, GUARD_BYTES
+            node, StopGuardStatus, guard, names.transient_local_qos(LIST_DEPTH), self._on_guard, GUARD_BYTES
         )
         pong = names.of_robot(self._namespace, names.EXECUTIVE_PONG)
-        self._pongs = ReceivedMessages(node, Header, pong, names.unacknowledged(), self._on_pong, PONG_BYTES)
+        self._pongs = ReceivedMessages(node, Header, pong, names.best_effort_qos(), self._on_pong, PONG_BYTES)
         if gives_commands:
             self._open_commands()
 
@@ -371,14 +355,14 @@ class OperatorLink:
             topic = self._topic(topic)
             on_message = self._forward(type, topic, convert, receive)
             if not self._only_status:
-                qos, awaited = names.latched(depth), self._pace.is_over
+                qos, awaited = names.transient_local_qos(depth), self._pace.is_over
                 messages = ReceivedMessages(node, type, topic, qos, on_message, MESSAGE_BYTES, is_awaited=awaited)
                 self._picture.append(messages)
         self._statuses = ReceivedMessages(
             node,
             ExecutiveStatus,
             self._status_topic,
-            names.latched(STATUS_DEPTH),
+            names.transient_local_qos(STATUS_DEPTH),
             self._on_status,
             STATUS_BYTES,
             event_callbacks=SubscriptionEventCallbacks(matched=self._on_status_matched),
@@ -392,10 +376,10 @@ class OperatorLink:
         self._picture.clear()
 
     def _open_commands(self) -> None:
-        commands = names.command()
+        commands = names.command_qos()
         # The middleware must not deliver after an interruption what the operator was told to be without an answer.
         commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
-        stops = names.stop()
+        stops = names.stop_qos()
         stops.lifespan = commands.lifespan
         self._stops = self._runtime.node.create_publisher(
             ExecutiveCommand,
@@ -508,7 +492,7 @@ class OperatorLink:
             self._publish(command)
         self._plan_resend()
 
-    def _publish(self, command: Command) -> None:
+    def _publish(self, command: OperatorCommand) -> None:
         message = command_message(command, time.time())
         if command.kind is CommandKind.STOP:  # it has a way of its own beside, which no flood of commands fills
             self._stops.publish(message)

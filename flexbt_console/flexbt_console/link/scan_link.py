@@ -21,13 +21,17 @@ from rclpy.subscription import Subscription
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
-from flexbt_common.transforms import BROADCASTERS, Rigid, TransformBuffer, take_transforms
-from flexbt_common.values import check_limits, seconds_of
-from flexbt_console.mirror import Mirror, Points, Pose
-from flexbt_core.clock import Clock
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.transform_buffer import Rigid, TransformBuffer
+from flexbt_common.transform_listener import BROADCASTERS, take_transforms
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import FramedPose, Points
+from flexbt_core.clock.clock import Clock
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import one_line
+from flexbt_core.values.text import one_line
 
 from .messages import FARTHEST, is_length
 
@@ -79,7 +83,7 @@ class _Stand:
     def __init__(self, mirror: Mirror, clock: Clock) -> None:
         self._mirror = mirror
         self._clock = clock
-        self._pose: Pose | None = None
+        self._pose: FramedPose | None = None
         self._since = 0.0
 
     def start_over(self) -> None:
@@ -101,7 +105,7 @@ class _Stand:
         pose = self._told()
         return pose is not None and self._pose is not None and _is_near(pose, self._pose)
 
-    def _told(self) -> Pose | None:
+    def _told(self) -> FramedPose | None:
         view = self._mirror.view()
         return view.snapshot.robot_pose if view.live and view.snapshot is not None else None
 
@@ -135,8 +139,8 @@ class ScanLink:
         self._topic = names.of_robot(namespace, names.SCAN)
         fixed = functools.partial(self._on_transforms, is_static=True)
         self._subscriptions = [
-            self._subscribe(TFMessage, names.TF_STATIC, names.latched(BROADCASTERS), fixed),
-            self._subscribe(LaserScan, names.SCAN, names.unacknowledged(1), self._on_scan, self._is_due),
+            self._subscribe(TFMessage, names.TF_STATIC, names.transient_local_qos(BROADCASTERS), fixed),
+            self._subscribe(LaserScan, names.SCAN, names.best_effort_qos(1), self._on_scan, self._is_due),
         ]
         self._moving: Subscription | None = None
         self._hear_transforms()
@@ -160,7 +164,7 @@ class ScanLink:
 
     def _hear_transforms(self) -> None:
         if self._moving is None:
-            qos, receive = names.unacknowledged(TF_DEPTH), functools.partial(self._on_transforms, is_static=False)
+            qos, receive = names.best_effort_qos(TF_DEPTH), functools.partial(self._on_transforms, is_static=False)
             self._moving = self._subscribe(self._types[1], names.TF, qos, receive, lambda: self._scan is not None)
 
     def _ignore_transforms(self) -> None:
@@ -294,6 +298,6 @@ def _is_same_place(there: Rigid, here: Rigid) -> bool:
     return all(abs(one) <= SAME_POSE for one in moved)
 
 
-def _is_near(pose: Pose, other: Pose) -> bool:
+def _is_near(pose: FramedPose, other: FramedPose) -> bool:
     turned = math.remainder(pose.yaw - other.yaw, math.tau)
     return pose.frame == other.frame and math.dist((pose.x, pose.y, turned), (other.x, other.y, 0.0)) <= SAME_POSE

@@ -7,8 +7,8 @@ import math
 import time
 from typing import Any, Final
 
-from flexbt_common.calls import ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.errors import NoAnswerError, RefusedError
 
 RADIUS: Final = 0.2

@@ -14,10 +14,15 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.runtime import NodeRuntime, Pace, Received, ReceivedMessages, writer_name
-from flexbt_common.values import check_limits, seconds_of
-from flexbt_console.mirror import GridMap, Mirror, NodeKind, NodeStatus, StatusChange, TreeNode
-from flexbt_core.values import one_line
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages, writer_name
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.sender_rates import Pace
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import GridMap
+from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, StatusChange
+from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import RobotPlan, TreeStatus, TreeStructure
 
 from .messages import is_length, known_constant
@@ -81,10 +86,10 @@ class SurroundingsLink:
 
         feed = SurroundingsFeed(self._mirror)
         for type, topic, qos in (
-            (TreeStructure, names.TREE_STRUCTURE, names.latched(STATUS_DEPTH)),
-            (TreeStatus, names.TREE_STATUS, names.latched(STATUS_DEPTH)),
-            (OccupancyGrid, names.MAP, names.latched()),
-            (RobotPlan, names.EXECUTIVE_PLAN, names.latched()),
+            (TreeStructure, names.TREE_STRUCTURE, names.transient_local_qos(STATUS_DEPTH)),
+            (TreeStatus, names.TREE_STATUS, names.transient_local_qos(STATUS_DEPTH)),
+            (OccupancyGrid, names.MAP, names.transient_local_qos()),
+            (RobotPlan, names.EXECUTIVE_PLAN, names.transient_local_qos()),
         ):
             name = names.of_robot(self._namespace, topic)
             read = self._reader(type, name, feed.receivers[topic])
@@ -157,8 +162,13 @@ class SurroundingsFeed:
         del message.nodes[MOST_TREE_NODES:]
         check_limits(message)
         nodes = [
-            TreeNode(
-                node.uid, node.parent, node.name, node.registration, node.path, known_constant(NodeKind, node.kind)
+            MirroredNode(
+                node.uid,
+                node.parent,
+                node.name,
+                node.registration,
+                node.path,
+                known_constant(MirroredNodeKind, node.kind),
             )
             for node in message.nodes
         ]
@@ -178,7 +188,7 @@ class SurroundingsFeed:
         self._mirror.receive_tree_status(
             message.run_id,
             message.sequence,
-            [known_constant(NodeStatus, status) for status in message.statuses[:MOST_TREE_NODES]],
+            [known_constant(MirroredStatus, status) for status in message.statuses[:MOST_TREE_NODES]],
             [_change(one) for one in message.changes],
             seconds_of(message.stamp),
             finished=message.finished,
@@ -213,4 +223,4 @@ class SurroundingsFeed:
 
 
 def _change(message: Any) -> StatusChange:
-    return StatusChange(seconds_of(message.stamp), message.uid, known_constant(NodeStatus, message.status))
+    return StatusChange(seconds_of(message.stamp), message.uid, known_constant(MirroredStatus, message.status))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
-from .records import Command, CommandKind, ResultCode, Snapshot, StopGuard
+from .records import CommandKind, ExecutiveSnapshot, OperatorCommand, ResultCode, StopGuard
 
 FIRST_RESEND: Final = 0.15
 """Seconds until an unanswered command is sent again; doubled each time."""
@@ -49,7 +49,7 @@ class TrackedCommand:
     ``confirmed_by`` says who has applied it.
     """
 
-    command: Command
+    command: OperatorCommand
     label: str
     given: float
     deadline: float
@@ -74,7 +74,7 @@ class CommandTracker:
         self._remembered = remembered
         self._commands: OrderedDict[str, TrackedCommand] = OrderedDict()
 
-    def give(self, command: Command, now: float, timeout: float, label: str = '') -> TrackedCommand:
+    def give(self, command: OperatorCommand, now: float, timeout: float, label: str = '') -> TrackedCommand:
         """Take a command to be sent; :meth:`due` hands it out. Without a label it is called by its kind."""
         label = label or command.kind.name.lower()
         tracked = TrackedCommand(command, label, now, now + timeout, next_send=now)
@@ -100,7 +100,7 @@ class CommandTracker:
         status came ANSWER_SECONDS after they were given, without a result of theirs."""
         return frozenset(tracked.command.id for tracked in self.pending() if tracked.is_passed_over)
 
-    def due(self, now: float, reachable: bool = True) -> list[Command]:
+    def due(self, now: float, reachable: bool = True) -> list[OperatorCommand]:
         """The commands to be sent now, for the first time or again; ends those whose time is over.
 
         While the executive is not ``reachable``, only STOPs are handed out, which others may hear, and of other
@@ -139,7 +139,7 @@ class CommandTracker:
             or (tracked.confirmed_by is Confirmation.STOP_GUARD and tracked.next_send < math.inf)
         ]
 
-    def answered(self, snapshot: Snapshot, now: float) -> list[TrackedCommand]:
+    def answered(self, snapshot: ExecutiveSnapshot, now: float) -> list[TrackedCommand]:
         """Take the answers of a snapshot, and give the commands that it settled.
 
         An answer that comes after the deadline corrects the TIMEOUT. When another executive answers the link

@@ -1,39 +1,44 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The mirror: the newest picture of an executive, whatever is lost, late, doubled or out of order on the way."""
+"""The mirror: the newest picture of an executive, whatever is lost, late, duplicated or reordered on the way."""
 
 from __future__ import annotations
 
+import bisect
 import math
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Final
+from typing import Any, Final, Generic, Protocol, TypeVar
 
-from flexbt_core.clock import Clock
+from flexbt_core.clock.clock import Clock
 
 from .command_tracker import CommandTracker, TrackedCommand
 from .freshness import LOST_SECONDS, Freshness
-from .numbered import NumberedList
-from .reasons import reasons
 from .records import (
     Behavior,
     BehaviorList,
-    Command,
+    Decision,
+    DecisionKind,
+    EventKind,
     ExecutiveEvent,
+    ExecutiveSnapshot,
+    FramedPose,
+    GridMap,
     LogLine,
-    Pose,
-    Snapshot,
+    LogSeverity,
+    OperatorCommand,
+    Points,
     StopGuard,
     Structure,
     Subject,
     Subjects,
+    Surroundings,
 )
-from .standstill import StandstillWatch
-from .surroundings import GridMap, Points, Surroundings
-from .trees import NodeStatus, StatusChange, TreeNode, Trees
+from .trees import MirroredNode, MirroredStatus, StatusChange, Trees
+from .unexpected_motion import UnexpectedMotionDetector
 from .view import View
 
 LOG_LENGTH: Final = 500
@@ -92,7 +97,7 @@ class Mirror:
     def __init__(
         self,
         clock: Clock,
-        own_places: Mapping[str, Pose] | None = None,
+        own_places: Mapping[str, FramedPose] | None = None,
         lost_after: float = LOST_SECONDS,
         seconds_asleep: Callable[[], float] = lambda: 0.0,
     ) -> None:
@@ -105,7 +110,7 @@ class Mirror:
         self._seconds_asleep = seconds_asleep
         self._asleep = 0.0
         self._own_places = dict(own_places or {})
-        self._places: Mapping[str, Pose] | None = None
+        self._places: Mapping[str, FramedPose] | None = None
         self._lock = threading.Lock()
         self._listeners: list[Callable[[Change], None]] = []
         self._freshness = Freshness(lost_after)
@@ -113,7 +118,7 @@ class Mirror:
         self._guard = StopGuard()
         self._guard_heard = 0.0
         self._listens_until = clock.now() + LISTEN_SECONDS
-        self._snapshot: Snapshot | None = None
+        self._snapshot: ExecutiveSnapshot | None = None
         self._sent: float | None = None
         self._newest: OrderedDict[str, int] = OrderedDict()
         self._structures: OrderedDict[str, Structure] = OrderedDict()
@@ -124,7 +129,7 @@ class Mirror:
         self._reasons: Mapping[str, LogLine] | None = None
         self._problem = ''
         self._trees = Trees()
-        self._standstill = StandstillWatch()
+        self._standstill = UnexpectedMotionDetector()
         self._surroundings = Surroundings()
         self._scan_until = math.inf
 
@@ -143,7 +148,7 @@ class Mirror:
 
     # What arrives
 
-    def receive_snapshot(self, snapshot: Snapshot, transit: Transit | None = None) -> bool:
+    def receive_snapshot(self, snapshot: ExecutiveSnapshot, transit: Transit | None = None) -> bool:
         """Take a snapshot; False when it is not newer than what is known."""
         with self._lock:
             now = self._now()
@@ -192,7 +197,7 @@ class Mirror:
             self._behaviors = behaviors
         self._tell(Change.BEHAVIORS)
 
-    def receive_places(self, places: Mapping[str, Pose]) -> None:
+    def receive_places(self, places: Mapping[str, FramedPose]) -> None:
         """Take the places that the robot knows by name."""
         with self._lock:
             self._places = places
@@ -223,7 +228,7 @@ class Mirror:
         return bool(new)
 
     def receive_tree_structure(
-        self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1, left_out: int = 0
+        self, run_id: str, tree: str, nodes: Sequence[MirroredNode], stamp: float, structure: int = 1, left_out: int = 0
     ) -> None:
         """Take the nodes of a run of a tree; ``left_out`` more are not among them."""
         with self._lock:
@@ -234,7 +239,7 @@ class Mirror:
         self,
         run_id: str,
         sequence: int,
-        statuses: Sequence[NodeStatus],
+        statuses: Sequence[MirroredStatus],
         changes: Sequence[StatusChange],
         stamp: float,
         *,
@@ -327,7 +332,7 @@ class Mirror:
             self._newest.clear()
             self._sent = None
             self._freshness.start_over()
-            self._standstill = StandstillWatch()
+            self._standstill = UnexpectedMotionDetector()
             self._surroundings = replace(self._surroundings, driven=())
             if not was_executive:
                 self._structures.clear()
@@ -343,14 +348,14 @@ class Mirror:
 
     # Commands
 
-    def give(self, command: Command, timeout: float, label: str = '') -> TrackedCommand:
+    def give(self, command: OperatorCommand, timeout: float, label: str = '') -> TrackedCommand:
         """Take a command to be sent, which the operator calls ``label``."""
         with self._lock:
             tracked = self._commands.give(command, self._now(), timeout, label)
         self._tell(Change.COMMAND)
         return tracked
 
-    def due_commands(self, reachable: bool) -> list[Command]:
+    def due_commands(self, reachable: bool) -> list[OperatorCommand]:
         """The commands to be sent now; ends those whose deadline is over."""
         with self._lock:
             before = len(self._commands.pending())
@@ -437,7 +442,7 @@ class Mirror:
     def _on_clock(self, time: float | None) -> float | None:
         return None if time is None else time - self._asleep
 
-    def _follow(self, snapshot: Snapshot) -> None:
+    def _follow(self, snapshot: ExecutiveSnapshot) -> None:
         """Keep where the robot has been since its run began."""
         pose, driven = snapshot.robot_pose, self._surroundings.driven
         if self._snapshot is not None and self._snapshot.run_id != snapshot.run_id:
@@ -447,25 +452,25 @@ class Mirror:
         if driven is not self._surroundings.driven:
             self._surroundings = replace(self._surroundings, driven=driven)
 
-    def _current_behaviors(self, snapshot: Snapshot | None) -> tuple[Behavior, ...] | None:
+    def _current_behaviors(self, snapshot: ExecutiveSnapshot | None) -> tuple[Behavior, ...] | None:
         known = self._behaviors
         if known is None or (snapshot is not None and snapshot.executive_id != known.executive_id):
             return None
         return known.behaviors
 
-    def _current_subjects(self, snapshot: Snapshot | None) -> Mapping[str, Subject]:
+    def _current_subjects(self, snapshot: ExecutiveSnapshot | None) -> Mapping[str, Subject]:
         known = self._subjects
         if known is None or snapshot is None or snapshot.executive_id != known.executive_id:
             return {}
         return {subject.decision_id: subject for subject in known.subjects}
 
-    def _current_reasons(self, snapshot: Snapshot) -> Mapping[str, LogLine]:
+    def _current_reasons(self, snapshot: ExecutiveSnapshot) -> Mapping[str, LogLine]:
         if self._reasons is None:
             executive = snapshot.executive_id
             self._reasons = reasons(snapshot, self._log.of(executive), self._events.of(executive))
         return self._reasons
 
-    def _is_newer(self, snapshot: Snapshot, transit: Transit | None, now: float) -> bool:
+    def _is_newer(self, snapshot: ExecutiveSnapshot, transit: Transit | None, now: float) -> bool:
         newest = self._newest.get(snapshot.executive_id)
         current = self._snapshot
         if newest is not None and snapshot.sequence <= newest:
@@ -491,9 +496,122 @@ def _copied(value: Any) -> Any:
     """What can change is copied; records cannot."""
     if isinstance(value, (list, deque)):
         return copy(value)
-    if not isinstance(value, (dict, Freshness, CommandTracker, NumberedList, Trees, StandstillWatch)):
+    if not isinstance(value, (dict, Freshness, CommandTracker, NumberedList, Trees, UnexpectedMotionDetector)):
         return value
     made = copy(value)
     parts = made if isinstance(made, dict) else vars(made)
     parts.update({name: _copied(part) for name, part in parts.items()})
     return made
+
+
+# What an executive numbers, such as the lines of its log: put in order, each once, however it arrives.
+
+NUMBERED_EXECUTIVES: Final = 3
+"""Starts of the executive of which something is remembered."""
+
+
+class Numbered(Protocol):
+    """It belongs to one start of the executive, and has a number in it."""
+
+    @property
+    def executive_id(self) -> str:
+        """ExecutiveStatus.executive_id."""
+
+    @property
+    def sequence(self) -> int:
+        """One more than that of the one before."""
+
+
+N = TypeVar('N', bound=Numbered)
+
+
+class NumberedList(Generic[N]):
+    """The latest of what was numbered, ``length`` of each start of the executive."""
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._known: OrderedDict[str, list[N]] = OrderedDict()
+
+    def add(self, one: N) -> bool:
+        """Take one in; False when it is there already, or too old."""
+        known = self._known.setdefault(one.executive_id, [])
+        place = bisect.bisect_left(known, one.sequence, key=lambda old: old.sequence)
+        if place < len(known) and known[place].sequence == one.sequence:
+            return False
+        if place == 0 and len(known) >= self._length:
+            return False
+        known.insert(place, one)
+        del known[: -self._length]
+        while len(self._known) > NUMBERED_EXECUTIVES:
+            self._known.popitem(last=False)
+        return True
+
+    def of(self, executive_id: str) -> list[N]:
+        """Those of one start of the executive, in their order."""
+        return self._known.get(executive_id, [])
+
+    def latest(self, count: int) -> tuple[N, ...]:
+        """The latest in their order, those of an earlier executive first."""
+        known = [one for of_executive in self._known.values() for one in of_executive]
+        return tuple(known[-count:]) if count > 0 else ()
+
+
+# Why a state waits for the operator, as far as it, or who was active before it, has said so.
+
+_OLDER_SECONDS: Final = 1.0
+"""What a container says about its outcome may be so much older than its decision."""
+
+_PASSING_SECONDS: Final = 1.0
+"""A state that was active for a shorter time has only led on from the one before it."""
+
+
+def reasons(
+    snapshot: ExecutiveSnapshot, log: Sequence[LogLine], events: Sequence[ExecutiveEvent]
+) -> dict[str, LogLine]:
+    """By the decisions of a snapshot: the gravest of what the state has told since it was entered, the newest of these.
+
+    Of a state that has told nothing, or asks for a value: what was told as more than information by the state that has
+    led to it, or by one before that, if those between have only led on. Both sequences are in their order.
+    """
+    if not snapshot.decisions:
+        return {}
+    entered = {state.path: state.entered for state in snapshot.active_states}
+    told = [line for line in log if line.run_id == snapshot.run_id]
+    left = [one for one in events if one.kind is EventKind.TRANSITION and one.run_id == snapshot.run_id]
+    found = {}
+    for decision in snapshot.decisions:
+        since = entered.get(decision.path, decision.since - _OLDER_SECONDS)
+        asks = decision.kind is DecisionKind.INPUT
+        line = None if asks else _gravest(line for line in _inside(told, decision.path) if line.stamp >= since)
+        if line := line or _told_before(decision, told, left):
+            found[decision.id] = line
+    return found
+
+
+def _told_before(decision: Decision, told: Sequence[LogLine], left: Sequence[ExecutiveEvent]) -> LogLine | None:
+    path = decision.path
+    before = _to(path, left)
+    while before is not None:
+        path, until = before.path, before.stamp
+        left = [one for one in left if one.sequence < before.sequence]
+        entry = _to(path, left)
+        since = entry.stamp if entry is not None else 0.0
+        grave = (line for line in _inside(told, path) if line.severity > LogSeverity.INFO)
+        if line := _gravest(line for line in grave if since <= line.stamp <= until):
+            return line
+        before = entry if until - since < _PASSING_SECONDS else None
+    return None
+
+
+def _to(path: str, left: Sequence[ExecutiveEvent]) -> ExecutiveEvent | None:
+    """The latest transition to a state, or to a container around it."""
+    return next((one for one in reversed(left) if one.target and f'{path}/'.startswith(f'{one.target}/')), None)
+
+
+def _inside(told: Sequence[LogLine], path: str) -> Iterable[LogLine]:
+    inside = path.rstrip('/') + '/'
+    return (line for line in told if f'{line.path}/'.startswith(inside))
+
+
+def _gravest(lines: Iterable[LogLine]) -> LogLine | None:
+    return max(lines, key=lambda line: (line.severity, line.sequence), default=None)

@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the operator's side knows of an executive, as plain immutable records.
+"""Immutable records of what the operator's side knows of an executive and of the robot's surroundings.
 
-They follow the messages of flexbt_msgs field by field; :mod:`flexbt_console.link.messages` is the one place where
-messages become records. Times are seconds on the executive's clock unless said otherwise.
+They follow the messages of flexbt_msgs field by field. Only ``flexbt_console.link.messages`` converts between
+the two.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import compress, pairwise
 from typing import Final
 
-from flexbt_core.values import one_line
+from flexbt_core.values.text import one_line
+
+# What the operator's side knows of an executive, as plain immutable records.
+#
+# They follow the messages of flexbt_msgs field by field; :mod:`flexbt_console.link.messages` is the one place where
+# messages become records. Times are seconds on the executive's clock unless said otherwise.
 
 
 class ExecutiveState(IntEnum):
@@ -53,7 +61,7 @@ class StateKind(IntEnum):
     PRIORITY = 4
 
 
-class Severity(IntEnum):
+class LogSeverity(IntEnum):
     """ExecutiveLog.severity."""
 
     UNKNOWN = 0
@@ -116,7 +124,7 @@ class AutonomyLevel(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class FramedPose:
     """A pose in the plane: metres and radians in ``frame``."""
 
     x: float
@@ -126,7 +134,7 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class DriveProgress:
     """How far the robot has come: m, s and goal poses that are left, None while unknown; recoveries that were started.
 
     ``goal`` is where it drives to.
@@ -136,7 +144,7 @@ class Progress:
     time: float | None = None
     poses: int | None = None
     recoveries: int = 0
-    goal: Pose | None = None
+    goal: FramedPose | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +160,7 @@ class ActiveState:
     paused: bool = False
     not_paused: tuple[str, ...] = ()
     tree_run_id: str = ''
-    progress: Progress | None = None
+    progress: DriveProgress | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +208,7 @@ class SubjectValue:
     type: str = ''
     text: str = ''
     points: tuple[tuple[float, float], ...] = ()
-    pose: Pose | None = None
+    pose: FramedPose | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +280,7 @@ class StopGuard:
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class ExecutiveSnapshot:
     """The whole state of an executive; ``heartbeat_period`` in seconds of wall time."""
 
     executive_id: str
@@ -288,7 +296,7 @@ class Snapshot:
     decisions: tuple[Decision, ...] = ()
     results: tuple[CommandResult, ...] = ()
     peers: tuple[Peer, ...] = ()
-    robot_pose: Pose | None = None
+    robot_pose: FramedPose | None = None
     pose_problem: str = ''
     locked: tuple[str, ...] = ()
     breakpoints: tuple[str, ...] = ()
@@ -390,7 +398,7 @@ class LogLine:
 
     executive_id: str
     sequence: int
-    severity: Severity = Severity.INFO
+    severity: LogSeverity = LogSeverity.INFO
     text: str = ''
     path: str = ''
     run_id: str = ''
@@ -484,7 +492,7 @@ class Synthesis:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class OperatorCommand:
     """A command to an executive. Which fields are used depends on ``kind``; see ExecutiveCommand."""
 
     id: str
@@ -504,3 +512,61 @@ class Command:
     reason: str = ''
     wait_queue: float = -1.0
     wait_interaction: float = -1.0
+
+
+# What is around the robot, as far as its operator sees it: the map, the plan, and what the lidar meets.
+
+OCCUPIED: Final = 65
+"""Percent from which on a cell of a map is occupied (nav_msgs/OccupancyGrid, map_server)."""
+
+_IS_OCCUPIED: Final = bytes(OCCUPIED <= cell <= 100 for cell in range(256))
+
+Points = tuple[tuple[float, float], ...]
+"""Points in the frame of the map, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class GridMap:
+    """A map (nav_msgs/OccupancyGrid): ``cells`` row by row from ``x``, ``y`` (m) on, a byte each; 255 is unknown."""
+
+    width: int
+    height: int
+    resolution: float
+    x: float
+    y: float
+    cells: bytes
+
+    def occupied_columns(self, row: int) -> Iterator[int]:
+        """Return the columns of the occupied cells of a row, which has none outside the map."""
+        first = row * self.width
+        cells = self.cells[first : first + self.width] if 0 <= row < self.height else b''
+        return compress(range(self.width), cells.translate(_IS_OCCUPIED))
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, m."""
+        return self.width * self.resolution, self.height * self.resolution
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """The newest of each, in the frame of the map; ``None`` or empty while it is not known.
+
+    ``scan`` is what the lidar meets; ``at`` the goal where it is known by itself.
+    """
+
+    map: GridMap | None = None
+    plan: Points = ()
+    driven: Points = ()
+    scan: Points = ()
+    at: tuple[float, float] | None = None
+
+    @property
+    def goal(self) -> tuple[float, float] | None:
+        """The goal, or else the end of the plan."""
+        return self.at or (self.plan[-1] if self.plan else None)
+
+    @property
+    def plan_length(self) -> float:
+        """Length of the plan, m."""
+        return sum(math.dist(a, b) for a, b in pairwise(self.plan))

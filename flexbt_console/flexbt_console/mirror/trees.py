@@ -24,7 +24,7 @@ BT_SERVER: Final = 'bt_server'
 _UNKNOWN: Final = -math.inf
 
 
-class NodeStatus(IntEnum):
+class MirroredStatus(IntEnum):
     """TreeStatus: the status of a node."""
 
     IDLE = 0
@@ -34,7 +34,7 @@ class NodeStatus(IntEnum):
     SKIPPED = 4
 
 
-class NodeKind(IntEnum):
+class MirroredNodeKind(IntEnum):
     """TreeNode: the sort of a node."""
 
     UNKNOWN = 0
@@ -46,7 +46,7 @@ class NodeKind(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class TreeNode:
+class MirroredNode:
     """A node of a tree (TreeNode): ``uid`` from 1, ``parent`` 0 for the root."""
 
     uid: int
@@ -54,7 +54,7 @@ class TreeNode:
     name: str
     registration: str
     path: str = ''
-    kind: NodeKind = NodeKind.UNKNOWN
+    kind: MirroredNodeKind = MirroredNodeKind.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,11 @@ class StatusChange:
 
     stamp: float
     uid: int
-    status: NodeStatus
+    status: MirroredStatus
 
 
 @dataclass(frozen=True, slots=True)
-class TreeRun:
+class MirroredTree:
     """One run of a tree. ``statuses``, ``last`` and ``since`` belong to ``nodes``, one each.
 
     ``since`` is in seconds on the clock of the node that runs the tree, ``stamp`` the latest time on it that is known.
@@ -81,9 +81,9 @@ class TreeRun:
 
     run_id: str
     tree: str = ''
-    nodes: tuple[TreeNode, ...] = ()
-    statuses: tuple[NodeStatus, ...] = ()
-    last: tuple[NodeStatus, ...] = ()
+    nodes: tuple[MirroredNode, ...] = ()
+    statuses: tuple[MirroredStatus, ...] = ()
+    last: tuple[MirroredStatus, ...] = ()
     since: tuple[float, ...] = ()
     stamp: float = 0.0
     sequence: int = 0
@@ -105,22 +105,22 @@ class TreeRun:
         """Return whether the node that ran it is gone, and has not told how it ended."""
         return self.gone_at is not None
 
-    def children(self, uid: int) -> tuple[TreeNode, ...]:
+    def children(self, uid: int) -> tuple[MirroredNode, ...]:
         """The children of a node, in their order; of 0, the root."""
         return tuple(node for node in self.nodes if node.parent == uid)
 
-    def status(self, uid: int) -> NodeStatus:
+    def status(self, uid: int) -> MirroredStatus:
         """The status of a node."""
-        return self.statuses[uid - 1] if 0 < uid <= len(self.statuses) else NodeStatus.IDLE
+        return self.statuses[uid - 1] if 0 < uid <= len(self.statuses) else MirroredStatus.IDLE
 
-    def last_end(self, uid: int) -> NodeStatus:
+    def last_end(self, uid: int) -> MirroredStatus:
         """How a node ended the last time in this run; IDLE when it has not."""
-        return self.last[uid - 1] if 0 < uid <= len(self.last) else NodeStatus.IDLE
+        return self.last[uid - 1] if 0 < uid <= len(self.last) else MirroredStatus.IDLE
 
-    def shown_status(self, uid: int) -> NodeStatus:
+    def shown_status(self, uid: int) -> MirroredStatus:
         """The status of a node; of one that is idle, how it ended before."""
         status = self.status(uid)
-        return status if status is not NodeStatus.IDLE else self.last_end(uid)
+        return status if status is not MirroredStatus.IDLE else self.last_end(uid)
 
     def seconds(self, uid: int) -> float:
         """How long a node has had its status."""
@@ -131,12 +131,12 @@ class TreeRun:
         """The leaves that act now; one below which a tree was made only while that does nothing."""
         if self.server_gone:
             return ()
-        running = [node for node in self.nodes if self.status(node.uid) is NodeStatus.RUNNING]
+        running = [node for node in self.nodes if self.status(node.uid) is MirroredStatus.RUNNING]
         parents, busy = {node.parent for node in self.nodes}, {node.parent for node in running}
         return tuple(
             node.uid
             for node in running
-            if node.uid not in parents or (node.kind is NodeKind.ACTION and node.uid not in busy)
+            if node.uid not in parents or (node.kind is MirroredNodeKind.ACTION and node.uid not in busy)
         )
 
 
@@ -148,7 +148,7 @@ class Trees:
     """
 
     def __init__(self) -> None:
-        self._runs: OrderedDict[str, TreeRun] = OrderedDict()
+        self._runs: OrderedDict[str, MirroredTree] = OrderedDict()
         self._executive = ''
         self._peers: dict[str, Peer] = {}
         self._changed: set[str] = set()  # those that came or went since the snapshot before
@@ -174,10 +174,10 @@ class Trees:
                 self._runs[run_id] = replace(run, life=None, gone_at=now)
 
     def receive_structure(
-        self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1, left_out: int = 0
+        self, run_id: str, tree: str, nodes: Sequence[MirroredNode], stamp: float, structure: int = 1, left_out: int = 0
     ) -> None:
         """Take the nodes of a run, unless it has others by now; ``left_out`` more are not among them."""
-        known = self._runs.get(run_id, TreeRun(run_id, stamp=stamp))
+        known = self._runs.get(run_id, MirroredTree(run_id, stamp=stamp))
         if structure < known.structure:
             return
         known = _of(known, structure, nodes)
@@ -187,7 +187,7 @@ class Trees:
         self,
         run_id: str,
         sequence: int,
-        statuses: Sequence[NodeStatus],
+        statuses: Sequence[MirroredStatus],
         changes: Sequence[StatusChange],
         stamp: float,
         *,
@@ -201,7 +201,7 @@ class Trees:
 
         ``server`` is the node that has sent it, '' if unknown; ``now`` is in seconds on the reader's clock.
         """
-        known = self._runs.get(run_id, TreeRun(run_id, stamp=stamp))
+        known = self._runs.get(run_id, MirroredTree(run_id, stamp=stamp))
         if sequence <= known.sequence or structure < known.structure:
             return False
         known = _fitted(_of(known, structure, ()), stamp, len(statuses))
@@ -209,10 +209,10 @@ class Trees:
         for change in changes:
             if 0 < change.uid <= len(since):
                 since[change.uid - 1] = change.stamp
-                if change.status in (NodeStatus.SUCCESS, NodeStatus.FAILURE, NodeStatus.SKIPPED):
+                if change.status in (MirroredStatus.SUCCESS, MirroredStatus.FAILURE, MirroredStatus.SKIPPED):
                     last[change.uid - 1] = change.status
-                elif change.status is NodeStatus.RUNNING:
-                    last[change.uid - 1] = NodeStatus.IDLE
+                elif change.status is MirroredStatus.RUNNING:
+                    last[change.uid - 1] = MirroredStatus.IDLE
         run = replace(
             known,
             sequence=sequence,
@@ -232,7 +232,7 @@ class Trees:
         self._keep(run)
         return True
 
-    def runs(self, now: float = 0.0) -> tuple[TreeRun, ...]:
+    def runs(self, now: float = 0.0) -> tuple[MirroredTree, ...]:
         """The runs whose nodes are known: those that go on first, then the others; the latest of each first."""
         for run_id, run in list(self._runs.items()):
             if run.gone_at is not None and now - run.gone_at > GONE_SECONDS:
@@ -240,19 +240,19 @@ class Trees:
         known = [run for run in reversed(self._runs.values()) if run.nodes]
         return tuple(sorted(known, key=lambda run: not run.is_running))
 
-    def _keep(self, run: TreeRun) -> None:
+    def _keep(self, run: MirroredTree) -> None:
         self._runs[run.run_id] = run
         while len(self._runs) > REMEMBERED_TREES:
             over = (run_id for run_id, known in self._runs.items() if known.finished or known.server_gone)
             del self._runs[next(over, next(iter(self._runs)))]
 
-    def _peer(self, run: TreeRun) -> Peer | None:
+    def _peer(self, run: MirroredTree) -> Peer | None:
         """Return what the executive says of the node that runs it, if it knows that."""
         if run.server:
             return self._peers.get(run.server)
         return next((peer for name, peer in self._peers.items() if name.rpartition('/')[2] == BT_SERVER), None)
 
-    def _judged(self, run: TreeRun, now: float) -> TreeRun:
+    def _judged(self, run: MirroredTree, now: float) -> MirroredTree:
         """Return the run as it is by what the executive says of its server."""
         peer = self._peer(run)
         if run.sequence == 0 or run.finished or run.life is None or peer is None:
@@ -272,7 +272,7 @@ class Trees:
         return replace(run, gone_at=now if run.gone_at is None else run.gone_at)
 
 
-def _of(run: TreeRun, structure: int, nodes: Sequence[TreeNode]) -> TreeRun:
+def _of(run: MirroredTree, structure: int, nodes: Sequence[MirroredNode]) -> MirroredTree:
     """The run when its nodes are those of ``structure``: of others than before it keeps what is known of the nodes that
     both have, which come first."""
     if structure == run.structure:
@@ -289,11 +289,11 @@ def _of(run: TreeRun, structure: int, nodes: Sequence[TreeNode]) -> TreeRun:
     )
 
 
-def _fitted(run: TreeRun, stamp: float, count: int = 0) -> TreeRun:
+def _fitted(run: MirroredTree, stamp: float, count: int = 0) -> MirroredTree:
     """With a status and a time for each node, also for those that nothing is known of."""
     count = max(count, len(run.nodes))
     missing = count - len(run.statuses)
     if missing <= 0:
         return run
-    idle = (NodeStatus.IDLE,) * missing
+    idle = (MirroredStatus.IDLE,) * missing
     return replace(run, statuses=run.statuses + idle, last=run.last + idle, since=run.since + (stamp,) * missing)

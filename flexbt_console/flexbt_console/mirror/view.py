@@ -12,19 +12,19 @@ from .records import (
     ActiveState,
     Behavior,
     Decision,
+    ExecutiveSnapshot,
     ExecutiveState,
+    FramedPose,
     LogLine,
-    Pose,
-    Snapshot,
     StateStructure,
     StopGuard,
     Structure,
     Subject,
+    Surroundings,
     plain_type,
 )
-from .standstill import UnwantedMotion
-from .surroundings import Surroundings
-from .trees import TreeRun
+from .trees import MirroredTree
+from .unexpected_motion import UnexpectedMotion
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,17 +45,17 @@ class View:
     link: LinkState
     age: float | None
     problem: str = ''
-    snapshot: Snapshot | None = None
+    snapshot: ExecutiveSnapshot | None = None
     structure: Structure | None = None
     behaviors: tuple[Behavior, ...] | None = None
     last_command: TrackedCommand | None = None
     reasons: Mapping[str, LogLine] = field(default_factory=dict)
-    places: Mapping[str, Pose] = field(default_factory=dict)
+    places: Mapping[str, FramedPose] = field(default_factory=dict)
     has_places: bool = False
-    trees: tuple[TreeRun, ...] = ()
+    trees: tuple[MirroredTree, ...] = ()
     subjects: Mapping[str, Subject] = field(default_factory=dict)
     surroundings: Surroundings = field(default_factory=Surroundings)
-    unwanted_motion: UnwantedMotion | None = None
+    unwanted_motion: UnexpectedMotion | None = None
     listening: bool = False
     guard: StopGuard = field(default_factory=StopGuard)
 
@@ -73,7 +73,7 @@ class View:
         )
 
     @property
-    def running_trees(self) -> list[TreeRun]:
+    def running_trees(self) -> list[MirroredTree]:
         """The trees that run for the active states, in their order, or all that run when no state names its own.
 
         They go by the clock that the executive goes by: its status says what time it is while nothing changes in them.
@@ -84,7 +84,7 @@ class View:
         return [run for run_id in named if run_id for run in running if run.run_id == run_id] or running
 
     @property
-    def drawn_trees(self) -> list[TreeRun]:
+    def drawn_trees(self) -> list[MirroredTree]:
         """Return the trees to draw: those that run; while none does, those whose server is gone, as they were last."""
         return self.running_trees or [run for run in self.trees if run.server_gone]
 

@@ -6,17 +6,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
-from flexbt_console.mirror import (
-    EventKind,
-    ExecutiveState,
-    LinkState,
-    LogLine,
-    Mirror,
-    Snapshot,
-    Structure,
-    View,
-)
-from flexbt_core.values import one_line
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import EventKind, ExecutiveSnapshot, ExecutiveState, LogLine, Structure
+from flexbt_console.mirror.view import View
+from flexbt_core.values.text import one_line
 
 from .json_form import status_json, structure_json
 from .rendering import (
@@ -31,7 +25,7 @@ from .rendering import (
     log_lines,
     peer_line,
 )
-from .tone import Line, Tone, tone_of
+from .style import Line, Tone, tone_of
 
 SETTLE_SECONDS: Final = 0.3
 """What is latched beside the first status, such as the log, arrives within so many seconds of it."""
@@ -109,7 +103,7 @@ class Follower:
         return [Line(f'link: {word}', tone_of(word)), *problem]
 
 
-def _essence(view: View) -> Snapshot | None:
+def _essence(view: View) -> ExecutiveSnapshot | None:
     """The snapshot without what a heartbeat alone changes."""
     snapshot = view.snapshot
     if snapshot is None:
@@ -118,7 +112,7 @@ def _essence(view: View) -> Snapshot | None:
     return replace(snapshot, sequence=0, stamp=0.0, heartbeat_period=0.0, results=(), peers=peers)
 
 
-def _run_essence(snapshot: Snapshot) -> tuple[Any, ...]:
+def _run_essence(snapshot: ExecutiveSnapshot) -> tuple[Any, ...]:
     """What is told of a run; what has not stopped yet is told once."""
     is_stopping = snapshot.state is ExecutiveState.STOPPING
     message = bool(snapshot.message) if is_stopping else snapshot.message

@@ -11,7 +11,11 @@ from enum import Enum
 from typing import Any
 
 from flexbt_console.errors import ExitCode
-from flexbt_console.mirror import CommandState, RobotOverview, Structure, TrackedCommand, TreeNode, TreeRun, View
+from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
+from flexbt_console.mirror.fleet import RobotOverview
+from flexbt_console.mirror.records import Structure
+from flexbt_console.mirror.trees import MirroredNode, MirroredTree
+from flexbt_console.mirror.view import View
 
 
 def encode_json(value: Any) -> str:
@@ -56,7 +60,7 @@ def structure_json(known: Structure) -> dict[str, Any]:
     }
 
 
-def tree_json(run: TreeRun, failures: Sequence[Sequence[TreeNode]]) -> dict[str, Any]:
+def tree_json(run: MirroredTree, failures: Sequence[Sequence[MirroredNode]]) -> dict[str, Any]:
     """A run of a tree: of each node its status, how it had ended before (``last``), and for how long, s. ``failures``
     are the identifiers of nodes that have failed, each with those that have failed by it. With ``server_gone`` nothing
     runs: the statuses are the last that were heard."""

@@ -10,39 +10,36 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
-from flexbt_console.mirror import (
+from flexbt_console.mirror.command_tracker import CommandState, Confirmation, TrackedCommand
+from flexbt_console.mirror.fleet import RobotOverview, Urgency
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.records import (
     ActiveState,
     AutonomyLevel,
     Behavior,
     BehaviorParameter,
     CommandKind,
-    CommandState,
-    Confirmation,
     Decision,
     DecisionKind,
+    DriveProgress,
     EventKind,
     ExecutiveEvent,
+    ExecutiveSnapshot,
     ExecutiveState,
-    LinkState,
+    FramedPose,
     LogLine,
+    LogSeverity,
     Peer,
-    Pose,
-    Progress,
-    RobotOverview,
-    Severity,
-    Snapshot,
     StateKind,
     Structure,
     SubjectValue,
     Synthesis,
-    TrackedCommand,
-    Urgency,
     UserdataScope,
-    View,
 )
-from flexbt_core.values import counted, lines, one_line
+from flexbt_console.mirror.view import View
+from flexbt_core.values.text import escape_lines, one_line, pluralize
 
-from .tone import Line, Tone, tone_of
+from .style import Line, Tone, tone_of
 
 BOOLEANS: Final = ('false', 'true')
 """What a parameter that is a bool is written as."""
@@ -72,7 +69,7 @@ _URGENCY_TONES: Final = {
     Urgency.DEGRADED: Tone.WARNING,
     Urgency.IDLE: Tone.DIM,
 }
-_SEVERITY_TONES: Final = {Severity.WARN: Tone.WARNING, Severity.ERROR: Tone.ERROR}
+_SEVERITY_TONES: Final = {LogSeverity.WARN: Tone.WARNING, LogSeverity.ERROR: Tone.ERROR}
 _COMMAND_TONES: Final = {
     CommandState.APPLIED: Tone.PLAIN,
     CommandState.PENDING: Tone.WARNING,
@@ -112,20 +109,20 @@ def autonomy_text(level: int) -> str:
         return f'{level} (unknown)'
 
 
-def where_lines(snapshot: Snapshot) -> list[str]:
+def where_lines(snapshot: ExecutiveSnapshot) -> list[str]:
     """Return where the robot is, and why that is not known: then nobody watches whether it moves."""
     pose, blind = snapshot.robot_pose, blind_text(snapshot)
     known = [pose_text(pose)] if pose is not None or not blind else []
     return [*known, *([Line(blind, Tone.WARNING)] if blind else [])]
 
 
-def blind_text(snapshot: Snapshot) -> str:
+def blind_text(snapshot: ExecutiveSnapshot) -> str:
     """That the pose is not known, or old, and what that means; '' when it is known."""
     what = 'pose old' if snapshot.robot_pose is not None else 'pose unknown'
     return f'{what}: {one_line(snapshot.pose_problem)}; motion is not watched' if snapshot.pose_problem else ''
 
 
-def pose_text(value: Pose | None) -> str:
+def pose_text(value: FramedPose | None) -> str:
     """A pose in metres and radians."""
     if value is None:
         return 'unknown'
@@ -174,7 +171,7 @@ def behavior_line(view: View) -> str:
     return Line(f'{what}{why}', tone)
 
 
-def authority_text(snapshot: Snapshot) -> str:
+def authority_text(snapshot: ExecutiveSnapshot) -> str:
     """Who may command, and who asks for it."""
     asking = ', '.join(map(one_line, snapshot.authority_requests))
     return (one_line(snapshot.authority) or 'nobody: every operator may command') + (
@@ -182,7 +179,7 @@ def authority_text(snapshot: Snapshot) -> str:
     )
 
 
-def authority_asked_line(snapshot: Snapshot, operator: str | None) -> str:
+def authority_asked_line(snapshot: ExecutiveSnapshot, operator: str | None) -> str:
     """Who asks this operator for the authority, and by which key of screen and page that is answered; '' for nobody."""
     if snapshot.authority != operator or not snapshot.authority_requests:
         return ''
@@ -191,12 +188,12 @@ def authority_asked_line(snapshot: Snapshot, operator: str | None) -> str:
     return Line(f'{who} for the authority: "c" answers', Tone.WARNING)
 
 
-def decision_line(pending: Decision, snapshot: Snapshot) -> str:
+def decision_line(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
     """A pending decision of a snapshot in one line, with the identifier by which it is answered."""
     return f'[{one_line(pending.id)}] {asked_text(pending, snapshot)}'
 
 
-def asked_text(pending: Decision, snapshot: Snapshot) -> str:
+def asked_text(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
     """What a pending decision of a snapshot asks."""
     where = one_line(pending.path)
     prompt = f': {one_line(pending.prompt)}' if pending.prompt else ''
@@ -243,7 +240,7 @@ def subject_lines(pending: Decision, view: View) -> list[str]:
 def _subject_text(value: SubjectValue, view: View) -> str:
     if value.points:
         length = sum(math.dist(a, b) for a, b in pairwise(value.points))
-        return f'{length:.1f} m to {place_text(Pose(*value.points[-1]), view.places)}'
+        return f'{length:.1f} m to {place_text(FramedPose(*value.points[-1]), view.places)}'
     if value.pose is not None:
         return place_text(value.pose, view.places)
     return one_line(value.text, SUBJECT_LENGTH)
@@ -347,7 +344,7 @@ def behaviors_lines(known: Sequence[Behavior], *, with_machines: bool = False) -
         if with_machines or behavior.lacks_machine:
             shown += [Line(f'    {line}', tone_of(line)) for line in machine]
         elif machine:
-            shown.append(f'    machine of {counted(len(machine), "line")}: behaviors {one_line(behavior.name)}')
+            shown.append(f'    machine of {pluralize(len(machine), "line")}: behaviors {one_line(behavior.name)}')
     return shown or ['no behaviors are installed on the robot']
 
 
@@ -370,10 +367,10 @@ def structure_lines(known: Structure, view: View) -> list[str]:
 
 def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
     """A line of the log with severity and state; continuation lines are indented."""
-    severity = '' if line.severity in (Severity.INFO, Severity.UNKNOWN) else f'{line.severity.name}: '
+    severity = '' if line.severity in (LogSeverity.INFO, LogSeverity.UNKNOWN) else f'{line.severity.name}: '
     where = f'{one_line(line.path)}: ' if line.path else ''
     stamp = f'{stamp_text(line.stamp)}  ' if with_time else ''
-    first, *more = lines(line.text)
+    first, *more = escape_lines(line.text)
     tone = _SEVERITY_TONES.get(line.severity, Tone.PLAIN)
     return [Line(text, tone) for text in (f'{stamp}{severity}{where}{first}', *(f'    {text}' for text in more))]
 
@@ -437,7 +434,7 @@ def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
     return Line(f'{stamp}{told}', Tone.PLAIN if event.applied else Tone.WARNING)
 
 
-def progress_text(progress: Progress, places: Mapping[str, Pose]) -> str:
+def progress_text(progress: DriveProgress, places: Mapping[str, FramedPose]) -> str:
     """How far the robot has come, in short: to kitchen  4.2 m  18 s  2 poses  1 recovery; '' when nothing is known."""
     goal = progress.goal
     parts = [
@@ -445,12 +442,12 @@ def progress_text(progress: Progress, places: Mapping[str, Pose]) -> str:
         f'{progress.distance:.1f} m' if progress.distance is not None else '',
         f'{progress.time:.0f} s' if progress.time is not None else '',
         f'{progress.poses} poses' if progress.poses is not None and progress.poses > 1 else '',
-        counted(progress.recoveries, 'recovery', 'recoveries') if progress.recoveries else '',
+        pluralize(progress.recoveries, 'recovery', 'recoveries') if progress.recoveries else '',
     ]
     return '  '.join(filter(None, parts))
 
 
-def place_text(pose: Pose, places: Mapping[str, Pose]) -> str:
+def place_text(pose: FramedPose, places: Mapping[str, FramedPose]) -> str:
     """The name of the place that is nearest to a pose, if it is within :data:`PLACE_RADIUS`; or else its x and y."""
     near = [(math.dist((pose.x, pose.y), (at.x, at.y)), name) for name, at in places.items() if at.frame == pose.frame]
     distance, name = min(near, default=(math.inf, ''))
@@ -478,7 +475,7 @@ def command_result_lines(tracked: TrackedCommand) -> list[str]:
     elif tracked.state is CommandState.PENDING:
         text = [f'{name}: sent, {"NOT CONFIRMED yet" if is_stop else "no answer yet"}']
     else:
-        first, *more = lines(tracked.reason)
+        first, *more = escape_lines(tracked.reason)
         end = 'refused' if tracked.state is CommandState.REFUSED else 'NO ANSWER'
         text = [f'{name}: {end}: {first}', *(f'    {line}' for line in more)]
     return [Line(line, _COMMAND_TONES[tracked.state]) for line in text]
@@ -508,7 +505,7 @@ def synthesis_lines(made: Synthesis) -> list[str]:
     ]
 
 
-def places_lines(known: Mapping[str, Pose]) -> list[str]:
+def places_lines(known: Mapping[str, FramedPose]) -> list[str]:
     """The named places."""
     shown = [
         f'{one_line(name)}  x {place.x:.2f}  y {place.y:.2f}  yaw {place.yaw:.2f}  ({one_line(place.frame)})'

@@ -14,7 +14,7 @@ __all__ = ['open_recording', 'write_recording']
 
 
 def open_recording(file: Path) -> RunPlayer:
-    """A recording to be shown, see :class:`flexbt_console.recording.player.RunPlayer`. Raises what that raises."""
+    """A recording to be shown, see :class:`RunPlayer`. Raises what that raises."""
     from .player import RunPlayer  # it loads ROS, which who only asks for help does without
 
     return RunPlayer(file)
@@ -29,9 +29,8 @@ def write_recording(file: Path, messages: Iterable[tuple[int, str, Any]]) -> Non
 
     from rclpy.serialization import serialize_message
 
-    from .definitions import full_definition
     from .run_file import RunWriter
-    from .topics import TOPICS
+    from .topics import TOPICS, full_definition
 
     with contextlib.closing(RunWriter(file)) as writer:
         for now, name, message in messages:

@@ -13,31 +13,31 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.runtime import Received
-from flexbt_common.transforms import TransformBuffer, take_transforms
-from flexbt_common.values import check_limits, resolve_type, seconds_of
+from flexbt_common.middleware.received_messages import Received
+from flexbt_common.transform_buffer import TransformBuffer
+from flexbt_common.transform_listener import take_transforms
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_common.values.value_types import resolve_type
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.link import (
-    PLACE_SECONDS,
-    SCAN_SECONDS,
-    SurroundingsFeed,
+from flexbt_console.link.messages import (
     behaviors_record,
     event_records,
     guard_record,
     log_record,
     places_record,
-    points_of,
     snapshot_record,
     structure_record,
     subjects_record,
 )
-from flexbt_console.mirror import Mirror, Transit
-from flexbt_core.clock import ManualClock
+from flexbt_console.link.scan_link import PLACE_SECONDS, SCAN_SECONDS, points_of
+from flexbt_console.link.surroundings_link import SurroundingsFeed
+from flexbt_console.mirror.mirror import Mirror, Transit
+from flexbt_core.clock.clock import ManualClock
 from flexbt_core.errors import FlexbtError
 
-from .definitions import fields_of, full_definition
 from .run_file import DAMAGED, Recorded, read_run
-from .topics import NOT_REPLAYED, TOPICS
+from .topics import NOT_REPLAYED, TOPICS, fields_of, full_definition
 
 MOMENT: Final = 0.02
 """Seconds within which what is said belongs together, such as a status and a line of the log."""

@@ -15,15 +15,16 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from flexbt_common import names
-from flexbt_common.cli import USER_DIRECTORY, home_path
-from flexbt_common.liveness import LivelinessToken, PresenceWatch
-from flexbt_common.runtime import NodeRuntime, ParameterDeclarer, run_node
-from flexbt_common.values import resolve_type
-from flexbt_core.values import counted
+from flexbt_common.files import USER_DIRECTORY, home_path
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.lifecycle.presence import PresenceWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_common.values.value_types import resolve_type
+from flexbt_core.values.text import pluralize
 
-from .definitions import full_definition
 from .run_file import MOST_WAITING, RunWriter
-from .topics import TOPICS
+from .topics import TOPICS, full_definition
 
 MAX_SIZE: Final = 4_000_000_000
 """Bytes of a recording, where no parameter says otherwise."""
@@ -136,7 +137,7 @@ class Recorder:
     def _report_left_out(self, topic: str) -> None:
         self._left_out += 1
         self._runtime.node.get_logger().warning(
-            f'{counted(self._left_out, "message")} not recorded so far, the last of {topic}: more than '
+            f'{pluralize(self._left_out, "message")} not recorded so far, the last of {topic}: more than '
             f'{TOPIC_RATE // 1000} kB a second of one topic',
             throttle_duration_sec=_TELL_SECONDS,
         )

@@ -17,17 +17,16 @@ from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message
 
 from flexbt_common import names
-from flexbt_common.cli import HintingArgumentParser, make_streams_safe
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import resolve_type
-from flexbt_console.commands import full_namespace
+from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.value_types import resolve_type
+from flexbt_console.commands.operator_values import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
-from flexbt_core.clock import WakeEvent
-from flexbt_core.values import one_line
+from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.values.text import one_line
 
-from .definitions import fields_of, full_definition
 from .run_file import DAMAGED, read_run, recover_run
-from .topics import NOT_REPLAYED, TOPICS
+from .topics import NOT_REPLAYED, TOPICS, fields_of, full_definition
 
 DISCOVERY_SECONDS: Final = 1.0
 """How long is listened for a real executive before anything is published."""
@@ -51,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = HintingArgumentParser(prog='replay', description='Publish a recorded run for the console.')
+    parser = SuggestingArgumentParser(prog='replay', description='Publish a recorded run for the console.')
     parser.add_argument('file', metavar='FILE', type=Path, help='MCAP file of the recorder')
     parser.add_argument('--rate', type=_rate, default=1.0, help='times as fast as it was (default: 1)')
     parser.add_argument('--start', metavar='SECONDS', type=float, default=0.0, help='what was before is shown at once')

@@ -24,7 +24,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
 from flexbt_console.errors import UsageError
-from flexbt_core.values import open_private, open_regular, shown
+from flexbt_core.values.text import short_repr
+from flexbt_core.values.text_files import open_private, open_regular
 
 CHUNK: Final = 4096
 """Bytes that are compressed and written together, and may be lost in a crash: some ten pictures of the executive."""
@@ -238,7 +239,7 @@ def _decompressed(chunk: Chunk) -> bytes:
     elif chunk.compression == 'lz4':
         data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=MOST_RECORD + 1)
     else:
-        raise UsageError(f'chunks are compressed by {shown(chunk.compression)}, and not by zstd or lz4')
+        raise UsageError(f'chunks are compressed by {short_repr(chunk.compression)}, and not by zstd or lz4')
     if len(data) > MOST_RECORD:
         raise UsageError(f'a chunk has more than {MOST_RECORD // 10**6} MB; write the file anew with smaller chunks')
     return bytes(data)

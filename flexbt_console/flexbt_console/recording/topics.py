@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is recorded: the operator link, the trees, where the robot is, and what its lidar meets."""
+"""The recorded topics, and definitions of their types as MCAP files carry them."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Final, NamedTuple
 
+from ament_index_python.packages import get_package_share_directory
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
 from flexbt_common import names
-from flexbt_console.link import SCAN_BYTES
+from flexbt_console.link.scan_link import MESSAGE_BYTES
 
 SCAN_PERIOD: Final = 0.5
 """As the screen shows it."""
@@ -29,24 +32,24 @@ class Topic(NamedTuple):
 
 
 TOPICS: Final[Mapping[str, Topic]] = {
-    names.EXECUTIVE_STATUS: Topic('flexbt_msgs/msg/ExecutiveStatus', names.latched()),
-    names.EXECUTIVE_STRUCTURE: Topic('flexbt_msgs/msg/BehaviorStructure', names.latched()),
-    names.EXECUTIVE_BEHAVIORS: Topic('flexbt_msgs/msg/BehaviorList', names.latched()),
-    names.EXECUTIVE_SUBJECTS: Topic('flexbt_msgs/msg/DecisionSubjects', names.latched()),
-    names.PLACES: Topic('flexbt_msgs/msg/PlaceList', names.latched()),
-    names.EXECUTIVE_LOG: Topic('flexbt_msgs/msg/ExecutiveLog', names.latched(names.LOG_DEPTH)),
-    names.EXECUTIVE_EVENTS: Topic('flexbt_msgs/msg/ExecutiveEvents', names.latched(names.EVENTS_DEPTH)),
-    names.EXECUTIVE_COMMAND: Topic('flexbt_msgs/msg/ExecutiveCommand', names.command()),
-    names.EXECUTIVE_STOP: Topic('flexbt_msgs/msg/ExecutiveCommand', names.stop()),
-    names.STOP_GUARD_STATUS: Topic('flexbt_msgs/msg/StopGuardStatus', names.latched()),
-    names.TREE_STRUCTURE: Topic('flexbt_msgs/msg/TreeStructure', names.latched(16)),
-    names.TREE_STATUS: Topic('flexbt_msgs/msg/TreeStatus', names.latched(16)),
-    names.MAP: Topic('nav_msgs/msg/OccupancyGrid', names.latched()),
+    names.EXECUTIVE_STATUS: Topic('flexbt_msgs/msg/ExecutiveStatus', names.transient_local_qos()),
+    names.EXECUTIVE_STRUCTURE: Topic('flexbt_msgs/msg/BehaviorStructure', names.transient_local_qos()),
+    names.EXECUTIVE_BEHAVIORS: Topic('flexbt_msgs/msg/BehaviorList', names.transient_local_qos()),
+    names.EXECUTIVE_SUBJECTS: Topic('flexbt_msgs/msg/DecisionSubjects', names.transient_local_qos()),
+    names.PLACES: Topic('flexbt_msgs/msg/PlaceList', names.transient_local_qos()),
+    names.EXECUTIVE_LOG: Topic('flexbt_msgs/msg/ExecutiveLog', names.transient_local_qos(names.LOG_DEPTH)),
+    names.EXECUTIVE_EVENTS: Topic('flexbt_msgs/msg/ExecutiveEvents', names.transient_local_qos(names.EVENTS_DEPTH)),
+    names.EXECUTIVE_COMMAND: Topic('flexbt_msgs/msg/ExecutiveCommand', names.command_qos()),
+    names.EXECUTIVE_STOP: Topic('flexbt_msgs/msg/ExecutiveCommand', names.stop_qos()),
+    names.STOP_GUARD_STATUS: Topic('flexbt_msgs/msg/StopGuardStatus', names.transient_local_qos()),
+    names.TREE_STRUCTURE: Topic('flexbt_msgs/msg/TreeStructure', names.transient_local_qos(16)),
+    names.TREE_STATUS: Topic('flexbt_msgs/msg/TreeStatus', names.transient_local_qos(16)),
+    names.MAP: Topic('nav_msgs/msg/OccupancyGrid', names.transient_local_qos()),
     names.POSE: Topic('geometry_msgs/msg/PoseStamped', qos_profile_sensor_data),
     names.TF: Topic('tf2_msgs/msg/TFMessage', QoSProfile(depth=100)),
-    names.TF_STATIC: Topic('tf2_msgs/msg/TFMessage', names.latched(100)),  # one message of each broadcaster
-    names.SCAN: Topic('sensor_msgs/msg/LaserScan', names.unacknowledged(1), SCAN_PERIOD, SCAN_BYTES),
-    names.EXECUTIVE_PLAN: Topic('flexbt_msgs/msg/RobotPlan', names.latched()),
+    names.TF_STATIC: Topic('tf2_msgs/msg/TFMessage', names.transient_local_qos(100)),  # one message of each broadcaster
+    names.SCAN: Topic('sensor_msgs/msg/LaserScan', names.best_effort_qos(1), SCAN_PERIOD, MESSAGE_BYTES),
+    names.EXECUTIVE_PLAN: Topic('flexbt_msgs/msg/RobotPlan', names.transient_local_qos()),
     names.PLAN: Topic('nav_msgs/msg/Path', QoSProfile(depth=10)),
     names.CMD_VEL: Topic('geometry_msgs/msg/Twist', qos_profile_sensor_data),
 }
@@ -54,3 +57,51 @@ TOPICS: Final[Mapping[str, Topic]] = {
 
 NOT_REPLAYED: Final = frozenset({names.EXECUTIVE_COMMAND, names.EXECUTIVE_STOP, names.CMD_VEL})
 """Commands: shown in the file, and never given to anybody again."""
+
+
+# Definitions of message types as MCAP files carry them, so that a reader needs no ROS.
+
+_SEPARATOR: Final = '=' * 80
+_FIELD: Final = re.compile(r'^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[a-z]\w*', re.MULTILINE)
+_CONSTANT: Final = re.compile(r'^\S+\s+[A-Z]\w*\s*=')
+_PRIMITIVES: Final = frozenset(
+    {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring'}
+    | {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
+)
+
+
+def full_definition(type: str) -> str:
+    """The text of a message definition and of all that it consists of, in the encoding ``ros2msg`` of MCAP.
+
+    ``type`` is a name such as ``nav_msgs/msg/Path`` of an installed package. Raises OSError or LookupError when its
+    definition is not there.
+    """
+    parts = [_text(type)]
+    known = [type]
+    for one in known:
+        for inner in _types_in(one):
+            if inner not in known:
+                known.append(inner)
+                parts.append(f'{_SEPARATOR}\nMSG: {inner.replace("/msg/", "/")}\n{_text(inner)}')
+    return '\n'.join(parts)
+
+
+def fields_of(definition: str) -> list[str]:
+    """The lines of a definition that say how its messages are written: all but comments, constants and spaces."""
+    lines = (' '.join(line.split('#')[0].split()) for line in definition.splitlines())
+    return [line for line in lines if line and not _CONSTANT.match(line)]
+
+
+def _types_in(type: str) -> list[str]:
+    package = type.partition('/')[0]
+    plain = re.sub(r'#.*', '', _text(type))
+    names = dict.fromkeys(match for match in _FIELD.findall(plain) if match not in _PRIMITIVES)
+    return [
+        f'{first}/msg/{rest.removeprefix("msg/")}' if rest else f'{package}/msg/{first}'
+        for first, _, rest in (name.partition('/') for name in names)
+    ]
+
+
+def _text(type: str) -> str:
+    package, _, name = type.partition('/msg/')
+    return (Path(get_package_share_directory(package)) / 'msg' / f'{name}.msg').read_text(encoding='utf-8')

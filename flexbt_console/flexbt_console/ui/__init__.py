@@ -1,6 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The user interfaces of the console, and the executable that chooses among them."""
-
-from .console import main
-
-__all__ = ['main']
+"""The user interfaces of the console, what they share, and the executable that chooses among them."""

@@ -18,40 +18,39 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from flexbt_common.cli import abandon_stdout, is_full, keep_stdout_for_python, make_streams_safe, report_full_output
-from flexbt_console.commands import (
-    SCAN_PERIOD,
-    CommandBuilder,
-    CommandedRobot,
-    CommandLine,
-    Mode,
-    TypedLine,
-    as_typed,
-    check,
-    command_help,
-    completion_script,
-    find,
-    full_namespace,
-    load_places,
-    overview,
-    parse,
-    port_number,
-    read_line,
-    shell_words,
+from flexbt_common.command_line import (
+    abandon_stdout,
+    is_full,
+    keep_stdout_for_python,
+    make_streams_safe,
+    report_full_output,
 )
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.command_line import check, command_help, overview, parse
+from flexbt_console.commands.completion import ShellLine, as_typed, completion_script, read_line, shell_words
+from flexbt_console.commands.effects import SCAN_PERIOD
+from flexbt_console.commands.operator_values import full_namespace, load_places, port_number
+from flexbt_console.commands.registry import find
+from flexbt_console.commands.spec import CommandLine, Mode, RobotCommands
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.mirror import LOST_SECONDS, Fleet, LinkState, Mirror, Pose, View
-from flexbt_console.present import Line, Tone, coloured, encode_json, failure_json, has_colours
-from flexbt_core.clock import seconds_asleep
-from flexbt_core.values import lines
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.freshness import LOST_SECONDS, LinkState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import FramedPose
+from flexbt_console.mirror.view import View
+from flexbt_console.present.json_form import encode_json, failure_json
+from flexbt_console.present.style import Line, Tone, coloured, has_colours
+from flexbt_core.clock.clock import seconds_asleep
+from flexbt_core.values.text import escape_lines
 
-from .terminal_watch import TerminalWatch
+from .terminal import TerminalWatch
 
 if TYPE_CHECKING:
-    from flexbt_common.runtime import NodeRuntime
-    from flexbt_console.link import FleetLink, OperatorLink
+    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_console.link.fleet_link import FleetLink
+    from flexbt_console.link.operator_link import ExecutiveLink
 
-    from .interaction import Station
+    from .station import Station
 
 PLACES_PARAMETER = 'places'
 DEFAULT_TIMEOUT = 5.0
@@ -78,7 +77,7 @@ class _Interrupted(KeyboardInterrupt):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the console and give its exit code (see :class:`flexbt_console.errors.ExitCode`).
+    """Run the console and give its exit code (see :class:`ExitCode`).
 
     Has to be called on the main thread: it handles SIGINT and SIGTERM.
     """
@@ -145,7 +144,7 @@ def _run(line: CommandLine) -> ExitCode:
         return _complete(line)
     if line.spec is not None and line.spec.action in _INTERACTIVE:
         return _run_interactive(line, _INTERACTIVE[line.spec.action])
-    from .line import Session, list_robots, run
+    from flexbt_console.ui.line.line_mode import LineSession, list_robots, run
 
     keep_stdout_for_python()
     with _open_runtime(line) as runtime:
@@ -153,7 +152,7 @@ def _run(line: CommandLine) -> ExitCode:
             fleet = _fleet(line, runtime, None).fleet
             return list_robots(fleet, runtime.steady, _timeout(line), as_json=line.has('--json'))
         mirror, link, make = _parts(line, runtime)
-        return run(Session(mirror, link, make, line, _timeout(line), runtime.steady))
+        return run(LineSession(mirror, link, make, line, _timeout(line), runtime.steady))
 
 
 def _complete(line: CommandLine) -> ExitCode:
@@ -172,7 +171,7 @@ def _complete(line: CommandLine) -> ExitCode:
     return ExitCode.OK
 
 
-def _known_of_robots(typed: TypedLine) -> tuple[View, tuple[str, ...]]:
+def _known_of_robots(typed: ShellLine) -> tuple[View, tuple[str, ...]]:
     """The picture of the robot that a line is for, or which robots there are, if its name is what is typed."""
     named = {'--namespace': [typed.namespace]} if typed.namespace and not typed.names_robot else {}
     line = CommandLine(None, options={**named, '--observer': []})
@@ -184,7 +183,7 @@ def _known_of_robots(typed: TypedLine) -> tuple[View, tuple[str, ...]]:
     keep_stdout_for_python()
     with _open_runtime(line) as runtime:
         if typed.names_robot:
-            from .line import found_robots
+            from flexbt_console.ui.line.line_mode import found_robots
 
             fleet = _fleet(line, runtime, None).fleet
             return View(LinkState.LOST, None), found_robots(fleet, runtime.steady, COMPLETION_SECONDS)
@@ -225,14 +224,14 @@ def _watched_terminal(sign_off: Callable[[], object] = lambda: None) -> Iterator
 
 def _run_replay(line: CommandLine) -> ExitCode:
     from flexbt_console.recording import open_recording
-    from flexbt_core.clock import SteadyClock
+    from flexbt_core.clock.clock import SteadyClock
 
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError('a recording is shown in a terminal; the executable `replay` publishes it for other consoles')
     player = open_recording(Path(line.first_word))
     if not _is_installed(_INTERACTIVE[Mode.SCREEN]):
         raise UsageError('the screen needs textual: install it, or use the executable `replay`')
-    from .screen import show_recording
+    from flexbt_console.ui.screen.run import show_recording
 
     with _watched_terminal() as watch:
         show_recording(player, SteadyClock(), watch.on_signal)
@@ -241,14 +240,16 @@ def _run_replay(line: CommandLine) -> ExitCode:
 
 def _run_web(line: CommandLine) -> ExitCode:
     try:
-        from .web import Access, PageStation, WebServer, print_address, run_web
+        from flexbt_console.ui.web.access import Access
+        from flexbt_console.ui.web.requests import PageStation
+        from flexbt_console.ui.web.server import WebServer, print_address, run_web
     except ModuleNotFoundError as error:
         if error.name != 'aiohttp':
             raise
         raise UsageError('the page needs aiohttp: install it, or use a command (console --help)') from None
-    from flexbt_console.link import SimulatorLink
+    from flexbt_console.link.simulator_link import SimulatorLink
 
-    from .interaction import Attention
+    from .station import Attention
 
     access = Access.of(line.value('--address') or '127.0.0.1', os.environ.get('FLEXBT_WEB_TOKEN', ''))
     only = dict.fromkeys(map(full_namespace, line.values('--robot')))
@@ -256,7 +257,7 @@ def _run_web(line: CommandLine) -> ExitCode:
         operator, simulator = _operator(line), SimulatorLink(runtime)
         attention = Attention(runtime.steady)
 
-        def station(mirror: Mirror, link: CommandedRobot) -> PageStation:
+        def station(mirror: Mirror, link: RobotCommands) -> PageStation:
             return PageStation(mirror, link, CommandBuilder(operator), _timeout(line), attention, obstacles=simulator)
 
         server = WebServer(_fleet(line, runtime, operator, list(only)), station, access)
@@ -270,7 +271,7 @@ def _port(line: CommandLine) -> int:
 
 def _run_prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
     mirror, link, make = _parts(line, runtime)
-    from .prompt import run_prompt  # while the robot is discovered
+    from flexbt_console.ui.line.prompt import run_prompt  # while the robot is discovered
 
     run_prompt(_station(line, runtime, mirror, link, make), runtime.steady, watch.on_signal)
 
@@ -278,31 +279,31 @@ def _run_prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -
 def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
     robots = _fleet(line, runtime, _operator(line))
     mirror, link = robots.select(robots.own)
-    from .screen import run_screen  # while the robots are discovered
+    from flexbt_console.ui.screen.run import run_screen  # while the robots are discovered
 
     station = _station(line, runtime, mirror, link, CommandBuilder(_operator(line)))
     run_screen(station, runtime.steady, watch.on_signal, robots)
 
 
 def _station(
-    line: CommandLine, runtime: NodeRuntime, mirror: Mirror, link: CommandedRobot, make: CommandBuilder
+    line: CommandLine, runtime: NodeRuntime, mirror: Mirror, link: RobotCommands, make: CommandBuilder
 ) -> Station:
-    from .interaction import Attention, Station
+    from .station import Attention, Station
 
     leaving = line.value('--leaving') or LEAVING
     return Station(mirror, link, make, _timeout(line), Attention(runtime.steady), leaving, line.value('--page'))
 
 
-def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:
-    from flexbt_console.link import OperatorLink
+def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, ExecutiveLink, CommandBuilder]:
+    from flexbt_console.link.operator_link import ExecutiveLink
 
     operator = _operator(line)
     mirror = _mirror_maker(line, runtime)()
-    return mirror, OperatorLink(runtime, mirror, operator), CommandBuilder(operator)
+    return mirror, ExecutiveLink(runtime, mirror, operator), CommandBuilder(operator)
 
 
 def _fleet(line: CommandLine, runtime: NodeRuntime, operator: str | None, only: Sequence[str] = ()) -> FleetLink:
-    from flexbt_console.link import FleetLink
+    from flexbt_console.link.fleet_link import FleetLink
 
     return FleetLink(runtime, Fleet(), _mirror_maker(line, runtime), operator, _scan_period(line), only)
 
@@ -327,7 +328,7 @@ def _timeout(line: CommandLine) -> float:
 @contextlib.contextmanager
 def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
     from flexbt_common import names
-    from flexbt_common.runtime import NodeRuntime
+    from flexbt_common.runtime.node_runtime import NodeRuntime
 
     arguments = list(line.ros_arguments)
     namespace = line.value('--namespace')
@@ -358,7 +359,7 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
         faulthandler.cancel_dump_traceback_later()
 
 
-def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, Pose]:
+def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, FramedPose]:
     """The places beside those of the robot, from the first file given: option, environment, parameter of the node."""
     file = line.value('--places') or os.environ.get('FLEXBT_PLACES', '')
     if not file:
@@ -405,7 +406,7 @@ def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, rea
         word = 'refused: ' if exit_code is ExitCode.REFUSED else ''
         prefix = f'{name}: ' if name else 'console: '
         colours = has_colours(sys.stderr)
-        for text in lines(prefix + word + reason):
+        for text in escape_lines(prefix + word + reason):
             print(coloured(Line(text, Tone.ERROR), colours), file=sys.stderr)
     return exit_code
 

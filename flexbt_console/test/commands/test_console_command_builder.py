@@ -16,9 +16,11 @@ from hypothesis import strategies as st
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
-from flexbt_console.commands import CommandBuilder, full_namespace, load_places, start_input, value_text
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.operator_values import full_namespace, load_places, start_input, value_text
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import (
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.records import (
     ActiveState,
     AutonomyLevel,
     Behavior,
@@ -26,16 +28,15 @@ from flexbt_console.mirror import (
     CommandKind,
     Decision,
     DecisionKind,
+    ExecutiveSnapshot,
     ExecutiveState,
-    LinkState,
-    Pose,
-    Snapshot,
+    FramedPose,
     StateKind,
     StateStructure,
     Structure,
-    View,
 )
-from flexbt_console.present import decision_line, status_lines, structure_lines
+from flexbt_console.mirror.view import View
+from flexbt_console.present.rendering import decision_line, status_lines, structure_lines
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -60,10 +61,10 @@ BEHAVIORS = (
 
 def view(*decisions: Decision, active: tuple[str, ...] = ('/Nav/Plan',), autonomy: int = 1) -> View:
     states = tuple(ActiveState(path) for path in active)
-    snapshot = Snapshot(
+    snapshot = ExecutiveSnapshot(
         'e', 1, state=ExecutiveState.RUNNING, run_id='r1', active_states=states, decisions=decisions, autonomy=autonomy
     )
-    places = {'kitchen': Pose(1.0, 2.0, 0.5), 'hall': Pose(3.0, 4.0)}
+    places = {'kitchen': FramedPose(1.0, 2.0, 0.5), 'hall': FramedPose(3.0, 4.0)}
     return View(LinkState.LIVE, 0.1, '', snapshot, STRUCTURE, BEHAVIORS, places=places)
 
 
@@ -202,7 +203,7 @@ def test_answers(make: CommandBuilder) -> None:
 
 @given(*[st.floats(-1e6, 1e6, allow_nan=False)] * 2, st.floats(-math.pi, math.pi))
 def test_a_pose_arrives_as_it_was_written(x: float, y: float, yaw: float) -> None:
-    from flexbt_common.values import text_to_value
+    from flexbt_common.values.entries import text_to_value
 
     pose = text_to_value(value_text(f'{x!r} {y!r} {yaw!r}', POSE, {}), POSE)
     assert (pose.header.frame_id, pose.pose.position.x, pose.pose.position.y) == ('map', x, y)
@@ -212,7 +213,7 @@ def test_a_pose_arrives_as_it_was_written(x: float, y: float, yaw: float) -> Non
 
 
 def test_values_of_other_types() -> None:
-    places = {'kitchen': Pose(1.0, 2.0)}
+    places = {'kitchen': FramedPose(1.0, 2.0)}
     assert len(json.loads(value_text('kitchen; 3 4', POSE + '[]', places))) == 2
     assert json.loads(value_text('[]', 'geometry_msgs/PoseStamped[]', places)) == []
     assert json.loads(value_text('kitchen', 'geometry_msgs/Pose2D', places)) == {'x': 1.0, 'y': 2.0, 'theta': 0.0}
@@ -236,7 +237,7 @@ def test_inputs_of_a_start() -> None:
 def test_places_file(tmp_path: Path) -> None:
     file = tmp_path / 'places.yaml'
     file.write_text('kitchen: {x: 1, y: 2.5, yaw: 0.1}\nhall: {x: 0, y: 0, frame: odom}\n')
-    assert load_places(file) == {'kitchen': Pose(1.0, 2.5, 0.1), 'hall': Pose(0.0, 0.0, 0.0, 'odom')}
+    assert load_places(file) == {'kitchen': FramedPose(1.0, 2.5, 0.1), 'hall': FramedPose(0.0, 0.0, 0.0, 'odom')}
     for text, message in (
         ('a: [1, 2]', "place 'a'"),
         ('a: {x: 1}', "place 'a'"),
@@ -270,7 +271,7 @@ def test_states_are_named_by_their_last_labels_and_what_goes_on_depends_on_the_s
     make: CommandBuilder,
 ) -> None:
     states = tuple(StateStructure(path) for path in ('/', '/Do', '/Do/Plan', '/Else', '/Else/Plan'))
-    paused = Snapshot('e', 1, state=ExecutiveState.PAUSED, run_id='r1')
+    paused = ExecutiveSnapshot('e', 1, state=ExecutiveState.PAUSED, run_id='r1')
     running = View(LinkState.LIVE, 0.1, '', paused, Structure('r1', 'B', states))
     assert make.at_path(CommandKind.LOCK, running, 'Do/Plan').path == '/Do/Plan'
     assert make.autonomy(running, AutonomyLevel.HIGH, 'Else').path == '/Else'
@@ -279,7 +280,9 @@ def test_states_are_named_by_their_last_labels_and_what_goes_on_depends_on_the_s
     with pytest.raises(RefusedError, match="did you mean '/Do/Plan'"):
         make.at_path(CommandKind.UNLOCK, running, 'Do/Plam')
     assert make.resume(running).kind is CommandKind.RESUME
-    interrupted = View(LinkState.LIVE, 0.1, '', Snapshot('e', 1, state=ExecutiveState.INTERRUPTED, run_id='r1'))
+    interrupted = View(
+        LinkState.LIVE, 0.1, '', ExecutiveSnapshot('e', 1, state=ExecutiveState.INTERRUPTED, run_id='r1')
+    )
     assert make.resume(interrupted).kind is CommandKind.RESUME_RUN
     assert make.command(interrupted, CommandKind.ABORT_RUN).run_id == 'r1'
     assert '"resume" goes on' in '\n'.join(status_lines(interrupted))
@@ -298,7 +301,7 @@ def test_a_decision_says_why_it_is_asked() -> None:
 
 def test_the_authority_is_handed_to_the_one_who_asks(make: CommandBuilder) -> None:
     def asked_by(*operators: str) -> View:
-        return View(LinkState.LIVE, 0.1, '', Snapshot('e', 1, authority='ann', authority_requests=operators))
+        return View(LinkState.LIVE, 0.1, '', ExecutiveSnapshot('e', 1, authority='ann', authority_requests=operators))
 
     for kind in (CommandKind.HAND_OVER_AUTHORITY, CommandKind.REFUSE_AUTHORITY):
         assert make.to_requester(kind, asked_by('bob')).grantee == 'bob'

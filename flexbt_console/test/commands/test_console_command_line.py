@@ -7,20 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console.commands import (
-    COMMANDS,
-    Send,
-    autonomy_level,
-    check,
-    command_help,
-    find,
-    overview,
-    parse,
-    prompt_command_help,
-    prompt_help,
-)
+from flexbt_console.commands.command_line import check, command_help, overview, parse, prompt_command_help, prompt_help
+from flexbt_console.commands.operator_values import autonomy_level
+from flexbt_console.commands.registry import COMMANDS, find
+from flexbt_console.commands.spec import Send
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.mirror import NOTE_LENGTH, AutonomyLevel, CommandKind
+from flexbt_console.mirror.records import NOTE_LENGTH, AutonomyLevel, CommandKind
 
 
 def test_every_command_has_a_name_of_its_own_and_every_kind_is_sent_by_one() -> None:

@@ -10,27 +10,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console.mirror import (
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.records import (
     ActiveState,
     Behavior,
     BehaviorParameter,
     Decision,
     DecisionKind,
+    ExecutiveSnapshot,
     ExecutiveState,
-    LinkState,
+    FramedPose,
     LogLine,
+    LogSeverity,
     Peer,
-    Pose,
-    Severity,
-    Snapshot,
     StateStructure,
     Structure,
-    View,
 )
-from flexbt_console.pictures import cut, cut_middle, fold
-from flexbt_console.present import behaviors_lines, encode_json, log_lines, status_json, status_lines, structure_lines
-from flexbt_console.ui.prompt import toolbar
-from flexbt_core.values import lines, one_line
+from flexbt_console.mirror.view import View
+from flexbt_console.present.cells import cut, cut_middle, fold
+from flexbt_console.present.json_form import encode_json, status_json
+from flexbt_console.present.rendering import behaviors_lines, log_lines, status_lines, structure_lines
+from flexbt_console.ui.line.toolbar import toolbar
+from flexbt_core.values.text import escape_lines, one_line
 
 HOSTILE = st.one_of(
     st.text(max_size=30),
@@ -75,7 +76,7 @@ def test_stacked_marks_are_cut_off() -> None:
 
 
 def test_many_lines_are_cut() -> None:
-    assert len(lines('x\n' * 1000)) == 51
+    assert len(escape_lines('x\n' * 1000)) == 51
 
 
 def hostile_view(text: str) -> View:
@@ -84,7 +85,7 @@ def hostile_view(text: str) -> View:
         Decision(text, DecisionKind.INPUT, text, prompt=text, input_type=text, input_choices=(text,)),
         Decision(text, DecisionKind.CHOICE, text, '', (text,)),
     )
-    snapshot = Snapshot(
+    snapshot = ExecutiveSnapshot(
         text,
         1,
         state=ExecutiveState.RUNNING,
@@ -95,13 +96,13 @@ def hostile_view(text: str) -> View:
         active_states=(ActiveState(text, 0.0, (text, text), True, (text,)),),
         decisions=decisions,
         peers=(Peer(text, False, problem=text), Peer(text, True, late=True, age=float('nan'), problem=text)),
-        robot_pose=Pose(float('nan'), float('inf'), 0.0, text),
+        robot_pose=FramedPose(float('nan'), float('inf'), 0.0, text),
         authority=text,
     )
     structure = Structure(
         text, text, (StateStructure(text, type=text, outcomes=(text,), targets=(text,), autonomy=(1,)),)
     )
-    reasons = {text: LogLine('e', 1, Severity.ERROR, text, text)}
+    reasons = {text: LogLine('e', 1, LogSeverity.ERROR, text, text)}
     return View(LinkState.LIVE, 0.1, text, snapshot, structure, reasons=reasons)
 
 

@@ -11,11 +11,15 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from flexbt_common.values import subject_message
-from flexbt_console.commands import CommandBuilder, Show, build, parse
+from flexbt_common.values.decision_subject import subject_message
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.command_line import parse
+from flexbt_console.commands.registry import build
+from flexbt_console.commands.spec import Show
 from flexbt_console.errors import NotShownError
-from flexbt_console.link import subjects_record
-from flexbt_console.mirror import (
+from flexbt_console.link.messages import subjects_record
+from flexbt_console.mirror.mirror import Mirror, Transit
+from flexbt_console.mirror.records import (
     SYNTHESIZED,
     ActiveState,
     Behavior,
@@ -23,23 +27,23 @@ from flexbt_console.mirror import (
     CommandKind,
     Decision,
     DecisionKind,
+    DriveProgress,
+    ExecutiveSnapshot,
     ExecutiveState,
-    Mirror,
+    FramedPose,
     Peer,
-    Pose,
-    Progress,
-    Snapshot,
     Subjects,
-    Transit,
-    View,
 )
-from flexbt_console.pictures import glyphs, map_lines, where_text
-from flexbt_console.present import behaviors_lines, map_json, status_lines
-from flexbt_console.ui.interaction import Bound, choose, interpret
-from flexbt_console.ui.prompt import toolbar
-from flexbt_console.ui.screen.panes.decision_bar import decision_lines
+from flexbt_console.mirror.view import View
+from flexbt_console.present.json_form import map_json
+from flexbt_console.present.maps import map_lines, where_text
+from flexbt_console.present.rendering import behaviors_lines, status_lines
+from flexbt_console.present.style import glyphs
+from flexbt_console.ui.answers import Bound, choose, interpret
+from flexbt_console.ui.line.toolbar import toolbar
+from flexbt_console.ui.screen.decision_bar import decision_lines
 from flexbt_console.ui.web.picture import parts_of
-from flexbt_core.clock import ManualClock
+from flexbt_core.clock.clock import ManualClock
 from flexbt_msgs.msg import DecisionSubjects
 
 JUDGE = Decision(
@@ -66,7 +70,7 @@ def subjects(number: int = 2, **values: Any) -> Subjects:
 @pytest.fixture
 def mirror() -> Mirror:
     """Of a robot that drove along another path before."""
-    mirror = Mirror(ManualClock(), {'kitchen': Pose(3.0, 4.0)})
+    mirror = Mirror(ManualClock(), {'kitchen': FramedPose(3.0, 4.0)})
     show(mirror, JUDGE)
     mirror.receive_plan(PLAN)
     return mirror
@@ -74,7 +78,7 @@ def mirror() -> Mirror:
 
 def show(mirror: Mirror, *decisions: Decision, **more: Any) -> None:
     before = mirror.view().snapshot
-    snapshot = Snapshot(
+    snapshot = ExecutiveSnapshot(
         'e', before.sequence + 1 if before else 1, state=ExecutiveState.RUNNING, run_id='r', decisions=decisions
     )
     mirror.receive_snapshot(replace(snapshot, **more), Transit(0.0, 0.0))
@@ -137,7 +141,7 @@ def test_a_plan_that_is_not_what_is_asked_about_is_drawn_only_while_it_is_follow
     assert (view.drawn.plan, view.drawn.goal, view.surroundings.plan) == ((), None, PLAN)
     assert 'plan' not in told_everywhere(view)['map'] and map_json(view)['plan'] == ()
     assert parts_of(view, 'ann')['decisions'][0]['drawn'] == {'plan': [], 'goal': None}
-    show(mirror, asked, active_states=(ActiveState('/Drive', progress=Progress(distance=3.0)),))
+    show(mirror, asked, active_states=(ActiveState('/Drive', progress=DriveProgress(distance=3.0)),))
     assert mirror.view().drawn.plan == PLAN
     assert parts_of(mirror.view(), 'ann')['decisions'][0]['drawn'] is None  # it would be sent with each new plan
 
@@ -247,7 +251,7 @@ def test_a_pose_that_nobody_tells_is_unknown_and_what_that_means_is_told(mirror:
     assert f'robot     {text}' in status_lines(view)
     assert any(text in row for _, row in toolbar(view, 80, 24))
     assert parts_of(view, 'ann')['where'] == text
-    show(mirror, robot_pose=Pose(1.0, 2.0), pose_problem='nobody publishes /pose any more')
+    show(mirror, robot_pose=FramedPose(1.0, 2.0), pose_problem='nobody publishes /pose any more')
     assert 'pose old: nobody publishes /pose any more' in where_text(mirror.view())
 
 

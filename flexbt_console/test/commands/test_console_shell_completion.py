@@ -11,13 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console.commands import COMMANDS, COMMON_OPTIONS, as_typed, completion_script, read_line, shell_words
-from flexbt_console.mirror import Behavior, BehaviorParameter, ExecutiveState, LinkState, Snapshot, View
+from flexbt_console.commands.command_line import COMMON_OPTIONS
+from flexbt_console.commands.completion import as_typed, completion_script, read_line, shell_words
+from flexbt_console.commands.registry import COMMANDS
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.records import Behavior, BehaviorParameter, ExecutiveSnapshot, ExecutiveState
+from flexbt_console.mirror.view import View
 from flexbt_console.ui.console import main
 
 NOTHING = View(LinkState.LOST, None)
 ROBOT = View(
-    LinkState.LIVE, 0.1, '', Snapshot('e', 1, state=ExecutiveState.IDLE),
+    LinkState.LIVE, 0.1, '', ExecutiveSnapshot('e', 1, state=ExecutiveState.IDLE),
     behaviors=(Behavior('Night Watch', parameters=(BehaviorParameter('speed'),)), Behavior('a$(touch x)\n')),
 )  # fmt: skip
 

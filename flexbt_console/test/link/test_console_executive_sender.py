@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from flexbt_common.runtime import UNKNOWN_WRITER
+from flexbt_common.middleware.received_messages import UNKNOWN_WRITER
 from flexbt_console.link import executive_sender
 from flexbt_console.link.executive_sender import RETURN_SECONDS, ExecutiveSender, Succession
 

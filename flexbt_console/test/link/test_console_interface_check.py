@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from flexbt_console.link.interface_check import senders_problem
+from flexbt_console.link.executive_sender import senders_problem
 
 
 @pytest.mark.parametrize(

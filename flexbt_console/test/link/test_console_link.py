@@ -20,33 +20,25 @@ from simulation_interfaces.msg import Result as SimulationResult
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity
 
 from flexbt_common import names
-from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, reports_writers
-from flexbt_console.commands import CommandBuilder
+from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, reports_writers
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
-from flexbt_console.link import (
-    FleetLink,
-    OperatorLink,
-    SimulatorLink,
-    executive_sender,
-    fleet_link,
-    interface_problem,
-    simulator_link,
-    surroundings_link,
-)
-from flexbt_console.link.synthesis_query import SynthesisQuery
-from flexbt_console.mirror import (
-    AutonomyLevel,
-    Command,
-    CommandKind,
-    CommandState,
-    Fleet,
-    LinkState,
-    Mirror,
-    SynthesisRequest,
-    View,
-)
-from flexbt_console.pictures import ASCII, tree_lines
-from flexbt_core.clock import ManualClock
+from flexbt_console.link import executive_sender, fleet_link, simulator_link, surroundings_link
+from flexbt_console.link.executive_sender import interface_problem
+from flexbt_console.link.fleet_link import FleetLink
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.link.queries import SynthesisQuery
+from flexbt_console.link.simulator_link import SimulatorLink
+from flexbt_console.mirror.command_tracker import CommandState
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import AutonomyLevel, CommandKind, OperatorCommand, SynthesisRequest
+from flexbt_console.mirror.view import View
+from flexbt_console.present.style import ASCII
+from flexbt_console.present.tree_lines import tree_lines
+from flexbt_core.clock.clock import ManualClock
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import (
     BehaviorList,
@@ -81,7 +73,7 @@ def test_a_process_with_many_names_keeps_no_other_robot_out_and_is_forgotten(
             for number in range(20):
                 topic = f'/forged{number}/{names.EXECUTIVE_STATUS}'
                 status = kind(executive_id=str(number), sequence=1, heartbeat_period=1.0)
-                forger.call(partial(node.create_publisher, kind, topic, names.latched())).publish(status)
+                forger.call(partial(node.create_publisher, kind, topic, names.transient_local_qos())).publish(status)
             wait_until(lambda: len(known()) == 6 and robots.fleet.left_out == 14, 'as many as there may be')
             robot = executives('robot')
             wait_until(lambda: '/robot' in known(), 'the robot')
@@ -128,16 +120,20 @@ def test_of_a_tree_that_is_too_large_the_first_nodes_are_kept_and_how_many_are_l
 def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves() -> None:
     with station('wood') as operator, NodeRuntime.open('other', namespace='wood') as other:
         operator.link.open_surroundings()
-        other.call(lambda: other.node.create_publisher(TreeStatus, names.TREE_STATUS, names.latched()))  # it stays
+        other.call(
+            lambda: other.node.create_publisher(TreeStatus, names.TREE_STATUS, names.transient_local_qos())
+        )  # it stays
         with NodeRuntime.open('my_server', namespace='wood') as server:
             status = TreeStatus(run_id='t', structure=1, statuses=[TreeStatus.RUNNING])
 
             def begin() -> Any:
                 nodes = [TreeNode(uid=1, name='n', registration='Sequence')]
                 structure = TreeStructure(run_id='t', number=1, behavior_tree='Main', nodes=nodes)
-                publisher = server.node.create_publisher(TreeStructure, names.TREE_STRUCTURE, names.latched())
+                publisher = server.node.create_publisher(
+                    TreeStructure, names.TREE_STRUCTURE, names.transient_local_qos()
+                )
                 publisher.publish(structure)
-                return server.node.create_publisher(TreeStatus, names.TREE_STATUS, names.latched())
+                return server.node.create_publisher(TreeStatus, names.TREE_STATUS, names.transient_local_qos())
 
             statuses = server.call(begin)
 
@@ -153,7 +149,7 @@ def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves() -> 
 def test_a_stop_is_sent_while_the_executor_is_busy_with_what_others_send(executives: Any) -> None:
     robot, free = executives('robot'), threading.Event()
     with NodeRuntime.open('console', namespace='/robot') as runtime:
-        link = OperatorLink(runtime, Mirror(runtime.steady), 'ann')
+        link = ExecutiveLink(runtime, Mirror(runtime.steady), 'ann')
         view = link.live_view(DEADLINE)
         node = runtime.node
         wait_until(lambda: node.count_subscribers('/robot/executive/command') > 0, 'the executive listens')
@@ -201,7 +197,7 @@ def test_who_asks_for_the_surroundings_holds_nothing_up_and_listens_no_longer_th
 ) -> None:
     with NodeRuntime.open('console', namespace='/alone') as runtime:
         mirror = Mirror(runtime.steady)
-        link, call, asked = OperatorLink(runtime, mirror, 'ann', '/alone'), runtime.call, threading.Event()
+        link, call, asked = ExecutiveLink(runtime, mirror, 'ann', '/alone'), runtime.call, threading.Event()
 
         def noted_call(fn: Any, timeout: float = 2.0) -> Any:
             asked.set()
@@ -226,7 +222,7 @@ def test_who_asks_for_the_surroundings_holds_nothing_up_and_listens_no_longer_th
 def test_who_has_something_made_for_the_first_time_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
     with NodeRuntime.open('console', namespace='/alone') as runtime:
         mirror = Mirror(runtime.steady)
-        link = OperatorLink(runtime, mirror, 'ann', '/alone')
+        link = ExecutiveLink(runtime, mirror, 'ann', '/alone')
 
         class Query(SynthesisQuery):
             def __init__(self, *args: Any) -> None:
@@ -236,13 +232,13 @@ def test_who_has_something_made_for_the_first_time_holds_nothing_up(monkeypatch:
             def cancel(self, timeout: float) -> int:
                 return 7
 
-        monkeypatch.setattr('flexbt_console.link.synthesis_query.SynthesisQuery', Query)
+        monkeypatch.setattr('flexbt_console.link.queries.SynthesisQuery', Query)
         assert link.cancel_synthesis(DEADLINE) == 7
 
 
 def test_what_an_executive_sends_has_a_bound_for_each_field(capfd: pytest.CaptureFixture[str]) -> None:
     with NodeRuntime.open('console', namespace='/alone') as runtime:
-        link = OperatorLink(runtime, Mirror(runtime.steady), None, '/alone')
+        link = ExecutiveLink(runtime, Mirror(runtime.steady), None, '/alone')
         for kind in (BehaviorList, BehaviorStructure, ExecutiveEvents, ExecutiveLog, ExecutiveStatus, PlaceList):
             path, message = next(oversized(kind, 2_000_000))
             for sent, is_taken in ((kind(), True), (message, False)):
@@ -269,7 +265,7 @@ def test_a_synthesis_ends_with_who_asked_for_it_and_with_the_console() -> None:
     request = SynthesisRequest('X', goals=('g',), time_limit=3600.0)
     with ThreadPoolExecutor() as threads, NodeRuntime.open('robot') as robot, NodeRuntime.open('console') as console:
         robot.call(lambda: serve(robot))
-        link, left = OperatorLink(console, Mirror(console.steady), 'ann'), Future[None]()
+        link, left = ExecutiveLink(console, Mirror(console.steady), 'ann'), Future[None]()
         gone, other = (threads.submit(link.synthesis, request, DEADLINE, print, one) for one in (left, None))
         wait_until(lambda: len(begun) == 2, 'both searches')
         left.set_result(None)
@@ -325,10 +321,10 @@ class Station:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self.mirror = Mirror(runtime.steady)
-        self.link = OperatorLink(runtime, self.mirror)
+        self.link = ExecutiveLink(runtime, self.mirror)
         self.requests = CommandBuilder('ann')
 
-    def state_of(self, command: Command) -> CommandState:
+    def state_of(self, command: OperatorCommand) -> CommandState:
         """Send a command, and wait for what becomes of it."""
         self.link.send(command, DEADLINE)
         tracked = self.link.settled(command.id, DEADLINE)
@@ -458,8 +454,12 @@ def test_what_others_publish_as_the_executive_does_not_touch_the_picture(executi
         status = operator.mirror.view().snapshot
         assert status is not None
         node = forger.node
-        statuses = forger.call(lambda: node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched()))
-        lists = forger.call(lambda: node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched()))
+        statuses = forger.call(
+            lambda: node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos())
+        )
+        lists = forger.call(
+            lambda: node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.transient_local_qos())
+        )
         operator.wait(lambda view: '2 executives' in view.problem)
         for executive_id in (status.executive_id, 'another'):
             statuses.publish(
@@ -478,7 +478,7 @@ def test_what_others_publish_as_the_executive_does_not_touch_the_picture(executi
 _FORGER = """
 import sys, time
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
 
 with NodeRuntime.open('forger', namespace='late') as forger:

@@ -25,22 +25,23 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import LaserScan
 
 from flexbt_common import names
-from flexbt_common.liveness import LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands import CommandBuilder
+from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import ExitCode, RefusedError, UsageError
-from flexbt_console.link import SCAN_BYTES, OperatorLink
-from flexbt_console.mirror import CommandState, Mirror
-from flexbt_console.present import behavior_line
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.link.scan_link import MESSAGE_BYTES
+from flexbt_console.mirror.command_tracker import CommandState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.present.rendering import behavior_line
 from flexbt_console.recording import player, replay, write_recording
-from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.recorder import Recorder
 from flexbt_console.recording.run_file import RELATIVE_NAME, Recorded, RunWriter, read_run
-from flexbt_console.recording.topics import TOPICS
+from flexbt_console.recording.topics import TOPICS, full_definition
 from flexbt_msgs.msg import ExecutiveLog, PlaceList
 from flexbt_testing.system.fork_server import ForkedProcess
-from flexbt_testing.system.python_process import logged_python_process
+from flexbt_testing.system.python_processes import logged_python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 
@@ -50,7 +51,7 @@ class Station:
     def __init__(self, runtime: NodeRuntime) -> None:
         self.runtime = runtime
         self.mirror = Mirror(runtime.steady)
-        self.link = OperatorLink(runtime, self.mirror)
+        self.link = ExecutiveLink(runtime, self.mirror)
         self.requests = CommandBuilder('ann')
 
     def wait(self, condition: Any) -> Any:
@@ -71,7 +72,7 @@ def recording(file: Path, namespace: str) -> Iterator[ForkedProcess | subprocess
     words = ['--ros-args', '-r', f'__ns:=/{namespace}', '-p', f'file:={file}']
     arguments = ['-m', 'flexbt_console.recording.recorder', *words]
     loaded = (
-        'flexbt_console.recording.definitions',
+        'flexbt_console.recording.topics',
         'flexbt_console.recording.run_file',
         'flexbt_console.recording.topics',
     )
@@ -335,7 +336,7 @@ def test_files_that_are_no_recordings_are_refused(data: bytes) -> None:
 
 
 def test_definitions_have_every_type_that_they_need() -> None:
-    from flexbt_common.values import resolve_type
+    from flexbt_common.values.value_types import resolve_type
 
     def types_in(name: str) -> set[str]:
         message: Any = resolve_type(name).message
@@ -369,7 +370,7 @@ def test_of_scans_some_are_recorded_and_none_that_is_huge(tmp_path: Path) -> Non
             add(topic, data, *when)
 
         writer.add = note  # type: ignore[method-assign, assignment]
-        near.call(lambda: recorder._callback_of(names.SCAN)(bytes(SCAN_BYTES + 1), {'source_timestamp': 0}))
+        near.call(lambda: recorder._callback_of(names.SCAN)(bytes(MESSAGE_BYTES + 1), {'source_timestamp': 0}))
         assert heard == []
         sent = 0
 

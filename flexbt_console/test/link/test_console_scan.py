@@ -19,13 +19,15 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.link import SurroundingsFeed, SurroundingsLink, scan_link
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.link import scan_link
 from flexbt_console.link.scan_link import SCAN_SECONDS, ScanLink
-from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose, Snapshot
-from flexbt_console.pictures import ASCII
-from flexbt_console.ui.screen.panes.map_pane import MapPane
-from flexbt_core.clock import ManualClock
+from flexbt_console.link.surroundings_link import SurroundingsFeed, SurroundingsLink
+from flexbt_console.mirror.mirror import Change, Mirror
+from flexbt_console.mirror.records import ExecutiveSnapshot, FramedPose, GridMap, Points
+from flexbt_console.present.style import ASCII
+from flexbt_console.ui.screen.robot_panes import MapPane
+from flexbt_core.clock.clock import ManualClock
 from flexbt_msgs.msg import RobotPlan, TreeNode, TreeStatus, TreeStructure
 from flexbt_testing.waiting import wait_until
 
@@ -38,7 +40,7 @@ class Lidar:
         self.time = 10.0
         self._tf = node.create_publisher(TFMessage, '/robot/tf', 100)
         self._scans = node.create_publisher(LaserScan, '/robot/scan', qos_profile_sensor_data)
-        self._static = node.create_publisher(TFMessage, '/robot/tf_static', names.latched())
+        self._static = node.create_publisher(TFMessage, '/robot/tf_static', names.transient_local_qos())
         self.tell_static('lidar')
 
     @property
@@ -204,7 +206,9 @@ def test_transforms_of_a_robot_that_stands_are_not_heard_until_something_changes
             """Whether the scan is where it belongs, and whether transforms are heard, too."""
             nonlocal sequence
             sequence += 1
-            mirror.receive_snapshot(Snapshot('e', sequence, robot_pose=Pose(told_at, 0.0), heartbeat_period=10.0))
+            mirror.receive_snapshot(
+                ExecutiveSnapshot('e', sequence, robot_pose=FramedPose(told_at, 0.0), heartbeat_period=10.0)
+            )
             lidar.move_to(x)
             lidar.scan(reach)
             points = [(round(a, 3), round(b, 3)) for a, b in mirror.view().surroundings.scan]
@@ -212,7 +216,9 @@ def test_transforms_of_a_robot_that_stands_are_not_heard_until_something_changes
 
         wait_until(lambda: shows(is_heard=False), 'rest')
         assert near.call(lambda: link._pause) == 4e-6
-        mirror.receive_snapshot(Snapshot('e', sequence + 1, robot_pose=Pose(5.1, 0.0), heartbeat_period=10.0))
+        mirror.receive_snapshot(
+            ExecutiveSnapshot('e', sequence + 1, robot_pose=FramedPose(5.1, 0.0), heartbeat_period=10.0)
+        )
         assert near.call(lambda: link._pause) == 1e-6  # somebody moves it
         before = sequence = sequence + 1
         wait_until(lambda: shows(is_heard=False) and sequence > before + 20, 'more of the same')
@@ -248,7 +254,9 @@ def test_names_of_any_length_are_refused_in_a_short_line(
 
 
 def test_the_name_of_a_place_at_the_edge_is_read() -> None:
-    known = Mirror(ManualClock(), {'corridor': Pose(9.9, 0.5), 'dock': Pose(0.1, 0.5), 'a' * 60: Pose(5.0, 5.0)})
+    known = Mirror(
+        ManualClock(), {'corridor': FramedPose(9.9, 0.5), 'dock': FramedPose(0.1, 0.5), 'a' * 60: FramedPose(5.0, 5.0)}
+    )
     known.receive_map(GridMap(100, 60, 0.1, 0.0, 0.0, bytes(6000)))
     shown = MapPane(ASCII).draw(known.view(), 40, 12).plain
     assert 'corridor@' in shown and '@dock' in shown

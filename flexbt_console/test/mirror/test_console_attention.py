@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
-from flexbt_console.mirror import Command, CommandKind, Decision, DecisionKind, LinkState, Snapshot, View
-from flexbt_console.ui.interaction import Attention
-from flexbt_core.clock import ManualClock
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.records import CommandKind, Decision, DecisionKind, ExecutiveSnapshot, OperatorCommand
+from flexbt_console.mirror.view import View
+from flexbt_console.ui.station import Attention
+from flexbt_core.clock.clock import ManualClock
 
 
 def robot(executive: str, *decisions: str) -> View:
     """What a robot asks."""
     asked = tuple(Decision(one, DecisionKind.CHOICE, '/S') for one in decisions)
-    return View(LinkState.LIVE, 0.0, snapshot=Snapshot(executive, 0, decisions=asked))
+    return View(LinkState.LIVE, 0.0, snapshot=ExecutiveSnapshot(executive, 0, decisions=asked))
 
 
 def test_a_wait_is_by_others_unnoticed_or_by_its_own_interaction() -> None:
@@ -52,7 +54,7 @@ def test_decisions_of_two_robots_that_are_called_the_same_are_two() -> None:
     clock.advance(7.0)
     attention.touched(other, 'input-1')
     clock.advance(2.0)
-    sent = attention.measured(Command('c', CommandKind.ANSWER, 'ann', 'f', decision_id='input-1'))
+    sent = attention.measured(OperatorCommand('c', CommandKind.ANSWER, 'ann', 'f', decision_id='input-1'))
     assert (sent.wait_queue, sent.wait_interaction) == (7.0, 2.0)
-    stop = Command('d', CommandKind.STOP, 'ann', 'f')
+    stop = OperatorCommand('d', CommandKind.STOP, 'ann', 'f')
     assert attention.measured(stop) is stop

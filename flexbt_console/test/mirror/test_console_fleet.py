@@ -10,27 +10,25 @@ import random
 import pytest
 
 from flexbt_console.errors import ExitCode
-from flexbt_console.mirror import (
+from flexbt_console.mirror.fleet import Fleet, RobotOverview, Urgency
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import (
     ActiveState,
     Decision,
     DecisionKind,
+    ExecutiveSnapshot,
     ExecutiveState,
-    Fleet,
-    Mirror,
+    FramedPose,
     Peer,
-    Pose,
-    RobotOverview,
-    Snapshot,
-    StandstillWatch,
-    Urgency,
 )
-from flexbt_console.present import robot_line
-from flexbt_console.ui.line import robots
-from flexbt_console.ui.screen.panes.status_lines import others_text
-from flexbt_core.clock import ManualClock, SteadyClock
+from flexbt_console.mirror.unexpected_motion import UnexpectedMotionDetector
+from flexbt_console.present.rendering import robot_line
+from flexbt_console.ui.line import line_mode
+from flexbt_console.ui.screen.lines import others_text
+from flexbt_core.clock.clock import ManualClock, SteadyClock
 
 ASKED = Decision('d', DecisionKind.TRANSITION, '/Drive', 'done', ('done',), 2, since=100.0)
-RUNS = Snapshot('e', 1, state=ExecutiveState.RUNNING, run_id='r', stamp=130.0, robot_pose=Pose(0.0, 0.0))
+RUNS = ExecutiveSnapshot('e', 1, state=ExecutiveState.RUNNING, run_id='r', stamp=130.0, robot_pose=FramedPose(0.0, 0.0))
 
 
 def test_who_has_waited_longest_for_a_decision_comes_first_and_the_idle_last() -> None:
@@ -86,17 +84,17 @@ def test_a_robot_that_misses_a_heartbeat_needs_nobody_any_more() -> None:
     assert fleet.overview()[0].needs_operator
 
 
-def watch(snapshots: list[Snapshot]) -> list[bool]:
+def watch(snapshots: list[ExecutiveSnapshot]) -> list[bool]:
     """Whether there is an alarm after each of them, one second apart."""
-    watched, alarms = StandstillWatch(), []
+    watched, alarms = UnexpectedMotionDetector(), []
     for second, snapshot in enumerate(snapshots):
         watched.receive(dataclasses.replace(snapshot, stamp=100.0 + second))
         alarms.append(watched.motion is not None)
     return alarms
 
 
-def at(x: float, **parts: object) -> Snapshot:
-    return dataclasses.replace(RUNS, robot_pose=Pose(x, 0.0), **parts)  # type: ignore[arg-type]
+def at(x: float, **parts: object) -> ExecutiveSnapshot:
+    return dataclasses.replace(RUNS, robot_pose=FramedPose(x, 0.0), **parts)  # type: ignore[arg-type]
 
 
 def test_a_robot_that_moves_after_a_stop_is_an_alarm_until_it_stands() -> None:
@@ -137,8 +135,8 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
     fleet.add('/early', Mirror(clock))
     fleet.mirror('/early').receive_snapshot(RUNS)
     fleet.add('/late', late)
-    monkeypatch.setattr(robots, 'QUIET_SECONDS', 0.0)
-    monkeypatch.setattr(robots, 'HEAR_SECONDS', 60.0)
+    monkeypatch.setattr(line_mode, 'QUIET_SECONDS', 0.0)
+    monkeypatch.setattr(line_mode, 'HEAR_SECONDS', 60.0)
     look = fleet.overview
 
     def heard_after_the_look() -> list[RobotOverview]:
@@ -147,14 +145,14 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
         return found
 
     monkeypatch.setattr(fleet, 'overview', heard_after_the_look)
-    assert robots.list_robots(fleet, clock, 60.0, as_json=False) is ExitCode.OK
+    assert line_mode.list_robots(fleet, clock, 60.0, as_json=False) is ExitCode.OK
     monkeypatch.setattr(fleet, 'overview', look)
     told = capsys.readouterr().out.splitlines()
     assert len(told) == 2 and all('RUNNING' in line for line in told)
 
     fleet.add('/never', Mirror(clock))
-    monkeypatch.setattr(robots, 'HEAR_SECONDS', 0.0)
-    robots.list_robots(fleet, clock, 60.0, as_json=True)
+    monkeypatch.setattr(line_mode, 'HEAR_SECONDS', 0.0)
+    line_mode.list_robots(fleet, clock, 60.0, as_json=True)
     (never,) = (one for one in json.loads(capsys.readouterr().out) if one['robot'] == '/never')
     assert never['urgency'] == 'unreachable'
     clock.close()
@@ -164,7 +162,7 @@ def test_robots_that_are_not_listed_are_counted_and_those_still_to_be_joined_are
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock, fleet = SteadyClock(), Fleet()
-    monkeypatch.setattr(robots, 'QUIET_SECONDS', 0.0)
+    monkeypatch.setattr(line_mode, 'QUIET_SECONDS', 0.0)
 
     def join(number: int) -> None:
         fleet.add(f'/r{number}', Mirror(clock))
@@ -177,7 +175,7 @@ def test_robots_that_are_not_listed_are_counted_and_those_still_to_be_joined_are
     join(0)
     fleet.note_left_out(937, is_growing=True)
     clock.call_at(clock.now() + 0.2, go_on)
-    assert robots.list_robots(fleet, clock, 60.0, as_json=False) is ExitCode.OK
+    assert line_mode.list_robots(fleet, clock, 60.0, as_json=False) is ExitCode.OK
     told = capsys.readouterr()
     assert len(told.out.splitlines()) == 2
     assert told.err == '936 more not listed; name one with --namespace\n'
@@ -196,4 +194,4 @@ def test_names_of_robots_are_complete_when_no_further_one_comes() -> None:
             return known
 
     mirror, fleet = Mirror(ManualClock()), Found()
-    assert robots.found_robots(fleet, SteadyClock(), 60.0) == ('/r0', '/r1', '/r2')
+    assert line_mode.found_robots(fleet, SteadyClock(), 60.0) == ('/r0', '/r1', '/r2')

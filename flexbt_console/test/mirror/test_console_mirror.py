@@ -9,28 +9,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_console.mirror import (
-    LISTEN_SECONDS,
-    LOST_PERIODS,
+from flexbt_console.mirror.command_tracker import CommandState
+from flexbt_console.mirror.freshness import LOST_PERIODS, LinkState
+from flexbt_console.mirror.mirror import LISTEN_SECONDS, Change, Mirror, Transit
+from flexbt_console.mirror.records import (
     ActiveState,
     Behavior,
     BehaviorList,
-    Change,
-    Command,
     CommandKind,
-    CommandState,
-    LinkState,
+    ExecutiveSnapshot,
     LogLine,
-    Mirror,
-    Snapshot,
+    OperatorCommand,
     Structure,
-    Transit,
 )
-from flexbt_core.clock import ManualClock
+from flexbt_core.clock.clock import ManualClock
 
 
-def snapshot(executive: str, sequence: int, period: float = 1.0) -> Snapshot:
-    return Snapshot(executive, sequence, heartbeat_period=period, run_id=f'{executive}-{sequence}')
+def snapshot(executive: str, sequence: int, period: float = 1.0) -> ExecutiveSnapshot:
+    return ExecutiveSnapshot(executive, sequence, heartbeat_period=period, run_id=f'{executive}-{sequence}')
 
 
 @given(
@@ -44,7 +40,7 @@ def test_the_mirror_equals_the_newest_message_that_came(
 ) -> None:
     """Executives that follow each other; their messages are lost, doubled and shuffled by up to a second."""
     rng = random.Random(seed)
-    deliveries: list[tuple[float, float, Snapshot]] = []
+    deliveries: list[tuple[float, float, ExecutiveSnapshot]] = []
     sent = 0.0
     for number, length in enumerate(lengths):
         for sequence in range(1, length + 1):
@@ -236,7 +232,7 @@ def test_a_computer_that_has_slept_takes_nothing_from_before_for_new(is_echoed: 
         mirror.receive_snapshot(snapshot('e', sequence), Transit(clock.now(), clock.now() + 0.01))
     if is_echoed:
         mirror.receive_pong(0.0)
-    mirror.give(Command('1', CommandKind.STOP, 'ann'), timeout=5.0)
+    mirror.give(OperatorCommand('1', CommandKind.STOP, 'ann'), timeout=5.0)
     assert mirror.view().live and len(mirror.due_commands(reachable=True)) == 1
     sent, asleep = clock.now() + 0.1, 3600.0
     view = mirror.view()
@@ -328,10 +324,10 @@ def test_listeners_hear_of_changes_only() -> None:
 def test_active_levels_from_the_outside_in() -> None:
     mirror = Mirror(ManualClock())
     states = (ActiveState('/A/B/C'), ActiveState('/A/D'))
-    mirror.receive_snapshot(Snapshot('e', 1, active_states=states))
+    mirror.receive_snapshot(ExecutiveSnapshot('e', 1, active_states=states))
     assert mirror.view().active_levels == ('/', '/A', '/A/B', '/A/B/C', '/A/D')
     assert mirror.view().lockable_paths == ('/A/B/C', '/A/B', '/A/D', '/A')
-    mirror.receive_snapshot(Snapshot('e', 2, active_states=(ActiveState('/'),)))
+    mirror.receive_snapshot(ExecutiveSnapshot('e', 2, active_states=(ActiveState('/'),)))
     assert mirror.view().lockable_paths == ()
 
 

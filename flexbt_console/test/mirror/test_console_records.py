@@ -16,9 +16,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
 
 from flexbt_common import names
-from flexbt_console import mirror
-from flexbt_console.link import (
-    SurroundingsFeed,
+from flexbt_console.link.messages import (
     behaviors_record,
     command_message,
     event_records,
@@ -27,12 +25,14 @@ from flexbt_console.link import (
     snapshot_record,
     structure_record,
 )
-from flexbt_console.pictures import UNICODE
-from flexbt_console.present import encode_json
-from flexbt_console.ui.screen.panes.map_pane import MapPane
+from flexbt_console.link.surroundings_link import SurroundingsFeed
+from flexbt_console.mirror import mirror, records, trees
+from flexbt_console.present.json_form import encode_json
+from flexbt_console.present.style import UNICODE
+from flexbt_console.ui.screen.robot_panes import MapPane
 from flexbt_console.ui.web.picture import parts_of
-from flexbt_core.clock import ManualClock
-from flexbt_core.state_machine import AUTONOMY_NAMES
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
 from flexbt_msgs import msg
 from flexbt_msgs.action import SynthesizeBehavior
 
@@ -57,8 +57,8 @@ NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
 """Fields of messages that no record has, and why."""
 
 NOT_SENT: Final[dict[Any, dict[str, str]]] = {
-    mirror.StopGuard: {'is_silent': 'from the time when it was heard'},
-    mirror.TreeRun: {
+    records.StopGuard: {'is_silent': 'from the time when it was heard'},
+    trees.MirroredTree: {
         'gone_at': 'from what the executive says of the server',
         'life': 'from what the executive says of the server',
         'server': 'from who has sent the message',
@@ -83,33 +83,33 @@ RENAMED: Final[dict[Any, dict[str, str]]] = {
 """Fields of messages by other names in the record."""
 
 RECORDS: Final[dict[Any, Any]] = {
-    msg.ActiveState: mirror.ActiveState,
-    msg.BehaviorList: mirror.BehaviorList,
-    msg.BehaviorManifest: mirror.Behavior,
-    msg.BehaviorInput: mirror.BehaviorInput,
-    msg.BehaviorParameter: mirror.BehaviorParameter,
-    msg.BehaviorStructure: mirror.Structure,
-    msg.BlackboardEntry: mirror.InputValue,
-    msg.CommandResult: mirror.CommandResult,
-    msg.DecisionSubject: mirror.Subject,
-    msg.DecisionSubjects: mirror.Subjects,
-    msg.ExecutiveCommand: mirror.Command,
-    msg.ExecutiveEvent: mirror.ExecutiveEvent,
-    msg.ExecutiveEvents: mirror.ExecutiveEvent,
-    msg.ExecutiveLog: mirror.LogLine,
-    msg.ExecutiveStatus: mirror.Snapshot,
-    msg.PeerStatus: mirror.Peer,
-    msg.Progress: mirror.Progress,
-    msg.PendingDecision: mirror.Decision,
-    msg.StateStructure: mirror.StateStructure,
-    msg.StopGuardStatus: mirror.StopGuard,
-    msg.TreeNode: mirror.TreeNode,
-    msg.TreeStatus: mirror.TreeRun,
-    msg.TreeStatusChange: mirror.StatusChange,
-    msg.TreeStructure: mirror.TreeRun,
-    msg.UserdataScope: mirror.UserdataScope,
-    SynthesizeBehavior.Goal: mirror.SynthesisRequest,
-    SynthesizeBehavior.Result: mirror.Synthesis,
+    msg.ActiveState: records.ActiveState,
+    msg.BehaviorList: records.BehaviorList,
+    msg.BehaviorManifest: records.Behavior,
+    msg.BehaviorInput: records.BehaviorInput,
+    msg.BehaviorParameter: records.BehaviorParameter,
+    msg.BehaviorStructure: records.Structure,
+    msg.BlackboardEntry: records.InputValue,
+    msg.CommandResult: records.CommandResult,
+    msg.DecisionSubject: records.Subject,
+    msg.DecisionSubjects: records.Subjects,
+    msg.ExecutiveCommand: records.OperatorCommand,
+    msg.ExecutiveEvent: records.ExecutiveEvent,
+    msg.ExecutiveEvents: records.ExecutiveEvent,
+    msg.ExecutiveLog: records.LogLine,
+    msg.ExecutiveStatus: records.ExecutiveSnapshot,
+    msg.PeerStatus: records.Peer,
+    msg.Progress: records.DriveProgress,
+    msg.PendingDecision: records.Decision,
+    msg.StateStructure: records.StateStructure,
+    msg.StopGuardStatus: records.StopGuard,
+    msg.TreeNode: trees.MirroredNode,
+    msg.TreeStatus: trees.MirroredTree,
+    msg.TreeStatusChange: trees.StatusChange,
+    msg.TreeStructure: trees.MirroredTree,
+    msg.UserdataScope: records.UserdataScope,
+    SynthesizeBehavior.Goal: records.SynthesisRequest,
+    SynthesizeBehavior.Result: records.Synthesis,
 }
 """The records of messages; what several tell may be one."""
 
@@ -125,15 +125,15 @@ NO_RECORD: Final[dict[Any, str]] = {
 """Messages that have none, and why."""
 
 CONSTANTS: Final[dict[Any, type[IntEnum]]] = {
-    msg.CommandResult: mirror.ResultCode,
-    msg.ExecutiveCommand: mirror.CommandKind,
-    msg.ExecutiveEvent: mirror.EventKind,
-    msg.ExecutiveLog: mirror.Severity,
-    msg.ExecutiveStatus: mirror.ExecutiveState,
-    msg.PendingDecision: mirror.DecisionKind,
-    msg.StateStructure: mirror.StateKind,
-    msg.TreeNode: mirror.NodeKind,
-    msg.TreeStatus: mirror.NodeStatus,
+    msg.CommandResult: records.ResultCode,
+    msg.ExecutiveCommand: records.CommandKind,
+    msg.ExecutiveEvent: records.EventKind,
+    msg.ExecutiveLog: records.LogSeverity,
+    msg.ExecutiveStatus: records.ExecutiveState,
+    msg.PendingDecision: records.DecisionKind,
+    msg.StateStructure: records.StateKind,
+    msg.TreeNode: trees.MirroredNodeKind,
+    msg.TreeStatus: trees.MirroredStatus,
 }
 """The constants of a message as an enumeration. No console sends a command of kind UNKNOWN."""
 
@@ -169,14 +169,14 @@ def test_the_constants_of_a_message_are_those_of_the_record(message: Any) -> Non
     constants = constants_of(message)
     if message is msg.ExecutiveCommand:
         del constants['UNKNOWN']
-        assert constants.pop('NOTE_LENGTH') == mirror.NOTE_LENGTH
+        assert constants.pop('NOTE_LENGTH') == records.NOTE_LENGTH
     assert {one.name: one.value for one in CONSTANTS[message]} == constants
 
 
 def test_levels_and_liveness_are_those_of_the_engine_and_of_the_action() -> None:
-    assert {int(one): one.name.title() for one in mirror.AutonomyLevel} == AUTONOMY_NAMES
+    assert {int(one): one.name.title() for one in records.AutonomyLevel} == AUTONOMY_NAMES
     liveness = {value: name.lower().replace('_', '-') for name, value in constants_of(SynthesizeBehavior.Goal).items()}
-    assert liveness == dict(enumerate(mirror.LIVENESS))
+    assert liveness == dict(enumerate(records.LIVENESS))
 
 
 def filled(message: Any, numbers: Any) -> Any:
@@ -237,14 +237,15 @@ def test_what_a_message_says_reaches_the_record(message: Any, convert: Any) -> N
 def test_what_a_command_says_reaches_the_message() -> None:
     numbers = {int: 3, float: 1.5}
     fields: dict[str, Any] = {
-        field.name: numbers.get(type(field.default), field.name) for field in dataclasses.fields(mirror.Command)
+        field.name: numbers.get(type(field.default), field.name)
+        for field in dataclasses.fields(records.OperatorCommand)
     }
     fields |= {
-        'kind': mirror.CommandKind.NOTE,
+        'kind': records.CommandKind.NOTE,
         'arguments': (('a', 'b'),),
-        'inputs': (mirror.InputValue('k', 't', 'x'),),
+        'inputs': (records.InputValue('k', 't', 'x'),),
     }
-    sent = command_message(mirror.Command(**fields), 12.5)
+    sent = command_message(records.OperatorCommand(**fields), 12.5)
     for name in sent.get_fields_and_field_types():
         assert getattr(sent, name) != getattr(msg.ExecutiveCommand(), name), name
 
@@ -253,7 +254,7 @@ def test_events_are_numbered_from_the_first_on() -> None:
     event = filled(msg.ExecutiveEvent(), itertools.repeat(2))
     first, second = event_records(msg.ExecutiveEvents(executive_id='e', first=7, events=[event, msg.ExecutiveEvent()]))
     assert (first.sequence, second.sequence, first.executive_id) == (7, 8, 'e')
-    assert first.kind is mirror.EventKind.COMMAND
+    assert first.kind is records.EventKind.COMMAND
     assert [name for name, value in values(first) if value in (None, '', 0, False)] == []
 
 

@@ -21,15 +21,15 @@ from textual.pilot import Pilot
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_console.commands import CommandBuilder
+from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import UsageError
-from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.run_file import RunWriter
-from flexbt_console.recording.topics import TOPICS
-from flexbt_console.ui.interaction import Attention, Station
-from flexbt_console.ui.screen import NOTHING_SENT, NoLink, OperatorScreen, ReplayBar
-from flexbt_core.clock import ManualClock
+from flexbt_console.recording.topics import TOPICS, full_definition
+from flexbt_console.ui.screen.app import OperatorScreen
+from flexbt_console.ui.screen.replay_bar import NOTHING_SENT, NoLink, ReplayBar
+from flexbt_console.ui.station import Attention, Station
+from flexbt_core.clock.clock import ManualClock
 from flexbt_msgs.msg import ActiveState, ExecutiveLog, ExecutiveStatus, TreeNode, TreeStatus, TreeStructure
 
 
@@ -139,7 +139,7 @@ def text_of(app: OperatorScreen) -> str:
 def test_a_recording_is_played_stepped_searched_and_takes_no_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('flexbt_console.ui.screen.panes.replay_bar.PATIENCE', math.inf)  # however slow the machine is
+    monkeypatch.setattr('flexbt_console.ui.screen.replay_bar.PATIENCE', math.inf)  # however slow the machine is
     clock = ManualClock()
     bar = ReplayBar(RunPlayer(recording(tmp_path / 'run.mcap')), clock)
 

@@ -28,35 +28,35 @@ from textual.keys import _character_to_key
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList
 
-from flexbt_console.commands import COMMANDS, CommandBuilder, NobodyAsked, offers
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.completion import offers
+from flexbt_console.commands.registry import COMMANDS
+from flexbt_console.commands.spec import NullRobot
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import (
-    GONE_SECONDS,
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import (
     SYNTHESIZED,
     ActiveState,
     Behavior,
     BehaviorInput,
     BehaviorList,
     BehaviorParameter,
-    Command,
     CommandKind,
     CommandResult,
     Decision,
     DecisionKind,
     ExecutiveEvent,
+    ExecutiveSnapshot,
     ExecutiveState,
-    Fleet,
+    FramedPose,
     GridMap,
-    LinkState,
     LogLine,
-    Mirror,
-    NodeKind,
-    NodeStatus,
+    LogSeverity,
+    OperatorCommand,
     Peer,
-    Pose,
     ResultCode,
-    Severity,
-    Snapshot,
     StateKind,
     StateStructure,
     StopGuard,
@@ -64,22 +64,26 @@ from flexbt_console.mirror import (
     Subject,
     Subjects,
     SubjectValue,
-    TreeNode,
-    View,
 )
-from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
-from flexbt_console.present import Tone, alarm_line, tone_of
-from flexbt_console.ui.interaction import KEYS, Attention, Station
-from flexbt_console.ui.screen import OperatorScreen, run_screen
-from flexbt_console.ui.screen.dialogs import ChoiceList, MapImage
-from flexbt_console.ui.screen.overview import Overview
-from flexbt_console.ui.screen.panes import Layout, Pane
-from flexbt_console.ui.screen.panes.decision_bar import ROWS, decision_lines
-from flexbt_console.ui.screen.panes.machine_pane import machine_lines
-from flexbt_console.ui.screen.panes.status_lines import alarm_text, keys_text, status_text
-from flexbt_console.ui.screen.terminal_driver import TerminalDriver
-from flexbt_console.ui.terminal_watch import TerminalWatch
-from flexbt_core.clock import ManualClock
+from flexbt_console.mirror.trees import GONE_SECONDS, MirroredNode, MirroredNodeKind, MirroredStatus
+from flexbt_console.mirror.view import View
+from flexbt_console.present.cells import width
+from flexbt_console.present.rendering import alarm_line
+from flexbt_console.present.style import ASCII, UNICODE, Tone, tone_of
+from flexbt_console.present.tree_lines import acting_lines
+from flexbt_console.ui.keys import KEYS
+from flexbt_console.ui.screen.app import OperatorScreen
+from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
+from flexbt_console.ui.screen.dialogs import ChoiceList, MapImage, Overview
+from flexbt_console.ui.screen.lines import alarm_text, keys_text, status_text
+from flexbt_console.ui.screen.pane import Pane
+from flexbt_console.ui.screen.panes import Layout
+from flexbt_console.ui.screen.robot_panes import machine_lines
+from flexbt_console.ui.screen.run import run_screen
+from flexbt_console.ui.screen.textual_app import TerminalDriver
+from flexbt_console.ui.station import Attention, Station
+from flexbt_console.ui.terminal import TerminalWatch
+from flexbt_core.clock.clock import ManualClock
 
 KEY_COUNT, KEY_SEED = (
     int(os.environ.get(name, default)) for name, default in (('FLEXBT_KEYS', '80'), ('FLEXBT_SEED', '1'))
@@ -98,21 +102,21 @@ STRUCTURE = Structure(
         StateStructure('/Ask', StateKind.STATE, 'Input', (), ('received',), ('/Drive',), (0,)),
     ),
 )
-RUNNING = [NodeStatus.RUNNING] * 2
+RUNNING = [MirroredStatus.RUNNING] * 2
 ROOM = GridMap(
     80, 60, 0.05, 0.0, 0.0, bytes(100 if x in (0, 79) or y in (0, 59) else 0 for y in range(60) for x in range(80))
 )
 SIZES = [(120, 36), (80, 24), (40, 12), (20, 5), (200, 60)]
 
 
-class NotingLink(NobodyAsked):
+class NotingLink(NullRobot):
     """What was sent, in its order."""
 
     def __init__(self, mirror: Mirror) -> None:
         self.mirror = mirror
-        self.sent: list[Command] = []
+        self.sent: list[OperatorCommand] = []
 
-    def send(self, command: Command, timeout: float, label: str) -> object:
+    def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
         self.sent.append(command)
         return self.mirror.give(command, timeout, label)
 
@@ -132,9 +136,9 @@ class Robot:
 
     def __init__(self) -> None:
         self.clock = ManualClock()
-        self.mirror = Mirror(self.clock, {'kitchen': Pose(3.0, 1.0)})
+        self.mirror = Mirror(self.clock, {'kitchen': FramedPose(3.0, 1.0)})
         self.link = NotingLink(self.mirror)
-        self.snapshot = Snapshot(
+        self.snapshot = ExecutiveSnapshot(
             'e',
             0,
             state=ExecutiveState.RUNNING,
@@ -143,7 +147,7 @@ class Robot:
             autonomy=1,
             active_states=(ActiveState('/Drive', 1.0, ('FollowPath',)),),
             peers=(Peer('bt_server', alive=True),),
-            robot_pose=Pose(2.0, 2.0, 0.0),
+            robot_pose=FramedPose(2.0, 2.0, 0.0),
             stamp=5.0,
         )
         parameters = (BehaviorParameter('speed', 'float', '0.3'), BehaviorParameter('room', choices=('a', 'b')))
@@ -151,8 +155,8 @@ class Robot:
         self.mirror.receive_behaviors(BehaviorList('e', (Behavior('Patrol', parameters=parameters),)))
         self.mirror.receive_map(ROOM)
         self.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))
-        nodes = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'FollowPath', 'FollowPath')]
-        nodes.append(TreeNode(3, 1, 'IsFar', 'IsFar', kind=NodeKind.CONDITION))
+        nodes = [MirroredNode(1, 0, 'Main', 'Sequence'), MirroredNode(2, 1, 'FollowPath', 'FollowPath')]
+        nodes.append(MirroredNode(3, 1, 'IsFar', 'IsFar', kind=MirroredNodeKind.CONDITION))
         self.mirror.receive_tree_structure('t', 'Drive', nodes, 1.0)
         self.mirror.receive_tree_status('t', 1, RUNNING, [], 5.0, finished=False, paused=False)
         self.show()
@@ -165,9 +169,9 @@ class Robot:
 
     def run_tree(self, *parents: int) -> None:
         """Another tree runs, each of whose nodes does, too; these are their parents."""
-        nodes = [TreeNode(uid, parent, f'Node{uid}', 'Wait') for uid, parent in enumerate(parents, 1)]
+        nodes = [MirroredNode(uid, parent, f'Node{uid}', 'Wait') for uid, parent in enumerate(parents, 1)]
         self.mirror.receive_tree_structure('t', 'Drive', nodes, 5.0, 2)
-        statuses = [NodeStatus.RUNNING] * len(nodes)
+        statuses = [MirroredStatus.RUNNING] * len(nodes)
         self.mirror.receive_tree_status('t', 2, statuses, [], 5.0, finished=False, paused=False, structure=2)
 
     def show(self, *decisions: Decision, **parts: object) -> None:
@@ -356,7 +360,7 @@ def test_what_a_decision_is_about_is_on_the_screen() -> None:
     robot = Robot()
     robot.show(dataclasses.replace(CHOICE, subject=('path', 'goal'), subject_number=1))
     path = SubjectValue('path', 'nav_msgs/msg/Path', points=((2.0, 2.0), (2.0, 1.0), (3.0, 1.0)))
-    goal = SubjectValue('goal', 'geometry_msgs/msg/PoseStamped', pose=Pose(3.0, 1.0))
+    goal = SubjectValue('goal', 'geometry_msgs/msg/PoseStamped', pose=FramedPose(3.0, 1.0))
     robot.mirror.receive_subjects(Subjects('e', (Subject(CHOICE.id, 1, (path, goal)),)))
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
@@ -689,7 +693,7 @@ def test_what_is_typed_into_a_list_is_what_is_sent_or_nothing(tries: list[tuple[
     on_screen(robot, steps)
 
 
-def _last(command: Command) -> str:
+def _last(command: OperatorCommand) -> str:
     return command.path.rpartition('/')[2]
 
 
@@ -824,7 +828,7 @@ def test_the_map_is_an_image_where_the_terminal_has_images() -> None:
         first = image.image
         app.screen.draw()
         assert image.image is first, 'nothing has changed'
-        robot.show(robot_pose=Pose(1.0, 1.0, 0.0))
+        robot.show(robot_pose=FramedPose(1.0, 1.0, 0.0))
         app.screen.draw()
         assert image.image is not first
         await pilot.press('escape')
@@ -1065,7 +1069,7 @@ def test_what_comes_from_the_network_is_escaped() -> None:
     asked = dataclasses.replace(PLAN, path=f'/{hostile}', prompt=hostile, outcome=hostile, outcomes=(hostile,))
     active = (ActiveState(f'/{hostile}', 1.0, (hostile,)),)
     robot.show(asked, behavior=hostile, message=hostile, authority=hostile, active_states=active)
-    robot.mirror.receive_places({hostile: Pose(1.0, 1.0)})
+    robot.mirror.receive_places({hostile: FramedPose(1.0, 1.0)})
 
     async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
         shown = text_of(app)
@@ -1084,12 +1088,12 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr('flexbt_console.ui.screen.app.interpret', fail)
+            patch.setattr('flexbt_console.ui.answers.interpret', fail)
             await pilot.press('p')
         await seen(robot, pilot)
         assert 'a fault on purpose' in text_of(app)
         with monkeypatch.context() as patch:
-            patch.setattr('flexbt_console.ui.screen.panes.typed_line.offers', fail)
+            patch.setattr('flexbt_console.commands.completion.offers', fail)
             await pilot.press('colon', 'c', 'tab', 'escape')
         await seen(robot, pilot)
         await pilot.press('exclamation_mark')
@@ -1165,7 +1169,7 @@ def test_long_names_push_nothing_out_that_has_to_be_seen() -> None:
     path = f'/{name.strip()}'
     state = StateStructure(path, StateKind.STATE, 'Drive', (), ('done', f'failed {name}'), (path, path))
     robot.mirror.receive_structure(Structure('r1', name, (dataclasses.replace(STRUCTURE.states[0]), state)))
-    robot.mirror.receive_log(LogLine('e', 1, Severity.WARN, 'a crate is in the way', path, 'r1', 4.0))
+    robot.mirror.receive_log(LogLine('e', 1, LogSeverity.WARN, 'a crate is in the way', path, 'r1', 4.0))
     asked = dataclasses.replace(PLAN, path=path, outcomes=state.outcomes, since=1.0)
     missing = tuple(Peer(f'{name}{number}', alive=False) for number in range(5))
     robot.show(
@@ -1282,7 +1286,7 @@ def test_a_pose_that_is_typed_while_one_is_pointed_at_is_the_answer() -> None:
 
 def test_what_a_state_does_is_beside_it_but_not_the_nodes_of_the_tree_that_is_drawn() -> None:
     robot = Robot()
-    nodes = [TreeNode(1, 0, 'Main', 'Sequence', '/Main'), TreeNode(2, 1, 'Wait', 'Wait', '/Main/Wait')]
+    nodes = [MirroredNode(1, 0, 'Main', 'Sequence', '/Main'), MirroredNode(2, 1, 'Wait', 'Wait', '/Main/Wait')]
     held = "'done' waits for the unlock of /Drive"
     drive = ActiveState('/Drive', 1.0, (held, '/Main', '/Main/Wait'), tree_run_id='t')
     robot.show(active_states=(drive, ActiveState('/Ask', 1.0, ('waits for /arm',))))
@@ -1310,7 +1314,7 @@ def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
     robot = Robot()
     for second in range(8):
         robot.show(
-            state=ExecutiveState.IDLE, outcome='preempted', robot_pose=Pose(0.1 * second, 0.0), stamp=9.0 + second
+            state=ExecutiveState.IDLE, outcome='preempted', robot_pose=FramedPose(0.1 * second, 0.0), stamp=9.0 + second
         )
 
     async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
@@ -1386,7 +1390,7 @@ def test_a_heartbeat_that_tells_nothing_new_wakes_nobody(monkeypatch: pytest.Mon
         robot.show(state=ExecutiveState.IDLE)
         await seen(robot, pilot)
         woken.clear()
-        robot.mirror.receive_log(LogLine('e', 1, Severity.INFO, 'a line', '', '', 41.0))
+        robot.mirror.receive_log(LogLine('e', 1, LogSeverity.INFO, 'a line', '', '', 41.0))
         assert len(woken) == 1
         robot.clock.advance(2.0)  # by time alone, the link is late
         app._age()
@@ -1470,7 +1474,7 @@ def test_only_what_has_changed_goes_to_the_terminal(size: tuple[int, int]) -> No
         terminal.written = 0
         for number in range(10):  # it drives
             stamp = 6.0 + number
-            robot.show(robot_pose=Pose(2.0 + 0.1 * number, 2.0), stamp=stamp)
+            robot.show(robot_pose=FramedPose(2.0 + 0.1 * number, 2.0), stamp=stamp)
             robot.mirror.receive_tree_status('t', 2 + number, RUNNING, [], stamp, finished=False, paused=False)
             await seen(robot, pilot)
             assert terminal.text == text_of(app)
@@ -1623,7 +1627,7 @@ def test_panes_are_enlarged_and_hidden_and_so_they_are_the_next_time(tmp_path: P
 def test_log_and_machine_are_scrolled_and_stand_still_then() -> None:
     robot = Robot()
     for number in range(1, 60):
-        robot.mirror.receive_log(LogLine('e', number, Severity.INFO, f'said {number:02}', '/Drive', 'r1', 4.0))
+        robot.mirror.receive_log(LogLine('e', number, LogSeverity.INFO, f'said {number:02}', '/Drive', 'r1', 4.0))
     robot.run_tree(0, *[1] * 40)
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
@@ -1636,7 +1640,7 @@ def test_log_and_machine_are_scrolled_and_stand_still_then() -> None:
         assert 'said 59' in await shown()
         back = await shown('pageup', 'pageup')
         assert 'said 59' not in back and 'below; Esc: the latest)' in back
-        robot.mirror.receive_log(LogLine('e', 60, Severity.INFO, 'said 60', '/Drive', 'r1', 9.0))
+        robot.mirror.receive_log(LogLine('e', 60, LogSeverity.INFO, 'said 60', '/Drive', 'r1', 9.0))
         again = await shown()
         assert 'there is something new' in again and re.findall('said ..', again) == re.findall('said ..', back)
         assert 'said 60' in await shown(*['pagedown'] * 5) and 'said 01' in await shown(*['pageup'] * 40)
@@ -1679,7 +1683,7 @@ def test_where_nothing_is_known_of_a_map_the_machine_has_its_room() -> None:
 
     async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
         assert 'pose unknown' not in text_of(app) and app.query_one('#machine').size.width == 80
-        robot.show(robot_pose=Pose(1.0, 2.0))
+        robot.show(robot_pose=FramedPose(1.0, 2.0))
         await seen(robot, pilot)
         assert 'x 1.00 y 2.00' in text_of(app)
 
@@ -1876,11 +1880,13 @@ def say_anything(chance: random.Random, robot: Robot, number: int) -> None:
     elif said == 4:
         robot.run_tree(*(chance.randrange(uid) for uid in range(1, chance.choice((2, 40)))))
     elif said == 5:
-        mirror.receive_places(dict(wild(chance, tuple[tuple[str, Pose], ...])))
+        mirror.receive_places(dict(wild(chance, tuple[tuple[str, FramedPose], ...])))
         mirror.receive_plan(wild(chance, tuple[tuple[float, float], ...]))
     elif said == 6:
         mirror.set_problem(wild(chance, str))
-    parts = {one.name: getattr(wild(chance, Snapshot), one.name) for one in dataclasses.fields(Snapshot)}
+    parts = {
+        one.name: getattr(wild(chance, ExecutiveSnapshot), one.name) for one in dataclasses.fields(ExecutiveSnapshot)
+    }
     kept = ('executive_id', 'sequence', 'results', 'decisions')
     decisions = [dataclasses.replace(one, id=f'{one.id}{number}') for one in parts['decisions']]
     robot.show(*decisions, **{name: value for name, value in parts.items() if name not in kept})

@@ -17,8 +17,8 @@ from textual import events
 from textual.app import App
 from textual.message import Message
 
-from flexbt_common.cli import restored_signals
-from flexbt_console.ui.screen.terminal_driver import TerminalDriver
+from flexbt_common.command_line import restored_signals
+from flexbt_console.ui.screen.textual_app import TerminalDriver
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 

@@ -10,7 +10,7 @@ import termios
 
 import pytest
 
-from flexbt_console.ui.screen import terminal_images
+from flexbt_console.ui.screen import textual_app
 
 pytest.importorskip('textual_image', reason='pip install textual-image')
 
@@ -24,7 +24,7 @@ def written(attributes: bytes, environment: dict[str, str], columns: int = 80) -
     terminal, other = os.openpty()
     fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', 24, columns, 10 * columns, 480))
     given = {name: value for name, value in os.environ.items() if name not in KNOWN} | environment
-    command = [sys.executable, '-c', PROGRAM, terminal_images.__file__]
+    command = [sys.executable, '-c', PROGRAM, textual_app.__file__]
     process = subprocess.Popen(command, stdin=other, stdout=other, stderr=other, env=given)
     os.close(other)
     text = b''

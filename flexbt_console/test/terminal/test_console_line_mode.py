@@ -14,15 +14,17 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.cli import restored_signals
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands import parse
+from flexbt_common.command_line import restored_signals
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_line import parse
 from flexbt_console.errors import ExitCode
-from flexbt_console.mirror import LinkState, Snapshot, Transit
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.mirror import Transit
+from flexbt_console.mirror.records import ExecutiveSnapshot
 from flexbt_console.ui.console import _mirror_maker, main, operator_name
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
-from flexbt_testing.system.console_process import COMMAND, run_console
-from flexbt_testing.system.console_process import start_console as start
+from flexbt_testing.system.python_processes import COMMAND, run_console
+from flexbt_testing.system.python_processes import start_console as start
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 NAMESPACE = 'lines'
@@ -190,7 +192,7 @@ def test_what_takes_long_is_said_beside_the_answer(executives: Any, words: list[
 def test_the_age_at_which_a_link_is_lost_is_an_option(words: list[str], state: LinkState) -> None:
     with NodeRuntime.open('console') as runtime:
         mirror = _mirror_maker(parse(['status', *words]), runtime)()
-        mirror.receive_snapshot(Snapshot('e', 1), Transit(sent=0.0, received=5000.0))
+        mirror.receive_snapshot(ExecutiveSnapshot('e', 1), Transit(sent=0.0, received=5000.0))
         assert mirror.view().link is state
 
 
@@ -270,7 +272,7 @@ def test_a_signal_while_ros_is_joined_ends_the_command_in_order(monkeypatch: pyt
         def close(self) -> None:
             Opening.is_closed = True
 
-    monkeypatch.setattr('flexbt_common.runtime.NodeRuntime', Opening)
+    monkeypatch.setattr('flexbt_common.runtime.node_runtime.NodeRuntime', Opening)
     with restored_signals(signal.SIGINT, signal.SIGTERM):
         assert main(['status']) == ExitCode.INTERRUPTED
     assert Opening.is_closed

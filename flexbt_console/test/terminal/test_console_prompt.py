@@ -16,33 +16,36 @@ from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 from prompt_toolkit.output.plain_text import PlainTextOutput
 
-from flexbt_console.commands import CommandBuilder, NobodyAsked, candidates
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.completion import candidates
+from flexbt_console.commands.spec import NullRobot
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import (
+from flexbt_console.mirror.command_tracker import TrackedCommand
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.mirror import Mirror, Transit
+from flexbt_console.mirror.records import (
     ActiveState,
     Behavior,
     BehaviorParameter,
-    Command,
     CommandKind,
     CommandResult,
     Decision,
     DecisionKind,
+    ExecutiveSnapshot,
     ExecutiveState,
+    FramedPose,
     InputValue,
-    LinkState,
-    Mirror,
-    Pose,
+    OperatorCommand,
     ResultCode,
-    Snapshot,
-    TrackedCommand,
-    Transit,
     UserdataScope,
-    View,
 )
-from flexbt_console.ui.interaction import Attention, Bound, Local, ShownDecision, Station, interpret
-from flexbt_console.ui.prompt import Prompt, toolbar
-from flexbt_console.ui.prompt.terminal import MOST_TYPED, Typed
-from flexbt_core.clock import Clock, ManualClock
+from flexbt_console.mirror.view import View
+from flexbt_console.ui.answers import Bound, Local, ShownDecision, interpret
+from flexbt_console.ui.line.prompt import Prompt
+from flexbt_console.ui.line.raw_input import MOST_TYPED, Typed
+from flexbt_console.ui.line.toolbar import toolbar
+from flexbt_console.ui.station import Attention, Station
+from flexbt_core.clock.clock import Clock, ManualClock
 from flexbt_testing.waiting import DEADLINE
 
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)
@@ -50,7 +53,7 @@ ANOTHER = dataclasses.replace(TRANSITION, id='t2', path='/Other')
 INPUT = Decision('i1', DecisionKind.INPUT, '/Ask', input_type='geometry_msgs/msg/PoseStamped', prompt='Where to?')
 TEXT = Decision('i2', DecisionKind.INPUT, '/Ask', input_type='string')
 NUMBERS = Decision('i3', DecisionKind.INPUT, '/Ask', input_type='int32', input_choices=('20', '10', '1'))
-PLACES = {'kitchen': Pose(1.0, 2.0)}
+PLACES = {'kitchen': FramedPose(1.0, 2.0)}
 MAKE = CommandBuilder('ann')
 
 
@@ -60,7 +63,7 @@ def station(mirror: Mirror, link: Any, clock: Clock) -> Station:
 
 def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:
     active = (ActiveState(decisions[0].path if decisions else '/Drive', 0.0, ('FollowPath', 'RateController')),)
-    snapshot = Snapshot(
+    snapshot = ExecutiveSnapshot(
         'e',
         1,
         state=ExecutiveState.RUNNING,
@@ -69,12 +72,12 @@ def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:
         autonomy=2,
         active_states=active,
         decisions=decisions,
-        robot_pose=Pose(1.0, 2.0, 0.5),
+        robot_pose=FramedPose(1.0, 2.0, 0.5),
     )
     return View(link, 0.4, '', snapshot, places=PLACES)
 
 
-def command(text: str, now: View, bound: str | None) -> Command:
+def command(text: str, now: View, bound: str | None) -> OperatorCommand:
     meaning = interpret(text, now, MAKE, Bound(bound))
     assert meaning.command is not None
     return meaning.command
@@ -236,15 +239,15 @@ def test_completion() -> None:
     assert complete('a', view(hostile)) == ['autonomy', 'abort']
 
 
-class Loopback(NobodyAsked):
+class Loopback(NullRobot):
     """Answers each command at once: the link and the executive in one."""
 
-    def __init__(self, mirror: Mirror, answer: Callable[[Command], Snapshot]) -> None:
-        self.sent: list[Command] = []
+    def __init__(self, mirror: Mirror, answer: Callable[[OperatorCommand], ExecutiveSnapshot]) -> None:
+        self.sent: list[OperatorCommand] = []
         self._mirror = mirror
         self._answer = answer
 
-    def send(self, command: Command, timeout: float, label: str) -> TrackedCommand:
+    def send(self, command: OperatorCommand, timeout: float, label: str) -> TrackedCommand:
         tracked = self._mirror.give(command, timeout, label)
         self.sent.append(command)
         self._mirror.receive_snapshot(self._answer(command), Transit(0.0, 0.0))
@@ -260,12 +263,12 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
     mirror = Mirror(clock, PLACES)
     sequence = 1
 
-    def snapshot(*decisions: Decision, results: tuple[CommandResult, ...] = ()) -> Snapshot:
+    def snapshot(*decisions: Decision, results: tuple[CommandResult, ...] = ()) -> ExecutiveSnapshot:
         shown = view(*decisions).snapshot
         assert shown is not None
         return dataclasses.replace(shown, sequence=sequence, results=results)
 
-    def answer(command: Command) -> Snapshot:
+    def answer(command: OperatorCommand) -> ExecutiveSnapshot:
         nonlocal sequence
         sequence += 1
         result = CommandResult(command.id, ResultCode.APPLIED)
@@ -330,7 +333,9 @@ def test_of_what_is_typed_or_pasted_no_more_is_parsed_than_a_line_has_room_for(p
 def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_while_the_line_goes_on() -> None:
     clock = ManualClock()
     mirror = Mirror(clock)
-    link = Loopback(mirror, lambda command: Snapshot('e', 2, results=(CommandResult(command.id, ResultCode.APPLIED),)))
+    link = Loopback(
+        mirror, lambda command: ExecutiveSnapshot('e', 2, results=(CommandResult(command.id, ResultCode.APPLIED),))
+    )
     screen = io.StringIO()
 
     async def operate() -> None:
@@ -353,7 +358,7 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
             await until('autonomy low: given up')
             keys.send_text('autonomy full\r')
             await until('autonomy full: waits')
-            mirror.receive_snapshot(Snapshot('e', 1), Transit(0.0, 0.0))
+            mirror.receive_snapshot(ExecutiveSnapshot('e', 1), Transit(0.0, 0.0))
             await until('autonomy full: applied')
             keys.send_text(f'\x1b[200~autonomy {"9" * 6000}\x1b[201~off\r')
             await until('was longer than 5000')
@@ -376,7 +381,7 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
 @pytest.mark.parametrize('keys_to_quit', ['\x04', '\x03\x03\x04', 'half a line\x03quit\r', 'quit\r'])
 def test_quitting_sends_nothing(keys_to_quit: str) -> None:
     mirror = Mirror(ManualClock())
-    link = Loopback(mirror, lambda command: Snapshot('e', 1))
+    link = Loopback(mirror, lambda command: ExecutiveSnapshot('e', 1))
 
     async def operate() -> None:
         with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):

@@ -8,7 +8,7 @@ import os
 import pty
 import sys
 
-from flexbt_console.ui.interaction import standard_error_as_lines
+from flexbt_console.ui.terminal import standard_error_as_lines
 
 
 def test_what_the_middleware_writes_becomes_lines_and_the_screen_keeps_its_terminal() -> None:

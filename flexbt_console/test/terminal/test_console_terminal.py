@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_console.ui.interaction import REACTION_SECONDS
+from flexbt_console.ui.answers import REACTION_SECONDS
 from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 from flexbt_testing.waiting import DEADLINE
 
@@ -201,7 +201,7 @@ def test_a_signal_ends_it_whatever_its_terminal_does(mode: str) -> None:
 def test_what_goes_on_though_it_was_told_to_end_is_ended() -> None:
     program = """
 import time
-from flexbt_console.ui import terminal_watch
+from flexbt_console.ui import terminal
 terminal_watch.END_SECONDS = 0.1
 terminal_watch.TerminalWatch(lambda: print('signed off', flush=True)).signaled(15)
 time.sleep(600)"""

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
-from flexbt_console.commands import COMMANDS
-from flexbt_console.mirror import (
+from flexbt_console.commands.registry import COMMANDS
+from flexbt_console.mirror.records import (
     SYNTHESIZED,
     ActiveState,
     Behavior,
@@ -24,16 +24,15 @@ from flexbt_console.mirror import (
     BehaviorList,
     BehaviorParameter,
     CommandKind,
+    DriveProgress,
     ExecutiveState,
-    NodeStatus,
+    FramedPose,
     Peer,
-    Pose,
-    Progress,
-    StatusChange,
     Subject,
     Subjects,
     SubjectValue,
 )
+from flexbt_console.mirror.trees import MirroredStatus, StatusChange
 from flexbt_testing.waiting import wait_until
 
 selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
@@ -142,12 +141,12 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
         assert 'wanted' in browser.run(classes, 's1o0') and 'lit' not in browser.run(classes, 's2')
         assert 'success' in browser.run(classes, 't0n1')
         assert '▶' in browser.run('return document.querySelector(`[id="t0n2"]`).textContent')
-        statuses = [NodeStatus.FAILURE, NodeStatus.SUCCESS, NodeStatus.FAILURE]
-        changes = [StatusChange(6.0, 1, NodeStatus.FAILURE), StatusChange(6.0, 3, NodeStatus.FAILURE)]
+        statuses = [MirroredStatus.FAILURE, MirroredStatus.SUCCESS, MirroredStatus.FAILURE]
+        changes = [StatusChange(6.0, 1, MirroredStatus.FAILURE), StatusChange(6.0, 3, MirroredStatus.FAILURE)]
         robot.mirror.receive_tree_status('t', 2, statuses, changes, 6.0, finished=False, paused=False)
         browser.until(lambda: 'failure' in browser.run(classes, 't0n2'))
         assert '✗' in browser.run('return document.querySelector(`[id="t0n2"]`).textContent')
-        driving = ActiveState('/Drive', progress=Progress(distance=1.0))
+        driving = ActiveState('/Drive', progress=DriveProgress(distance=1.0))
         robot.show(PLAN, active_states=(driving,), peers=(Peer('/bt_server', alive=False, since=7.0),))
         browser.until_text('trees', 'Drive: SERVER GONE: last state')
         assert browser.run('return getComputedStyle(document.querySelector("#trees .gone > div")).opacity') == '0.45'
@@ -280,7 +279,7 @@ def test_what_was_not_received_is_said_and_answered_only_by_who_insists(browser:
         robot.show(WHERE)
         browser.until_text('decision-line', 'Where to?')
         browser.until(lambda: browser.run(COUNT_PLAN_PIXELS) == 0)  # of something else, still
-        robot.show(WHERE, active_states=(ActiveState('/Drive', progress=Progress(distance=1.0)),))  # along it
+        robot.show(WHERE, active_states=(ActiveState('/Drive', progress=DriveProgress(distance=1.0)),))  # along it
         browser.until(lambda: browser.run(COUNT_PLAN_PIXELS) > 0)
 
 
@@ -391,7 +390,7 @@ def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_p
     robot, path = WebRobot(), f'/{word}'
     parameters = (BehaviorParameter(word, word, word, (), word), BehaviorParameter('room', choices=(word, 'b')))
     robot.mirror.receive_behaviors(BehaviorList('e', (Behavior(word, description=word, parameters=parameters),)))
-    robot.mirror.receive_places({word: Pose(1.0, 1.0)})
+    robot.mirror.receive_places({word: FramedPose(1.0, 1.0)})
     robot.show(
         dataclasses.replace(PLAN, path=path, outcomes=('done', word), prompt=word),
         behavior=word,

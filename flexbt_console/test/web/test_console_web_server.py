@@ -16,26 +16,24 @@ from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSClos
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.errors import NoAnswerError, UsageError
-from flexbt_console.mirror import (
+from flexbt_console.mirror.records import (
     CommandKind,
     ExecutiveState,
+    FramedPose,
     GridMap,
     LogLine,
-    NodeStatus,
-    Pose,
-    Severity,
+    LogSeverity,
     Synthesis,
     SynthesisRequest,
-    TreeNode,
 )
-from flexbt_console.ui.web import MOST_PAGES, Access, picture
-from flexbt_console.ui.web import run as web_run
-from flexbt_console.ui.web.access import GUESS_SECONDS, GUESSES, WrongTokens, source_of
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus
+from flexbt_console.ui.web import picture
+from flexbt_console.ui.web import server as web_run
+from flexbt_console.ui.web.access import GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
-from flexbt_console.ui.web.run import MOST_CONNECTIONS
-from flexbt_console.ui.web.server import GREETING_OF_SOURCE, MOST_GREETING
+from flexbt_console.ui.web.server import GREETING_OF_SOURCE, MOST_CONNECTIONS, MOST_GREETING, MOST_PAGES
 from flexbt_testing.waiting import DEADLINE
 
 
@@ -131,10 +129,10 @@ def test_a_stop_waits_for_no_encoding_and_pages_share_what_is_encoded(monkeypatc
 
 def test_of_what_is_too_large_a_part_is_shown_and_what_is_left_out_is_told() -> None:
     robot = WebRobot()
-    nodes = [TreeNode(uid, uid // 2, f'{uid} {"x" * 900}', 'Sequence') for uid in range(1, 2_001)]
+    nodes = [MirroredNode(uid, uid // 2, f'{uid} {"x" * 900}', 'Sequence') for uid in range(1, 2_001)]
     robot.mirror.receive_tree_structure('t', 'Large', nodes, 1.0, 1, 58_000)
-    robot.mirror.receive_tree_status('t', 1, [NodeStatus.RUNNING] * 2_000, [], 5.0, finished=False, paused=False)
-    robot.mirror.receive_log(LogLine('e', 2, Severity.INFO, 'y' * 100_000, '/Drive', 'r1', 4.0))
+    robot.mirror.receive_tree_status('t', 1, [MirroredStatus.RUNNING] * 2_000, [], 5.0, finished=False, paused=False)
+    robot.mirror.receive_log(LogLine('e', 2, LogSeverity.INFO, 'y' * 100_000, '/Drive', 'r1', 4.0))
 
     async def look(opened: Page) -> None:
         await opened.until(lambda: 'trees' in opened.parts)
@@ -292,7 +290,7 @@ def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
 
     async def look(opened: Page) -> None:
         for second in range(8):
-            where = Pose(0.1 * second, 0.0)
+            where = FramedPose(0.1 * second, 0.0)
             robot.show(state=ExecutiveState.IDLE, outcome='preempted', robot_pose=where, stamp=9.0 + second)
         await opened.until(lambda: 'THE ROBOT MOVES' in opened.parts['status']['alarm'])
 
@@ -630,7 +628,7 @@ def test_a_page_shows_the_robot_that_it_names_and_a_line_of_each() -> None:
     one, two, pushed = WebRobot(), WebRobot(), WebRobot()
     two.show(PLAN)
     for second in range(8):
-        where = Pose(0.1 * second, 0.0)
+        where = FramedPose(0.1 * second, 0.0)
         pushed.show(state=ExecutiveState.IDLE, outcome='preempted', robot_pose=where, stamp=9.0 + second)
 
     async def run(port: int) -> None:
@@ -655,7 +653,7 @@ def test_a_page_shows_the_robot_that_it_names_and_a_line_of_each() -> None:
 
 def test_a_robot_that_comes_later_has_its_line_its_place_on_the_map_and_its_page() -> None:
     first, second, elsewhere = WebRobot(), WebRobot(), WebRobot()
-    second.show(robot_pose=Pose(1.0, 0.5, 0.25))
+    second.show(robot_pose=FramedPose(1.0, 0.5, 0.25))
     elsewhere.mirror.receive_map(GridMap(2, 2, 0.05, 0.0, 0.0, bytes(4)))
     robots = WebRobots({'/first': first.station()})
 

@@ -10,38 +10,38 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from flexbt_console.commands import CommandBuilder, CommandedRobot, NobodyAsked
-from flexbt_console.mirror import (
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.spec import NullRobot, RobotCommands
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import (
     ActiveState,
     Behavior,
     BehaviorList,
     BehaviorParameter,
-    Command,
     CommandKind,
     CommandResult,
     Decision,
     DecisionKind,
+    ExecutiveSnapshot,
     ExecutiveState,
-    Fleet,
+    FramedPose,
     GridMap,
     LogLine,
-    Mirror,
-    NodeKind,
-    NodeStatus,
-    Pose,
+    LogSeverity,
+    OperatorCommand,
     ResultCode,
-    Severity,
-    Snapshot,
     StateKind,
     StateStructure,
-    StatusChange,
     Structure,
-    TreeNode,
     UserdataScope,
 )
-from flexbt_console.ui.interaction import Attention
-from flexbt_console.ui.web import Access, PageStation, WebServer, serving
-from flexbt_core.clock import ManualClock
+from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, StatusChange
+from flexbt_console.ui.station import Attention
+from flexbt_console.ui.web.access import Access
+from flexbt_console.ui.web.requests import PageStation
+from flexbt_console.ui.web.server import WebServer, serving
+from flexbt_core.clock.clock import ManualClock
 
 NASTY = '<img src=x onerror=alert(1)>'
 PLAN = Decision('d1', DecisionKind.TRANSITION, '/Drive', 'done', ('done', 'failed'), 2, prompt=NASTY)
@@ -58,7 +58,7 @@ STRUCTURE = Structure(
 )
 
 
-class WebRobot(NobodyAsked):
+class WebRobot(NullRobot):
     """An executive as the mirror sees it; it applies what it is sent when ``answers``.
 
     With ``is_drawn`` there is a machine and a tree, of which the server has pictures made, which takes seconds.
@@ -66,11 +66,11 @@ class WebRobot(NobodyAsked):
 
     def __init__(self, *, answers: bool = True, is_drawn: bool = False) -> None:
         self.clock = ManualClock()
-        self.mirror = Mirror(self.clock, {'kitchen': Pose(3.0, 1.0)})
-        self.sent: list[Command] = []
+        self.mirror = Mirror(self.clock, {'kitchen': FramedPose(3.0, 1.0)})
+        self.sent: list[OperatorCommand] = []
         self.arrived = threading.Condition()
         self.answers = answers
-        self.snapshot = Snapshot(
+        self.snapshot = ExecutiveSnapshot(
             'e',
             0,
             state=ExecutiveState.RUNNING,
@@ -78,12 +78,12 @@ class WebRobot(NobodyAsked):
             behavior='Patrol',
             autonomy=1,
             active_states=(ActiveState('/Drive', 1.0, (f'follows {NASTY}',)),),
-            robot_pose=Pose(2.0, 2.0, 0.0),
+            robot_pose=FramedPose(2.0, 2.0, 0.0),
             stamp=5.0,
         )
         parameters = (BehaviorParameter('speed', 'float', '0.3'), BehaviorParameter('room', choices=('a', 'b')))
         self.mirror.receive_behaviors(BehaviorList('e', (Behavior('Patrol', parameters=parameters),)))
-        self.mirror.receive_log(LogLine('e', 1, Severity.WARN, NASTY, '/Drive', 'r1', 4.0))
+        self.mirror.receive_log(LogLine('e', 1, LogSeverity.WARN, NASTY, '/Drive', 'r1', 4.0))
         walls = bytes(100 if x in (0, 79) or y in (0, 59) else 0 for y in range(60) for x in range(80))
         self.mirror.receive_map(GridMap(80, 60, 0.05, 0.0, 0.0, walls))
         self.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))
@@ -100,13 +100,13 @@ class WebRobot(NobodyAsked):
         """A tree runs."""
         self.tree_run = run
         nodes = [
-            TreeNode(1, 0, 'Main', 'Sequence'),
-            TreeNode(2, 1, NASTY, 'FollowPath'),
-            TreeNode(3, 1, 'Wait', 'Wait', kind=NodeKind.ACTION),
-            TreeNode(4, 1, 'IsFar', 'IsFar', kind=NodeKind.CONDITION),
+            MirroredNode(1, 0, 'Main', 'Sequence'),
+            MirroredNode(2, 1, NASTY, 'FollowPath'),
+            MirroredNode(3, 1, 'Wait', 'Wait', kind=MirroredNodeKind.ACTION),
+            MirroredNode(4, 1, 'IsFar', 'IsFar', kind=MirroredNodeKind.CONDITION),
         ]
         self.mirror.receive_tree_structure(run, tree, nodes, 1.0)
-        statuses = [NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.RUNNING]
+        statuses = [MirroredStatus.RUNNING, MirroredStatus.SUCCESS, MirroredStatus.RUNNING]
         changes = [StatusChange(2.0, uid + 1, status) for uid, status in enumerate(statuses)]
         self.mirror.receive_tree_status(run, 1, statuses, changes, 5.0, finished=False, paused=False)
 
@@ -120,8 +120,8 @@ class WebRobot(NobodyAsked):
         self.snapshot = dataclasses.replace(self.snapshot, **changed)
         self.mirror.receive_snapshot(self.snapshot)
 
-    def send(self, command: Command, timeout: float, label: str) -> object:
-        """See :class:`flexbt_console.commands.CommandedRobot`."""
+    def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
+        """See :class:`RobotCommands`."""
         tracked = self.mirror.give(command, timeout, label)
         with self.arrived:
             self.sent.append(command)
@@ -131,10 +131,10 @@ class WebRobot(NobodyAsked):
         return tracked
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """See :class:`flexbt_console.commands.CommandedRobot`."""
+        """See :class:`RobotCommands`."""
         return ()
 
-    def wait_sent(self, count: int, timeout: float = 60.0) -> list[Command]:
+    def wait_sent(self, count: int, timeout: float = 60.0) -> list[OperatorCommand]:
         """Wait until so many commands have come."""
         with self.arrived:
             assert self.arrived.wait_for(lambda: len(self.sent) >= count, timeout), self.sent
@@ -166,20 +166,20 @@ class WebRobots:
         self.stations[name] = station
         self.fleet.add(name, station.mirror)
 
-    def robot(self, name: str) -> tuple[Mirror, CommandedRobot]:
-        """See :class:`flexbt_console.ui.web.Robots`."""
+    def robot(self, name: str) -> tuple[Mirror, RobotCommands]:
+        """See :class:`PageRobots`."""
         station = self.stations.get(name)
         return (station.mirror, station.link) if station else (Mirror(ManualClock()), WebRobot())
 
     def open(self, name: str) -> None:
-        """See :class:`flexbt_console.ui.web.Robots`."""
+        """See :class:`PageRobots`."""
         self.opened.append(name)
 
     def close(self, name: str) -> None:
-        """See :class:`flexbt_console.ui.web.Robots`."""
+        """See :class:`PageRobots`."""
         self.opened.remove(name)
 
-    def station(self, mirror: Mirror, link: CommandedRobot) -> PageStation:
+    def station(self, mirror: Mirror, link: RobotCommands) -> PageStation:
         """What the page of one needs."""
         known = (one for one in self.stations.values() if one.mirror is mirror)
         return next(known, PageStation(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock())))

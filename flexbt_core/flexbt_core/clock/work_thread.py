@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A thread for work that a disk may hold up: nobody waits for it, not even the end of the process."""
+"""A thread for work that a disk may delay, and a watchdog that reports work that takes too long."""
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -138,3 +139,26 @@ class _Watch:
             self._timer.cancel()
         if self._looks:
             self._on_late(None)
+
+
+# A watchdog: what takes longer than it should is reported while it does.
+
+
+@contextlib.contextmanager
+def watchdog(clock: Clock, seconds: float, on_expired: Callable[[], object]) -> Iterator[None]:
+    """Call ``on_expired()`` on the thread of ``clock`` when the block takes longer than ``seconds``; never after it."""
+    lock = threading.Lock()
+    has_ended = False
+
+    def expire() -> None:
+        with lock:
+            if not has_ended:
+                on_expired()
+
+    timer = clock.call_at(clock.now() + seconds, expire)
+    try:
+        yield
+    finally:
+        timer.cancel()
+        with lock:
+            has_ended = True

@@ -1,26 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is watched in the run of a machine: a few bits for each state, and next to no time for each event."""
+"""The monitor of a state machine's run: visits, approvals, resources and requirements."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import Final
 
-from flexbt_core.state_machine import (
-    ERROR,
-    PREEMPTED,
-    Decision,
-    ExitReason,
-    MachineDefinition,
-    MonitoredRun,
-    StateDefinition,
-    state_skill,
-)
+from flexbt_core.state_machine.engine.observer import MonitoredRun
+from flexbt_core.state_machine.model.autonomy import Decision
+from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, MachineDefinition, StateDefinition, is_inside
+from flexbt_core.state_machine.model.event_state import ExitReason, state_skill
 
-from .approvals import Approvals
 from .properties import Property, Violation, shared_actuators
 from .requirement_text import machine_parts
 from .requirements import Requirement, Requirements
-from .visits import Visits
 
 Resources = Mapping[str, frozenset[str]]
 """What the states of a machine have while they are active, by their paths; those that have nothing may be left out."""
@@ -33,7 +26,7 @@ def declared_resources(machine: MachineDefinition) -> Resources:
 
 
 class MachineMonitor:
-    """Watches one run, as :class:`flexbt_core.state_machine.RunMonitor`; ``found`` is told what is wrong.
+    """Watches one run, as :class:`RunMonitor`; ``found`` is told what is wrong.
 
     What is watched: each state is entered and left, once; what needs the operator was approved, by this very request;
     an actuator has one owner; nothing is entered after a stop, and nothing is active after the end; the run ends once.
@@ -153,3 +146,116 @@ class MachineMonitor:
             self._machine = machine
             self._containers = frozenset(one.path for one in machine.nodes() if isinstance(one, MachineDefinition))
         return path in self._containers
+
+
+# The visits of states: each is entered, and left once, before anything follows it.
+
+_OUTSIDE: Final = 0
+_ENTERED: Final = 1
+_EXITED: Final = 2
+
+
+class Visits:
+    """Two bits for each state: outside, entered, or exited and not passed on yet."""
+
+    def __init__(self) -> None:
+        self._at: dict[str, int] = {}
+
+    def resume(self, paths: Iterable[str]) -> None:
+        """These states are to be left, and were exited in a run before."""
+        self._at = dict.fromkeys(paths, _EXITED)
+
+    def entered(self, path: str) -> Violation | None:
+        """A state is entered."""
+        at = self._at
+        was = at.get(path)
+        at[path] = _ENTERED
+        return _wrong(path, f'{path} was entered again without having been left') if was == _ENTERED else None
+
+    def exited(self, path: str) -> Violation | None:
+        """``on_exit`` of a state is called."""
+        at = self._at
+        was = at.get(path)
+        at[path] = _EXITED
+        return None if was == _ENTERED else _wrong(path, f'{path} was left without having been entered')
+
+    def passed_on(self, path: str) -> Violation | None:
+        """What follows a state comes next."""
+        at = self._at
+        was = at.get(path)
+        if was is None:  # a machine has no callbacks
+            return None
+        at[path] = _OUTSIDE
+        if was == _EXITED:
+            return None
+        what = 'on_exit was not called' if was == _ENTERED else 'it was left before'
+        return _wrong(path, f'{path} was left by an outcome, and {what}')
+
+    def left_open(self) -> list[Violation]:
+        """At the end: who was entered, and never left."""
+        return [
+            _wrong(path, f'{path} was entered, and never left: on_exit was not called')
+            for path, was in self._at.items()
+            if was == _ENTERED
+        ]
+
+    @property
+    def inside(self) -> list[str]:
+        """The states that were entered and not left."""
+        return [path for path, was in self._at.items() if was == _ENTERED]
+
+
+def _wrong(path: str, text: str) -> Violation:
+    return Violation(Property.BALANCED, path, text)
+
+
+# What the operator was asked, and has allowed: a transition that needs it has it, for just this request.
+
+
+class Approvals:
+    """Of each state or machine the last request, and what is allowed."""
+
+    def __init__(self) -> None:
+        self._asked: dict[str, Decision] = {}
+        self._given: dict[str, str] = {}
+
+    def resume(self, given: Mapping[str, str]) -> None:
+        """What was allowed in a run before holds: outcomes by paths."""
+        self._asked.clear()
+        self._given = dict(given)
+
+    def asked(self, decision: Decision) -> None:
+        """The operator is asked; an older request for the same is void."""
+        self._asked[decision.path] = decision
+
+    def confirmed(self, decision_id: str) -> Violation | None:
+        """The operator has confirmed a request."""
+        for path, decision in self._asked.items():
+            if decision.id == decision_id:
+                self._given[path] = decision.outcome
+                del self._asked[path]
+                return None
+        return Violation(Property.APPROVAL, '/', f'request {decision_id} was confirmed, and is not pending')
+
+    def forced(self, path: str, outcome: str) -> None:
+        """The operator wants a state or machine to be left by an outcome."""
+        self._given[path] = outcome
+        self._asked.pop(path, None)
+
+    def leaves(self, path: str, outcome: str, may_pass: bool) -> Violation | None:
+        """A state or machine is left by an outcome, which ``may_pass`` without the operator, or may not."""
+        asked = self._asked.pop(path, None) if self._asked else None
+        given = self._given.pop(path, None) if self._given else None
+        if self._given or self._asked:  # what is in it is left, too
+            for inner in [one for one in (*self._given, *self._asked) if is_inside(one, path)]:
+                self._given.pop(inner, None)
+                self._asked.pop(inner, None)
+        if may_pass or given == outcome:
+            return None
+        if given is not None:
+            why = f'approved was {given!r}'
+        else:
+            why = 'nobody was asked' if asked is None else f'request {asked.id} was not answered'
+        return Violation(
+            Property.APPROVAL, path, f'{path} was left by {outcome!r}, which needs the operator, and {why}'
+        )

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from .properties import Property, Violation
-from .requirement_text import Stated, Vocabulary, problems_with
+from .requirement_text import StatedRequirement, Vocabulary, problems_with
 from .requirements import PROVED_ONLY, Requirement
 
-MOST_TOLD: Final = 20
+MAX_REPORTED: Final = 20
 """Violations of one run that are told; what goes wrong over and over fills no log."""
 
 
@@ -24,7 +24,7 @@ class Monitoring:
 
     is_on: bool = False
     stops: bool = False
-    requirements: Mapping[str, tuple[Stated, ...]] = field(default_factory=dict)
+    requirements: Mapping[str, tuple[StatedRequirement, ...]] = field(default_factory=dict)
 
     def requirements_of(self, name: str) -> tuple[Requirement, ...]:
         """Those that can be watched in a run."""
@@ -46,7 +46,7 @@ class Findings:
 
     def add(self, violation: Violation) -> None:
         """A monitor has found this."""
-        if violation in self._told or len(self._told) >= MOST_TOLD:
+        if violation in self._told or len(self._told) >= MAX_REPORTED:
             return
         self._told.add(violation)
         self.first = self.first or violation

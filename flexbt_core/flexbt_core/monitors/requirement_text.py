@@ -38,10 +38,12 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree.model import FAILURE, SUCCESS
+from flexbt_core.behavior_tree.model.status import FAILURE, SUCCESS
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import AUTONOMY_NAMES, MachineDefinition, StateDefinition
-from flexbt_core.values import YamlParts, hint, line_of, shown
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
+from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.yaml_data import YamlParts, line_of
 
 from .requirements import (
     After,
@@ -51,8 +53,8 @@ from .requirements import (
     Has,
     IsA,
     Never,
-    Part,
-    Parts,
+    NodeOrState,
+    NodesOrStates,
     Possible,
     Requirement,
     While,
@@ -118,14 +120,14 @@ class RequirementError(FlexbtError):
         super().__init__('\n'.join(self.problems))
 
 
-class Stated(NamedTuple):
+class StatedRequirement(NamedTuple):
     """A requirement, and where it stands: a file with its line, or the option of a command."""
 
     requirement: Requirement
     place: str
 
 
-def parse_requirement(text: str, place: str) -> Stated:
+def parse_requirement(text: str, place: str) -> StatedRequirement:
     """Read one requirement. Raises RequirementError."""
     told = ' '.join(text.split())
     if len(told) > LONGEST:
@@ -137,22 +139,22 @@ def parse_requirement(text: str, place: str) -> Stated:
             problem = _unfit(made)
             if problem:
                 raise RequirementError([f'{place}: "{told}": {problem}'])
-            return Stated(made, place)
+            return StatedRequirement(made, place)
     if (match := _IS_A.fullmatch(told)) is not None:
-        return Stated(IsA(_event(match[1]), match[2]), place)
+        return StatedRequirement(IsA(_event(match[1]), match[2]), place)
     if (match := _HAS.fullmatch(told)) is not None:
         values = [part.partition('=') for part in _NEXT.split(match[2])]
-        return Stated(Has(_event(match[1]), tuple((port, text) for port, _, text in values)), place)
+        return StatedRequirement(Has(_event(match[1]), tuple((port, text) for port, _, text in values)), place)
     raise RequirementError([f'{place}: "{told}" is no requirement; write one of {_EXAMPLES}'])
 
 
-def read_requirements(text: str, source: str) -> dict[str, tuple[Stated, ...]]:
+def read_requirements(text: str, source: str) -> dict[str, tuple[StatedRequirement, ...]]:
     """Read a file of them, by the names of behaviors and the IDs of trees. Raises RequirementError with all wrong."""
     parts = YamlParts(source)
-    found: dict[str, tuple[Stated, ...]] = {}
+    found: dict[str, tuple[StatedRequirement, ...]] = {}
     for name, node in parts.mapping(parts.root(text), 'the file').items():
         stated = []
-        for one in parts.sequence(node, f'what is required of {shown(name)}'):
+        for one in parts.sequence(node, f'what is required of {short_repr(name)}'):
             line = parts.name(one, 'a requirement')
             try:
                 stated.append(parse_requirement(line, f'{source}:{line_of(one)}'))
@@ -194,7 +196,7 @@ class Vocabulary(NamedTuple):
     working: Collection[str]
     conditions: Collection[str]
     keys: Collection[str]
-    parts: Parts
+    parts: NodesOrStates
     is_tree: bool
 
 
@@ -210,21 +212,21 @@ def machine_vocabulary(machine: MachineDefinition) -> Vocabulary:
     return Vocabulary(events, states, (), keys, machine_parts(machine), False)
 
 
-def machine_parts(machine: MachineDefinition) -> Parts:
+def machine_parts(machine: MachineDefinition) -> NodesOrStates:
     """What the machine is made of: its states and machines, with the keys that theirs stand for and what states were
     made with, such as their ``tree``; and the transitions, ``/Path > outcome``, with the ``autonomy`` that they
     require."""
-    found: dict[str, list[Part]] = {}
+    found: dict[str, list[NodeOrState]] = {}
     for node in machine.nodes():
         if node is machine:
             continue
         owner = node if isinstance(node, MachineDefinition) else node.state
         keys = {key: f'{{{node.remap.get(key, key)}}}' for key in (*owner.input_keys, *owner.output_keys)}
         made_with = {} if isinstance(node, MachineDefinition) else node.state.made_with
-        found[node.path] = [Part(owner.type_name, {**made_with, **keys})]
+        found[node.path] = [NodeOrState(owner.type_name, {**made_with, **keys})]
         for outcome, way in node.transitions.items():
             level = AUTONOMY_NAMES.get(way.autonomy, '')
-            found[f'{node.path} > {outcome}'] = [Part('transition', {'autonomy': level} if level else {})]
+            found[f'{node.path} > {outcome}'] = [NodeOrState('transition', {'autonomy': level} if level else {})]
     return found
 
 
@@ -233,7 +235,7 @@ def _keys_of(node: StateDefinition | MachineDefinition) -> Iterator[str]:
     return (node.remap.get(key, key) for key in (*owner.input_keys, *owner.output_keys))
 
 
-def tree_vocabulary(leaves: Iterable[tuple[str, bool]], parts: Parts) -> Vocabulary:
+def tree_vocabulary(leaves: Iterable[tuple[str, bool]], parts: NodesOrStates) -> Vocabulary:
     """That of a tree, of the names of its leaves, and whether each takes time; ``parts`` are all of its nodes."""
     found = list(leaves)
     names = list(dict.fromkeys(name for name, _ in found))
@@ -250,12 +252,12 @@ def tree_vocabulary(leaves: Iterable[tuple[str, bool]], parts: Parts) -> Vocabul
     )
 
 
-def problems_with(stated: Iterable[Stated], known: Vocabulary, what: str) -> list[str]:
+def problems_with(stated: Iterable[StatedRequirement], known: Vocabulary, what: str) -> list[str]:
     """Where requirements are about what ``what`` does not have, each with its place."""
     return [f'{one.place}: "{one.requirement}": {text}' for one in stated for text in _unknown(one, known, what)]
 
 
-def _unknown(stated: Stated, known: Vocabulary, what: str) -> Iterator[str]:
+def _unknown(stated: StatedRequirement, known: Vocabulary, what: str) -> Iterator[str]:
     one = stated.requirement
     only = 'a tree' if isinstance(one, While) else 'a machine' if isinstance(one, After | Written) else ''
     if only and only != ('a tree' if known.is_tree else 'a machine'):
@@ -263,18 +265,18 @@ def _unknown(stated: Stated, known: Vocabulary, what: str) -> Iterator[str]:
         return
     if isinstance(one, IsA | Has):
         if one.name not in known.parts:
-            yield f"{what} has nothing called '{one.name}'{hint(one.name, known.parts)}"
+            yield f"{what} has nothing called '{one.name}'{did_you_mean(one.name, known.parts)}"
         return
     if isinstance(one, Apart | While):
         names = [one.one, one.other] if isinstance(one, Apart) else [one.works]
         for name in names:
             if name not in known.working:
                 kind = 'leaf that takes time' if known.is_tree else 'state'
-                yield f"{what} has no {kind} '{name}'{hint(name, known.working)}"
+                yield f"{what} has no {kind} '{name}'{did_you_mean(name, known.working)}"
         if isinstance(one, Apart) and one.one == one.other and len(known.parts.get(one.one, ())) == 1:
             yield f"{what} has one '{one.one}' only, and that is never beside itself"
         if isinstance(one, While) and one.condition not in known.conditions:
-            yield f"{what} has no condition '{one.condition}'{hint(one.condition, known.conditions)}"
+            yield f"{what} has no condition '{one.condition}'{did_you_mean(one.condition, known.conditions)}"
         return
     events = [one.event]
     if isinstance(one, Before):
@@ -286,9 +288,9 @@ def _unknown(stated: Stated, known: Vocabulary, what: str) -> Iterator[str]:
     elif isinstance(one, Written):
         for key in one.keys:
             if key not in known.keys:
-                yield f"the userdata of {what} has no key '{key}'{hint(key, known.keys)}"
+                yield f"the userdata of {what} has no key '{key}'{did_you_mean(key, known.keys)}"
     for event in events:
         if event not in known.events:
-            yield f"{what} has no event '{event}'{hint(event, known.events)}"
+            yield f"{what} has no event '{event}'{did_you_mean(event, known.events)}"
     if isinstance(one, After) and ' > ' not in one.event:
         yield f"'{one.event}' is no state left by an outcome: write '{one.event} > OUTCOME'"

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import permutations
 from typing import NamedTuple
 
-from flexbt_core.values import counted, shown
+from flexbt_core.values.text import pluralize, short_repr
 
 from .properties import Property, Violation
 
@@ -40,7 +40,7 @@ class AtMost:
 
     def __str__(self) -> str:
         when = '' if self.seconds is None else f' in {self.seconds:g} s'
-        return f'{self.event} at most {counted(self.times, "time")}{when}'
+        return f'{self.event} at most {pluralize(self.times, "time")}{when}'
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Within:
 
     def __str__(self) -> str:
         when = 'before the end' if self.seconds is None else f'within {self.seconds:g} s'
-        times = '' if self.times is None else f', up to {counted(self.times, "time")}'
+        times = '' if self.times is None else f', up to {pluralize(self.times, "time")}'
         return f'after {self.event}, {self.then} {when}{times}'
 
 
@@ -158,14 +158,14 @@ class Has:
 Requirement = Never | AtMost | Before | After | Within | Apart | While | Written | Possible | IsA | Has
 
 
-class Part(NamedTuple):
+class NodeOrState(NamedTuple):
     """What something is, of which a tree or machine is made: its type, and what its ports are given."""
 
     type: str
     values: Mapping[str, str]
 
 
-Parts = Mapping[str, Sequence[Part]]
+NodesOrStates = Mapping[str, Sequence[NodeOrState]]
 """Those of one, by their names."""
 
 _ROUNDING = 1e-6
@@ -215,7 +215,7 @@ class Requirements:
         """Whether something is required of what there is, rather than of what happens: :meth:`check_parts`."""
         return any(isinstance(one, IsA | Has) for one in self.requirements)
 
-    def check_parts(self, parts: Parts) -> None:
+    def check_parts(self, parts: NodesOrStates) -> None:
         """These are the parts of what runs."""
         for one in self.requirements:
             if isinstance(one, IsA | Has):
@@ -354,7 +354,7 @@ def _events(one: Requirement) -> set[str]:
     return {one.event, one.then} if isinstance(one, Within) else set()
 
 
-def _otherwise(one: IsA | Has, parts: Sequence[Part]) -> Iterator[str]:
+def _otherwise(one: IsA | Has, parts: Sequence[NodeOrState]) -> Iterator[str]:
     """What parts of one name are that they should not be.
 
     Leaves without a name are called by their type, and a control, decorator or sub-tree may have that as its name: a
@@ -369,7 +369,7 @@ def _otherwise(one: IsA | Has, parts: Sequence[Part]) -> Iterator[str]:
         types = {part.type for part in parts if port in part.values}
         if (parts and not given) or any(part.type in types and port not in part.values for part in parts):
             yield f'{one.name} is given no {port}'
-        yield from (f'{one.name} has {port}={shown(other)}' for other in given if not _is_same(other, text))
+        yield from (f'{one.name} has {port}={short_repr(other)}' for other in given if not _is_same(other, text))
 
 
 def _is_same(given: str, text: str) -> bool:

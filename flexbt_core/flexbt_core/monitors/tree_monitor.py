@@ -12,21 +12,18 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import (
-    NodeDefinition,
-    NodeStatus,
-    StatefulAction,
-    Tree,
-    TreeNode,
-    UnfinishedWork,
-    node_skill,
-)
-from flexbt_core.behavior_tree.engine import ControlNode, LeafNode, kept_by_class
-from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS
+from flexbt_core.behavior_tree.engine.context import UnfinishedWork
+from flexbt_core.behavior_tree.engine.leaf import LeafNode, StatefulAction
+from flexbt_core.behavior_tree.engine.node import TreeNode, kept_by_class
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.engine.registry import node_skill
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import NodeDefinition
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
 
 from .properties import Property, Violation, shared_actuators
 from .requirement_text import Vocabulary, tree_vocabulary
-from .requirements import Part, Parts, Requirement, Requirements
+from .requirements import NodeOrState, NodesOrStates, Requirement, Requirements
 
 _ABSENT: Final = object()
 
@@ -71,7 +68,7 @@ class TreeMonitor:
     # -- for whoever makes and ticks the tree ------------------------------------------------------------------------
 
     def watched(self, definition: NodeDefinition, path: str) -> NodeDefinition:
-        """What is made in the place of a node: see ``substitute`` of :class:`~flexbt_core.behavior_tree.Tree`."""
+        """What is made in the place of a node: see ``substitute`` of :class:`Tree`."""
         manifest = definition.manifest
         alias = self._alias(definition.tree_id or manifest.id, definition.name, path)
         if definition.tree_id is not None or not issubclass(manifest.node_class, LeafNode):
@@ -120,8 +117,8 @@ class TreeMonitor:
         names = ((name, isinstance(leaf, StatefulAction)) for leaf in leaves for name in self._names_of(leaf))
         return tree_vocabulary(names, self._parts())
 
-    def _parts(self) -> Parts:
-        found: dict[str, list[Part]] = {}
+    def _parts(self) -> NodesOrStates:
+        found: dict[str, list[NodeOrState]] = {}
         scopes = {one.blackboard: f'{one.path}/' if one.path else '' for one in self._tree.subtrees}
         for node, definition in zip(self._tree.nodes, self._tree.definitions, strict=True):
             values = {}
@@ -132,7 +129,7 @@ class TreeMonitor:
                     board, key = node.blackboard.outermost(value.key)
                     values[port] = f'{{{scopes.get(board, "@")}{key}}}'
             for name in self._names_of(node):
-                found.setdefault(name, []).append(Part(definition.tree_id or node.id, values))
+                found.setdefault(name, []).append(NodeOrState(definition.tree_id or node.id, values))
         return found
 
     def _names_of(self, node: TreeNode) -> tuple[str, ...]:

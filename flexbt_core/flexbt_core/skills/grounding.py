@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from string import Template
 from typing import Final
 
-from .errors import SkillError
 from .library import SkillLibrary
-from .literals import EQUAL, Literal
+from .literals import EQUAL, Literal, SkillError
 from .skill import Outcome, OutcomeClass, Skill
 
 MAX_TRIED: Final = 200_000

@@ -10,10 +10,9 @@ from string import Template
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.values import excerpt, hint, shown
+from flexbt_core.values.text import did_you_mean, short_repr, truncate_middle
 
-from .errors import SkillError
-from .literals import EQUAL, Immutable, Literal, Predicate, is_name, is_object
+from .literals import EQUAL, Immutable, Literal, Predicate, SkillError, is_name, is_object
 from .skill import Skill
 
 At = tuple[str, ...]
@@ -109,10 +108,12 @@ class SkillLibrary(Immutable):
         yield from self._of_types()
         for name, kind in self.objects.items():
             if not is_object(name):
-                yield ('objects', name), f'{shown(name)} cannot name an object: letters, digits and _.:/@-'
+                yield ('objects', name), f'{short_repr(name)} cannot name an object: letters, digits and _.:/@-'
             if kind not in known:
-                remedy = f'; one that no predicate takes has to be named: types: {{{excerpt(kind)}: {ANYTHING}}}'
-                yield ('objects', name), f'{shown(kind)} is no type{hint(kind, known)}{remedy}'
+                remedy = (
+                    f'; one that no predicate takes has to be named: types: {{{truncate_middle(kind)}: {ANYTHING}}}'
+                )
+                yield ('objects', name), f'{short_repr(kind)} is no type{did_you_mean(kind, known)}{remedy}'
         for predicate in self.predicates.values():
             at = ('predicates', predicate.name)
             yield from ((at, problem) for problem in predicate.problems())
@@ -123,7 +124,7 @@ class SkillLibrary(Immutable):
             yield from (((*at, 'parameters'), problem) for problem in _names(skill.parameters))
             for name, kind in skill.parameters.items():
                 if kind not in known:
-                    yield (*at, 'parameters', name), f'{shown(kind)} is no type{hint(kind, known)}'
+                    yield (*at, 'parameters', name), f'{short_repr(kind)} is no type{did_you_mean(kind, known)}'
             yield from self._of_arguments(skill, (*at, 'arguments'))
             for literal in skill.preconditions:
                 yield from (((*at, 'preconditions'), text) for text in self.problems_of(literal, skill.parameters))
@@ -149,10 +150,13 @@ class SkillLibrary(Immutable):
         for port, text in skill.arguments.items():
             template = Template(text)
             if not template.is_valid():
-                yield (*at, port), f'{shown(text)} has a $ without a name; write $$ for the character'
+                yield (*at, port), f'{short_repr(text)} has a $ without a name; write $$ for the character'
             for name in template.get_identifiers():
                 if name not in skill.parameters:
-                    yield (*at, port), f'${name} in {shown(text)} is no parameter of the skill{_of(skill.parameters)}'
+                    yield (
+                        (*at, port),
+                        f'${name} in {short_repr(text)} is no parameter of the skill{_of(skill.parameters)}',
+                    )
 
     def _at_once(self, skill: Skill) -> Iterator[str]:
         """Preconditions that cannot hold at once: of a predicate that is exclusive, for what is not the same."""
@@ -176,7 +180,7 @@ class SkillLibrary(Immutable):
             wanted = list(self.predicates[literal.predicate].parameters.values())
         else:
             missing = literal.predicate
-            yield f'{literal}: there is no predicate {shown(missing)}{hint(missing, self.predicates)}'
+            yield f'{literal}: there is no predicate {short_repr(missing)}{did_you_mean(missing, self.predicates)}'
             return
         if len(literal.arguments) != len(wanted):
             yield f'{literal}: {literal.predicate} has {len(wanted)} arguments ({", ".join(wanted)})'
@@ -186,7 +190,7 @@ class SkillLibrary(Immutable):
             if own is None:
                 known = [*parameters, *self.objects]
                 what = 'neither a parameter nor an object' if parameters else 'no object'
-                yield f'{literal}: {shown(argument)} is {what}{hint(argument, known)}'
+                yield f'{literal}: {short_repr(argument)} is {what}{did_you_mean(argument, known)}'
             elif not self.is_kind_of(own, kind):
                 yield f'{literal}: {argument} is of the type {own}, and {literal.predicate} takes {kind}'
 
@@ -212,7 +216,7 @@ def _declare(known: dict[str, Predicate], predicate: Predicate, at: At, problems
 def _names(parameters: Iterable[str]) -> Iterator[str]:
     for name in parameters:
         if not is_name(name):
-            yield f'{shown(name)} cannot name a parameter: letters, digits and _, a letter first'
+            yield f'{short_repr(name)} cannot name a parameter: letters, digits and _, a letter first'
 
 
 def _of(parameters: Mapping[str, str]) -> str:

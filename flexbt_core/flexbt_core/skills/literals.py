@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Predicates with typed arguments, what measures them, and literals: predicates of variables or objects."""
+"""Predicates with typed arguments, the sensors that measure them, and literals over variables or objects."""
 
 from __future__ import annotations
 
@@ -10,9 +10,19 @@ from string import Template
 from types import MappingProxyType
 from typing import Final, Self
 
-from flexbt_core.values import shown
+from flexbt_core.errors import FlexbtError
+from flexbt_core.values.text import short_repr
 
-from .errors import SkillError
+
+class SkillError(FlexbtError):
+    """Manifests that cannot be used. ``problems`` has everything that is wrong, as ``place: what; what to do``."""
+
+    def __init__(self, problems: Iterable[str]) -> None:
+        self.problems: tuple[str, ...] = tuple(problems)
+        super().__init__('\n'.join(self.problems))
+
+
+# Predicates with typed arguments, what measures them, and literals: predicates of variables or objects.
 
 EQUAL: Final = '='
 """The predicate that every library has: two arguments mean the same object."""
@@ -84,10 +94,10 @@ def parse_literal(text: str) -> Literal:
     remedy = (
         'in [ ] one with a comma has to be in quotes' if split else 'such as at(robot, place), not open(door), a != b'
     )
-    raise SkillError([f'{shown(text)} is no literal; {remedy}'])
+    raise SkillError([f'{short_repr(text)} is no literal; {remedy}'])
 
 
-def literals(texts: Iterable[str | Literal]) -> tuple[Literal, ...]:
+def parse_literals(texts: Iterable[str | Literal]) -> tuple[Literal, ...]:
     """Literals of texts. Raises SkillError."""
     return tuple(one if isinstance(one, Literal) else parse_literal(one) for one in texts)
 
@@ -178,17 +188,17 @@ class Predicate(Immutable):
         """What is wrong with it, taken by itself."""
         found = []
         if not is_name(self.name) or self.name == 'not':
-            found.append(f'{shown(self.name)} cannot name a predicate: letters, digits and _, a letter first')
+            found.append(f'{short_repr(self.name)} cannot name a predicate: letters, digits and _, a letter first')
         if self.exclusive is not None and self.exclusive not in self.parameters:
             found.append(
-                f'exclusive: {shown(self.exclusive)} is none of its parameters; it has {list(self.parameters)}'
+                f'exclusive: {short_repr(self.exclusive)} is none of its parameters; it has {list(self.parameters)}'
             )
         for text in self.sensor.texts if self.sensor is not None else ():
             template = Template(text)
             if not template.is_valid():
-                found.append(f'sensor: {shown(text)} has a $ without a name; write $$ for the character')
+                found.append(f'sensor: {short_repr(text)} has a $ without a name; write $$ for the character')
             found += [
-                f'sensor: ${name} in {shown(text)} is none of its parameters; it has {list(self.parameters)}'
+                f'sensor: ${name} in {short_repr(text)} is none of its parameters; it has {list(self.parameters)}'
                 for name in template.get_identifiers()
                 if name not in self.parameters
             ]

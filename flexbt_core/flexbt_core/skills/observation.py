@@ -10,10 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from flexbt_core.values import shown
+from flexbt_core.values.text import short_repr
 
-from .errors import SkillError
-from .literals import Literal
+from .literals import Literal, SkillError
 from .skill import Outcome, OutcomeClass, Skill
 
 _UNSUCCESSFUL = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT)
@@ -50,7 +49,7 @@ class _Fact:
 
     @property
     def source(self) -> str:
-        return f'as {self.path} {"measured" if self.is_measured else f"brought about by {shown(self.outcome)}"}'
+        return f'as {self.path} {"measured" if self.is_measured else f"brought about by {short_repr(self.outcome)}"}'
 
 
 class SkillMonitor:
@@ -105,14 +104,14 @@ class SkillMonitor:
                 self._facts.pop(effect.atom, None)
             return found
         if told is None:
-            return [*found, f'it ended by {shown(outcome)}, of which its skill knows nothing']
+            return [*found, f'it ended by {short_repr(outcome)}, of which its skill knows nothing']
         is_measured = told.kind is OutcomeClass.ANSWERED
         for effect in told.effects:
             shows = dict.fromkeys(self._ended_by(effect), False) | {effect.atom: effect.positive}
             for atom, holds in shows.items():
                 fact = self._facts.get(atom)
                 if is_measured and fact is not None and not fact.is_measured and fact.holds is not holds:
-                    claim = f'{fact.path} ended by {shown(fact.outcome)}, after which {~atom if holds else atom}'
+                    claim = f'{fact.path} ended by {short_repr(fact.outcome)}, after which {~atom if holds else atom}'
                     found.append(f'{claim} was to hold; it does not')
                 self._facts[atom] = _Fact(holds, path, outcome, is_measured)
         return [*found, *self._attempts(path, skill, told)]

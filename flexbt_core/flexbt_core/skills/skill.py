@@ -11,10 +11,9 @@ from string import Template
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.values import hint, shown
+from flexbt_core.values.text import did_you_mean, short_repr
 
-from .errors import SkillError
-from .literals import Immutable, Literal, Predicate, literals
+from .literals import Immutable, Literal, Predicate, SkillError, parse_literals
 
 LEVELS: Final = ('off', 'low', 'high', 'full')
 """Names of the levels of autonomy; the place of one is its number."""
@@ -46,7 +45,7 @@ _NAMES: Final = {
 _CLASSES: Final = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 
 
-def class_of(outcome: str) -> OutcomeClass | None:
+def usual_outcome_class(outcome: str) -> OutcomeClass | None:
     """The class of an outcome by its name, where that is a usual one."""
     return _CLASSES.get(outcome)
 
@@ -72,7 +71,7 @@ class Outcome:
         """
         return cls(
             outcome_class(kind) if isinstance(kind, str) else kind,
-            literals(effects),
+            parse_literals(effects),
             level(autonomy) if isinstance(autonomy, str) else autonomy,
         )
 
@@ -83,13 +82,13 @@ def outcome_class(name: str) -> OutcomeClass:
         return OutcomeClass(name)
     except ValueError:
         known = [kind.value for kind in OutcomeClass]
-        raise SkillError([f'{shown(name)} is no class of outcomes{hint(name, known)}']) from None
+        raise SkillError([f'{short_repr(name)} is no class of outcomes{did_you_mean(name, known)}']) from None
 
 
 def level(name: str) -> int:
     """The level of autonomy of this name. Raises SkillError."""
     if name.lower() not in LEVELS:
-        raise SkillError([f'{shown(name)} is no level of autonomy; there are {", ".join(LEVELS)}'])
+        raise SkillError([f'{short_repr(name)} is no level of autonomy; there are {", ".join(LEVELS)}'])
     return LEVELS.index(name.lower())
 
 
@@ -138,7 +137,7 @@ class Skill(Immutable):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         # What nobody has said is what the name says.
         outcomes = {
-            name: one if one.kind is not None else replace(one, kind=class_of(name))
+            name: one if one.kind is not None else replace(one, kind=usual_outcome_class(name))
             for name, one in self.outcomes.items()
         }
         object.__setattr__(self, 'outcomes', MappingProxyType(outcomes))
@@ -172,7 +171,7 @@ class Skill(Immutable):
         return cls(
             name,
             parameters or {},
-            literals(preconditions),
+            parse_literals(preconditions),
             {key: _outcome(key, given) for key, given in (outcomes or {}).items()},
             tuple(resources),
             cost=cost,
@@ -222,8 +221,8 @@ class Skill(Immutable):
         """
         for name in binding:
             if name not in self.parameters:
-                known = hint(name, self.parameters)
-                raise SkillError([f'{self.name or "the skill"} has no parameter {shown(name)}{known}'])
+                known = did_you_mean(name, self.parameters)
+                raise SkillError([f'{self.name or "the skill"} has no parameter {short_repr(name)}{known}'])
         return replace(
             self,
             parameters={name: kind for name, kind in self.parameters.items() if name not in binding},
@@ -239,14 +238,16 @@ class Skill(Immutable):
         """What is wrong with it, taken by itself: where in the manifest, and what."""
         found: list[tuple[tuple[str, ...], str]] = []
         if not (math.isfinite(self.cost) and self.cost >= 0.0):
-            found.append((('cost',), f'{shown(self.cost)} has to be a number from 0 on'))
+            found.append((('cost',), f'{short_repr(self.cost)} has to be a number from 0 on'))
         if self.deadline is not None and not (math.isfinite(self.deadline) and self.deadline > 0.0):
-            found.append((('deadline',), f'{shown(self.deadline)} has to be a time above 0, s; leave it out for never'))
+            found.append(
+                (('deadline',), f'{short_repr(self.deadline)} has to be a time above 0, s; leave it out for never')
+            )
         least, most = self.duration
         if not (math.isfinite(least) and least >= 0.0 and (most is None or least <= most)):
             found.append((('duration',), f'[{least}, {most}] has to be a least and a greatest time, s'))
         if self.retries is not None and self.retries < 0:
-            found.append((('retries',), f'{shown(self.retries)} has to be a number from 0 on'))
+            found.append((('retries',), f'{short_repr(self.retries)} has to be a number from 0 on'))
         found += [
             (('preconditions',), f'asks for {one} and {~one}, so it is never done; leave out one of them')
             for one in _contradictions(self.preconditions)
@@ -270,4 +271,4 @@ def _outcome(name: str, given: Outcome | OutcomeClass | str | Iterable[str | Lit
         return given
     if isinstance(given, OutcomeClass | str):
         return Outcome.of(given)
-    return Outcome(class_of(name) or OutcomeClass.COMPLETED, literals(given))
+    return Outcome(usual_outcome_class(name) or OutcomeClass.COMPLETED, parse_literals(given))

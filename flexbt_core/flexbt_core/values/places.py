@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from .excerpts import shown
-from .finite_numbers import finite_number
+from .json_data import finite_number
+from .text import short_repr
 from .text_files import read_text
 
 _NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
@@ -31,7 +31,7 @@ def load_places(file: Path) -> dict[str, Place]:
     Raises:
         ValueError: the file cannot be read, or an entry is not a place; names file and entry.
     """
-    from .nested_yaml import load_yaml  # takes a while
+    from .yaml_data import load_yaml  # takes a while
 
     try:
         content = load_yaml(read_text(file), aliases=True)
@@ -54,7 +54,7 @@ def _place(file: Path, name: str, entry: Any) -> Place:
     for key in ('x', 'y', 'yaw'):
         number = finite_number(entry.get(key, 0.0))
         if number is None:
-            raise ValueError(f'{where}: {key} is {shown(entry[key])}, not a number')
+            raise ValueError(f'{where}: {key} is {short_repr(entry[key])}, not a number')
         numbers.append(number)
     x, y, yaw = numbers
     place = Place(x, y, yaw)

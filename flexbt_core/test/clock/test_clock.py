@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.clock import Clock, CoalescedTimers, ManualClock, SteadyClock, TimerQueue, WakeEvent, seconds_asleep
+from flexbt_core.clock.clock import Clock, ManualClock, SteadyClock, TimerQueue, seconds_asleep
+from flexbt_core.clock.waiting import CoalescedTimers, WakeEvent
 from flexbt_testing.waiting import DEADLINE
 
 

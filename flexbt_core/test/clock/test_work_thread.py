@@ -9,7 +9,8 @@ import time
 import weakref
 from queue import SimpleQueue
 
-from flexbt_core.clock import LateWork, ManualClock, WorkThread
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock.work_thread import LateWork, WorkThread
 from flexbt_testing.waiting import DEADLINE
 
 

@@ -11,24 +11,20 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.clock import ManualClock
-from flexbt_core.monitors import (
-    After,
-    Apart,
-    AtMost,
-    Before,
-    MachineMonitor,
-    Never,
-    Property,
-    Requirement,
-    Violation,
-    Within,
-    declared_resources,
-)
-from flexbt_core.skills import Skill
-from flexbt_core.state_machine import Autonomy, Child, MachineRun, OperatableStateMachine, define
-from flexbt_core.state_machine.engine import ContainerRun, LeafRun, Region, operator_commands
-from flexbt_testing.state_machines import Scripted, machine
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.monitors.machine_monitor import MachineMonitor, declared_resources
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.monitors.requirements import After, Apart, AtMost, Before, Never, Requirement, Within
+from flexbt_core.skills.skill import Skill
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine import operator_commands
+from flexbt_core.state_machine.engine.leaf import LeafRun
+from flexbt_core.state_machine.engine.region import ContainerRun, Region
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_testing.state_machines.bench import Scripted, machine
 
 
 class Driving(Scripted):

@@ -5,7 +5,14 @@ from __future__ import annotations
 
 import pytest
 
-from flexbt_core.monitors import (
+from flexbt_core.monitors.requirement_text import (
+    RequirementError,
+    machine_vocabulary,
+    parse_requirement,
+    problems_with,
+    read_requirements,
+)
+from flexbt_core.monitors.requirements import (
     After,
     Apart,
     AtMost,
@@ -15,17 +22,13 @@ from flexbt_core.monitors import (
     Never,
     Possible,
     Requirement,
-    RequirementError,
     While,
     Within,
     Written,
-    machine_vocabulary,
-    parse_requirement,
-    problems_with,
-    read_requirements,
 )
-from flexbt_core.state_machine import Child, define
-from flexbt_testing.state_machines import Scripted, machine
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_testing.state_machines.bench import Scripted, machine
 
 TEXTS: dict[str, Requirement] = {
     'never /A > failed': Never('/A > failed'),

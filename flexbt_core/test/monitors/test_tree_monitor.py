@@ -8,38 +8,23 @@ from collections.abc import Callable
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    Control,
-    NodeStatus,
-    StatefulAction,
-    Tree,
-    TreeLibrary,
-    UnfinishedWork,
-    builtin_registry,
-    input_port,
-    load_xml,
-)
-from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.clock import ManualClock
-from flexbt_core.monitors import (
-    Apart,
-    AtMost,
-    Before,
-    Never,
-    Property,
-    Requirement,
-    Requirements,
-    TreeMonitor,
-    Violation,
-    While,
-    Within,
-    parse_requirement,
-)
-from flexbt_core.skills import Skill
-from flexbt_testing.behavior_trees import scripted_nodes
-from flexbt_testing.behavior_trees.seeded_trees import ForgetfulFallback
-from flexbt_testing.random_trees import basic, nodes
+from flexbt_core.behavior_tree.engine.context import UnfinishedWork
+from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction
+from flexbt_core.behavior_tree.engine.parents import Control
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.ports import STRING, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.monitors.requirement_text import parse_requirement
+from flexbt_core.monitors.requirements import Apart, AtMost, Before, Never, Requirement, Requirements, While, Within
+from flexbt_core.monitors.tree_monitor import TreeMonitor
+from flexbt_core.skills.skill import Skill
+from flexbt_testing.behavior_trees import random_trees, scripted_nodes
+from flexbt_testing.seeded_missions import ForgetfulFallback
 
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
 TWO = '<Sequence><Work name="one"/><Work name="other"/></Sequence>'
@@ -258,7 +243,7 @@ UNSOUND = re.compile(r'R&gt;|_script="[A-Z]*(?:R[A-Z]*K|K[A-Z]*R)')
 """A decorator that makes something else of RUNNING, and forgets its child; a leaf that works, and says SKIPPED."""
 
 
-@pytest.mark.parametrize('make', [basic.make_case, nodes.make_case])
+@pytest.mark.parametrize('make', [random_trees.basic_case, random_trees.control_case])
 def test_random_trees_give_no_alarm(make: Callable[[int], dict[str, object]]) -> None:
     seen = 0
     for seed in range(300):

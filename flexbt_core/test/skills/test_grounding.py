@@ -10,17 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.skills import (
-    Literal,
-    Outcome,
-    OutcomeClass,
-    Predicate,
-    Skill,
-    SkillError,
-    SkillLibrary,
-    ground,
-    parse_literal,
-)
+from flexbt_core.skills.grounding import ground
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.literals import Literal, Predicate, SkillError, parse_literal
+from flexbt_core.skills.skill import Outcome, OutcomeClass, Skill
 
 State = frozenset[Literal]
 

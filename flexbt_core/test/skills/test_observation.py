@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.skills import Outcome, Predicate, Skill, SkillError, SkillMonitor, claims
+from flexbt_core.skills.literals import Predicate, SkillError
+from flexbt_core.skills.observation import SkillMonitor, claims
+from flexbt_core.skills.skill import Outcome, Skill
 
 AT = Predicate('at', {'where': 'place'}, exclusive='where')
 HOLDING = Predicate('holding')

@@ -11,21 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.skills import (
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.literals import (
     BlackboardSensor,
     ConditionSensor,
     Literal,
-    Outcome,
-    OutcomeClass,
     Predicate,
-    Skill,
     SkillError,
-    SkillLibrary,
     TopicSensor,
     parse_literal,
-    read_skills,
-    write_skills,
 )
+from flexbt_core.skills.skill import Outcome, OutcomeClass, Skill
+from flexbt_core.skills.yaml_files import read_skills, write_skills
 
 NAMES = st.from_regex(r'[A-Za-z_][A-Za-z0-9_]{0,8}', fullmatch=True).filter(lambda name: name != 'not')
 TYPES = st.sampled_from(['place', 'thing', 'cup', 'door'])

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.values import finite_number, load_yaml
+from flexbt_core.values.json_data import finite_number
+from flexbt_core.values.yaml_data import load_yaml
 
 SCALARS = st.one_of(
     st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary(), st.lists(st.integers())

@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.values import load_json
-from flexbt_core.values.nested_json import MAX_DEPTH
+from flexbt_core.values.json_data import MAX_JSON_DEPTH, load_json
 
 texts = st.text(st.sampled_from('[]{}"\\a:,0'), max_size=40)
 documents = st.recursive(
@@ -20,18 +19,18 @@ documents = st.recursive(
 )
 
 
-@given(documents, st.integers(MAX_DEPTH - 3, MAX_DEPTH + 3))
+@given(documents, st.integers(MAX_JSON_DEPTH - 3, MAX_JSON_DEPTH + 3))
 def test_the_depth_decides(document: object, depth: int) -> None:
     text = json.dumps(document)
     assert load_json(text) == document
     wrapped = '[' * depth + json.dumps('[{"' * 9) + ']' * depth
-    if depth > MAX_DEPTH:
+    if depth > MAX_JSON_DEPTH:
         with pytest.raises(RecursionError):
             load_json(wrapped)
     else:
         assert load_json(wrapped) == json.loads(wrapped)
-    flat = json.dumps([document] * (MAX_DEPTH + 1))
-    assert load_json(flat) == [document] * (MAX_DEPTH + 1)
+    flat = json.dumps([document] * (MAX_JSON_DEPTH + 1))
+    assert load_json(flat) == [document] * (MAX_JSON_DEPTH + 1)
 
 
 @given(texts)
@@ -53,4 +52,4 @@ def test_brackets_do_not_end_a_process_that_may_recurse_deep() -> None:
         'except RecursionError as error: print(error)'
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout.strip()) == (0, f'nested more than {MAX_DEPTH} deep')
+    assert (done.returncode, done.stdout.strip()) == (0, f'nested more than {MAX_JSON_DEPTH} deep')

@@ -12,8 +12,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.values import YamlError, load_yaml
-from flexbt_core.values.nested_yaml import MAX_DEPTH
+from flexbt_core.values.yaml_data import MAX_YAML_DEPTH, YamlError, load_yaml
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=9) | st.dates()
@@ -30,12 +29,12 @@ pieces = (
 )
 
 
-@given(documents, st.booleans(), st.integers(1, MAX_DEPTH + 3))
+@given(documents, st.booleans(), st.integers(1, MAX_YAML_DEPTH + 3))
 def test_the_depth_decides(document: object, is_flow: bool, depth: int) -> None:
     text = yaml.safe_dump(document, default_flow_style=is_flow)
     assert load_yaml(text) == document
     wrapped = '[' * depth + '1, "[[{"' + ']' * depth
-    if depth > MAX_DEPTH:
+    if depth > MAX_YAML_DEPTH:
         with pytest.raises(YamlError, match='nested more than'):
             load_yaml(wrapped)
     else:
@@ -77,4 +76,4 @@ def test_brackets_do_not_end_a_process_that_may_recurse_deep() -> None:
         'except ValueError as error: print(error)'
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout.strip()) == (0, f'line 1: nested more than {MAX_DEPTH} levels deep')
+    assert (done.returncode, done.stdout.strip()) == (0, f'line 1: nested more than {MAX_YAML_DEPTH} levels deep')

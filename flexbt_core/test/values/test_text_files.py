@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.values import TextFileError, open_private, open_regular, read_text, write_text
+from flexbt_core.values.text_files import TextFileError, open_private, open_regular, read_text, write_text
 
 
 def test_a_text_is_read_with_its_ends_of_lines_and_without_its_mark(tmp_path: Path) -> None:

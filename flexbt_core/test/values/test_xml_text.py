@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.values import xml_attribute, xml_text
+from flexbt_core.values.text import xml_attribute, xml_text
 
 CHARACTERS = st.characters(exclude_categories=['Cc', 'Cs'], exclude_characters='\ufffe\uffff')
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
-from flexbt_console.commands import load_places
+from flexbt_console.commands.operator_values import load_places
 from flexbt_console.errors import UsageError
 
 ODOM_RATE: Final = 20.0
@@ -107,7 +107,7 @@ def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
         world['initial_pose'] = settings.start
     return (
         Process('flexbt_sim', 'simulator', world),
-        Process('flexbt_sim', 'navigation', simulated),
+        Process('flexbt_navigation', 'navigation', simulated),
         Process('flexbt_server', 'bt_server', simulated),
         Process('flexbt_onboard', 'stop_guard'),
         Process('flexbt_onboard', 'onboard_executive', {**simulated, 'places': settings.places}),

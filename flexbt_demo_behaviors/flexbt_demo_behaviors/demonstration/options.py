@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexbt_common.cli import HintingArgumentParser
+from flexbt_common.command_line import SuggestingArgumentParser
 
 DEFAULT_SPEED = 1.0
 DEFAULT_SCRIPT_SPEED = 10.0
@@ -50,14 +50,14 @@ class DemoOptions(RunOptions):
 
 def parse_run_options(program: str, description: str) -> RunOptions:
     """Read the command line of a program with one demonstration; ends the process with a message when it is wrong."""
-    parser = HintingArgumentParser(prog=program, description=description, epilog=SCRIPT_EPILOG)
+    parser = SuggestingArgumentParser(prog=program, description=description, epilog=SCRIPT_EPILOG)
     _add_run_options(parser, os.environ)
     return _run_options(parser, parser.parse_args(), sys.stdin.isatty() and sys.stdout.isatty())
 
 
 def parse_options(arguments: Sequence[str], environment: Mapping[str, str], terminal: bool) -> DemoOptions:
     """Read the command line; ends the process with a message for the user when it is wrong (exit code 2)."""
-    parser = HintingArgumentParser(
+    parser = SuggestingArgumentParser(
         prog='demo', description='Run the FlexBT demonstrations in simulation.', epilog=EPILOG
     )
     parser.add_argument('--demo', default=environment.get('DEMO', ''), help='1: one tree navigates; 2: three trees')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a demonstration told while it ran, and what came of it."""
+"""What a demonstration reported while it ran, its result, and its picture."""
 
 from __future__ import annotations
 
@@ -7,11 +7,16 @@ import copy
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TextIO
 
-from .robot_track import Pose
+from PIL import Image
+
+from flexbt_sim.world import Pose, Trace, TraceFrame, World, draw_world
+
+from .robot_track import RobotTrack, TrackPose
 
 # A goal counts as reached when the robot is this near to it, in metres, as the simulator knows it.
 GOAL_TOLERANCE = 0.25
@@ -57,7 +62,7 @@ class GoalResult:
     """
 
     label: str
-    pose: Pose
+    pose: TrackPose
     ending: str
     error: float
     reached: bool
@@ -109,3 +114,30 @@ class DemoReport:
         if self.problem:
             lines += [f'  {line}' for line in f'problem {self.problem}'.splitlines()]
         return '\n'.join(lines)
+
+
+# The picture of a demonstration: a world, and what its robots have planned and driven.
+
+
+def write_picture(world: World, tracks: Mapping[str, RobotTrack], file: Path) -> None:
+    """Draw what :func:`draw_tracks` draws and write it as PNG to `file`, whose directory is made when missing."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    draw_tracks(world, tracks).quantize(64).save(file, optimize=True)
+
+
+def draw_tracks(world: World, tracks: Mapping[str, RobotTrack]) -> Image.Image:
+    """A world, whose robots are put where they are now, with their tracks by the names of the robots: the ways that
+    they have driven, the plans dashed. The time is that since the tracks began.
+    """
+    trace = Trace(world)
+    for name, track in tracks.items():
+        shape = world.robots[name].shape
+        trace.frames += [
+            TraceFrame(time - track.began, {name: (shape, Pose(pose.x, pose.y, pose.yaw))}, {})
+            for time, pose in track.way
+        ]
+        if track.pose is not None:
+            world.robots[name].place(Pose(track.pose.x, track.pose.y, track.pose.yaw))
+    plans = {f'{name}{number}': plan for name, track in tracks.items() for number, plan in enumerate(track.plans)}
+    last = max((track.time - track.began for track in tracks.values()), default=0.0)
+    return draw_world(world, trace, paths=plans, time=last)

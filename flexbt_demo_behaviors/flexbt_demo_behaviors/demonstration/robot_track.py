@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the simulator knows of the robot during a demonstration: where it was, how fast, and what was planned."""
+"""The track of a robot during a demonstration: poses, speed and plans, and the subscriptions that fill it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,19 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from geometry_msgs.msg import PoseStamped, Quaternion
+from nav_msgs.msg import OccupancyGrid, Path
+from rclpy.qos import QoSProfile
+
+from flexbt_common import names
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import MESSAGE
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_sim.world import OccupancyMap
+from flexbt_sim.world import Pose as Origin
 
 Point = tuple[float, float]
 
@@ -21,14 +33,14 @@ REST_TURN = 0.01
 
 
 @dataclass(frozen=True)
-class Pose:
+class TrackPose:
     """A pose in the map frame: metres, metres, radians."""
 
     x: float
     y: float
     yaw: float
 
-    def distance(self, other: Pose) -> float:
+    def distance(self, other: TrackPose) -> float:
         """Straight-line distance between the positions, in metres."""
         return math.hypot(self.x - other.x, self.y - other.y)
 
@@ -47,10 +59,10 @@ class RobotTrack:
         self.on_change = on_change
         self._lock = threading.Lock()
         self._map: OccupancyMap | None = None
-        self._pose: Pose | None = None
+        self._pose: TrackPose | None = None
         self._time = 0.0
         self._moving = False
-        self._way: list[tuple[float, Pose]] = []
+        self._way: list[tuple[float, TrackPose]] = []
         self._length = 0.0
         self._plans: list[list[Point]] = []
         self._nodes: dict[str, Mapping[int, str]] = {}
@@ -70,7 +82,7 @@ class RobotTrack:
             self._map = grid
         self.on_change()
 
-    def add_pose(self, pose: Pose, time: float) -> None:
+    def add_pose(self, pose: TrackPose, time: float) -> None:
         """Take the true pose of the robot at a simulated time, in seconds."""
         with self._lock:
             before, passed = self._pose, time - self._time
@@ -119,7 +131,7 @@ class RobotTrack:
             return self._map
 
     @property
-    def pose(self) -> Pose | None:
+    def pose(self) -> TrackPose | None:
         """The newest pose, once one has come."""
         with self._lock:
             return self._pose
@@ -143,7 +155,7 @@ class RobotTrack:
             return not self._moving
 
     @property
-    def way(self) -> list[tuple[float, Pose]]:
+    def way(self) -> list[tuple[float, TrackPose]]:
         """Where the robot was, and at which simulated time, in seconds."""
         with self._lock:
             return list(self._way)
@@ -170,3 +182,72 @@ class RobotTrack:
         """The first plan for each place that was planned to, in order."""
         with self._lock:
             return [list(plan) for plan in self._plans]
+
+
+# Subscriptions that fill the track of the robot from what the simulator and the planner publish.
+
+EACH = 1000
+"""Messages that may wait where each counts: poses, for the driven path, and what trees do."""
+
+POSE_BYTES = 2_000
+
+
+def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
+    """Subscribe to map, true pose, plans, and what trees do, for as long as the node lives.
+
+    Not to the odometry: while somebody listens to that, the simulator publishes as often as in a drive.
+    """
+
+    def on_map(message: OccupancyGrid) -> None:
+        info = message.info
+        cells = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
+        origin = info.origin.position
+        track.set_map(OccupancyMap(cells, info.resolution, Origin(origin.x, origin.y, yaw_of(info.origin.orientation))))
+
+    def on_pose(received: Received) -> None:
+        message: PoseStamped = received.unpack(PoseStamped)
+        position = message.pose.position
+        track.add_pose(
+            TrackPose(position.x, position.y, yaw_of(message.pose.orientation)), seconds_of(message.header.stamp)
+        )
+
+    def on_plan(message: Path) -> None:
+        track.add_plan([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
+
+    def on_structure(received: Received) -> None:
+        message: TreeStructure = received.unpack(TreeStructure)
+        track.add_tree(f'{message.run_id}/{message.number}', {node.uid: node.name for node in message.nodes})
+
+    def on_tree_status(received: Received) -> None:
+        message: TreeStatus = received.unpack(TreeStatus)
+        begun = [change.uid for change in message.changes if change.status == TreeStatus.RUNNING]
+        track.add_begun(f'{message.run_id}/{message.structure}', begun)
+
+    def subscribe() -> None:
+        node = runtime.node
+        node.create_subscription(OccupancyGrid, names.MAP, on_map, names.transient_local_qos())
+        node.create_subscription(Path, names.PLAN, on_plan, 10)
+        # All that have come are taken at once: one in a turn of the executor would be seconds late on a busy computer.
+        ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=EACH), on_pose, POSE_BYTES)
+        ReceivedMessages(
+            node, TreeStructure, names.TREE_STRUCTURE, names.transient_local_qos(EACH), on_structure, MESSAGE
+        )
+        ReceivedMessages(node, TreeStatus, names.TREE_STATUS, names.transient_local_qos(EACH), on_tree_status, MESSAGE)
+
+    runtime.call(subscribe)
+
+
+def yaw_of(orientation: Quaternion) -> float:
+    """The heading of an upright robot, in radians."""
+    return 2.0 * math.atan2(orientation.z, orientation.w)
+
+
+def pose_message(pose: TrackPose, frame: str = 'map') -> PoseStamped:
+    """A pose as message, with a zero stamp."""
+    message = PoseStamped()
+    message.header.frame_id = frame
+    message.pose.position.x = pose.x
+    message.pose.position.y = pose.y
+    message.pose.orientation.z = math.sin(pose.yaw / 2.0)
+    message.pose.orientation.w = math.cos(pose.yaw / 2.0)
+    return message

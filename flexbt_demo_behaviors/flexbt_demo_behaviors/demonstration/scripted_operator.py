@@ -11,23 +11,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from flexbt_console.commands import CommandBuilder
-from flexbt_console.mirror import (
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
+from flexbt_console.mirror.mirror import Change, Mirror
+from flexbt_console.mirror.records import (
     AutonomyLevel,
-    Change,
-    Command,
     CommandKind,
-    CommandState,
     Decision,
     DecisionKind,
     ExecutiveState,
-    Mirror,
-    TrackedCommand,
-    View,
+    OperatorCommand,
 )
+from flexbt_console.mirror.view import View
 
 from .report import GOAL_TOLERANCE, DemoError, GoalResult, Timeline
-from .robot_track import Pose, RobotTrack
+from .robot_track import RobotTrack, TrackPose
 
 T = TypeVar('T')
 
@@ -55,7 +53,7 @@ class ScriptedOperator:
         self,
         mirror: Mirror,
         track: RobotTrack,
-        send: Callable[[Command, float], TrackedCommand],
+        send: Callable[[OperatorCommand, float], TrackedCommand],
         make: CommandBuilder,
         timeline: Timeline,
         is_on_call: bool = False,
@@ -306,7 +304,7 @@ class ScriptedOperator:
         states = view.snapshot.active_states if view.snapshot else ()
         return self.track.time >= max((state.entered for state in states), default=0.0)
 
-    def _give(self, command: Command) -> None:
+    def _give(self, command: OperatorCommand) -> None:
         """Send a command and wait until it is applied."""
         self._answered.add(command.decision_id)
         self._send(command, ANSWER_TIMEOUT_S)
@@ -334,9 +332,9 @@ class ScriptedOperator:
                     f'{decision.path} waits for a person to confirm {decision.outcome!r}, which is not expected'
                 )
 
-    def _place(self, label: str) -> Pose:
+    def _place(self, label: str) -> TrackPose:
         place = self._mirror.view().places[label]
-        return Pose(place.x, place.y, place.yaw)
+        return TrackPose(place.x, place.y, place.yaw)
 
     def _on_change(self, _change: Change) -> None:
         self.notify()

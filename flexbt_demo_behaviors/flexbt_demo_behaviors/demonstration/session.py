@@ -9,16 +9,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from flexbt_common import discovery
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands import CommandBuilder
-from flexbt_console.link import OperatorLink
-from flexbt_console.mirror import Change, ExecutiveState, LogLine, Mirror, Severity, Snapshot
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.mirror import Change, Mirror
+from flexbt_console.mirror.records import ExecutiveSnapshot, ExecutiveState, LogLine, LogSeverity
 
 from .demo_processes import DemoSettings, demo_processes
 from .process_group import ProcessGroup
 from .report import Timeline
-from .robot_subscriptions import subscribe_to_robot
-from .robot_track import RobotTrack
+from .robot_track import RobotTrack, subscribe_to_robot
 from .scripted_operator import ScriptedOperator
 
 # From the start of the first process until the demonstration is ready, in seconds of wall time.
@@ -26,7 +26,7 @@ READY_TIMEOUT_S = 180.0
 
 
 @dataclass(frozen=True)
-class Session:
+class DemoSession:
     """A ready demonstration, and an operator at its link, on a node of its own."""
 
     operator: ScriptedOperator
@@ -37,7 +37,7 @@ class Session:
 def set_environment() -> None:
     """Have the processes find each other quickly, and on this computer only, unless the user has it otherwise.
 
-    Raises OSError when they cannot, see :func:`flexbt_common.discovery.check_loopback`.
+    Raises OSError when they cannot, see :func:`check_loopback`.
     """
     if not os.environ.get(discovery.RANGE) and not os.environ.get(discovery.PROFILE):
         discovery.only_this_computer()
@@ -47,7 +47,9 @@ def set_environment() -> None:
 
 
 @contextlib.contextmanager
-def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, timeline: Timeline) -> Iterator[Session]:
+def open_session(
+    group: ProcessGroup, settings: DemoSettings, operator: str, timeline: Timeline
+) -> Iterator[DemoSession]:
     """Start the processes in `group`, wait until all of them are ready, and watch them for the time of the context.
 
     Raises DemoError when they are not ready in time or one of them dies meanwhile.
@@ -64,7 +66,7 @@ def open_session(group: ProcessGroup, settings: DemoSettings, operator: str, tim
 @contextlib.contextmanager
 def join_robot(
     operator: str, timeline: Timeline, namespace: str | None = None, *, is_on_call: bool = False
-) -> Iterator[Session]:
+) -> Iterator[DemoSession]:
     """Sit down at the link of the robot in a namespace, and watch the robot, for the time of the context.
 
     ``is_on_call``: somebody else starts the behaviors, so that the end of one is no surprise.
@@ -73,11 +75,11 @@ def join_robot(
         track = RobotTrack()
         subscribe_to_robot(runtime, track)  # first: what a tree has done is handled before what came of it
         mirror = Mirror(runtime.steady)
-        link = OperatorLink(runtime, mirror)
+        link = ExecutiveLink(runtime, mirror)
         scripted = ScriptedOperator(mirror, track, link.send, CommandBuilder(operator), timeline, is_on_call)
         track.on_change = scripted.notify
         mirror.add_listener(Narrator(mirror, timeline))
-        yield Session(scripted, track, runtime)
+        yield DemoSession(scripted, track, runtime)
 
 
 class Narrator:
@@ -104,12 +106,12 @@ class Narrator:
         if line.executive_id == self._told[0] and line.sequence <= self._told[1]:
             return
         self._told = (line.executive_id, line.sequence)
-        if line.severity >= Severity.INFO:
+        if line.severity >= LogSeverity.INFO:
             where = f'{line.path}: ' if line.path else ''
-            mark = f'{line.severity.name.lower()}: ' if line.severity >= Severity.WARN else ''
+            mark = f'{line.severity.name.lower()}: ' if line.severity >= LogSeverity.WARN else ''
             self._timeline.tell('log', f'{where}{mark}{line.text}')
 
-    def _tell_snapshot(self, snapshot: Snapshot) -> None:
+    def _tell_snapshot(self, snapshot: ExecutiveSnapshot) -> None:
         active = tuple(state.path for state in snapshot.active_states)
         if active != self._active:
             self._active = active

@@ -15,8 +15,8 @@ from simulation_interfaces.msg import Result
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity
 
 from flexbt_common import names
-from flexbt_common.calls import ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_sim.world import ObstacleModel, Pose, box
 
 from .report import DemoError, Timeline
@@ -26,7 +26,7 @@ REAL_TIME: Final = 1.0
 
 
 @dataclass(frozen=True)
-class Box:
+class SimulatedBox:
     """A box that somebody leaves in the way: its middle and sides, in m, parallel to the axes of the map."""
 
     x: float
@@ -45,7 +45,7 @@ class Box:
         return {'pose': [self.x, self.y, 0.0], 'shape': [self.length, self.width]}
 
 
-class Simulation:
+class DemoSimulation:
     """Acts on the simulator, and waits until it has done so. Raises DemoError when it does not.
 
     ``speed`` is how many seconds of the simulated world pass in one second.
@@ -55,14 +55,14 @@ class Simulation:
         self._runtime = runtime
         self._timeline = timeline
         self._speed = speed
-        self._boxes: dict[str, Box] = {}
+        self._boxes: dict[str, SimulatedBox] = {}
 
     @property
-    def boxes(self) -> Mapping[str, Box]:
+    def boxes(self) -> Mapping[str, SimulatedBox]:
         """All boxes that have been put somewhere, by their names; those that were taken away, too."""
         return self._boxes
 
-    def put(self, name: str, box: Box) -> None:
+    def put(self, name: str, box: SimulatedBox) -> None:
         """Have somebody leave a box in the way."""
         self._boxes[name] = box
         described = json.dumps({'obstacles': {name: box.description}})

@@ -1,17 +1,43 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's EventState: the engine's, with the names that FlexBE's states use."""
+"""FlexBE's EventState and containers: the engine's, with the names that FlexBE's states and behaviors use."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from flexbt_core import state_machine
-from flexbt_core.state_machine import ExitReason, StateError
-from flexbt_flexbe.proxy import ProxyPublisher, ProxySubscriberCached, lacks_of
-from flexbt_onboard.behaviors import current_run
+from flexbt_core.state_machine.authoring import machine
+from flexbt_core.state_machine.model import event_state
+from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_core.state_machine.model.userdata import StateError
+from flexbt_onboard.behaviors.run_context import current_run
 
-from .ros_access import RosAccess
+from .topic_proxies import ProxyPublisher, ProxySubscriberCached, lacks_of
+
+# What FlexBE's classes know of ROS: the node of the run, under FlexBE's names.
+#
+# FlexBE keeps its node in class attributes, so that a process can have one. Here the same attributes are looked up when
+# they are read, in the run on whose thread that happens.
+
+
+class _RunNode:
+    """A class attribute that is the node of the current run: ``self._node`` and ``MyState._node``."""
+
+    def __get__(self, instance: object, owner: type[Any]) -> Any:
+        return current_run().services.runtime.node
+
+
+class RosAccess:
+    """Base of what FlexBE initializes with a node."""
+
+    _node = _RunNode()
+
+    @staticmethod
+    def initialize_ros(node: Any) -> None:
+        """Does nothing, since the node is that of the run; behaviors written by FlexBE's editor call it."""
+
+
+# FlexBE's EventState: the engine's, with the names that FlexBE's states use.
 
 
 class _Provided:
@@ -24,7 +50,7 @@ class _Provided:
         return self if state is None else self._value_of(state)
 
 
-class EventState(RosAccess, state_machine.EventState):
+class EventState(RosAccess, event_state.EventState):
     """Base of FlexBE's states.
 
     It is executed at its rate (10 Hz, or ``desired_rate``), as in FlexBE, and besides whenever something arrives that
@@ -70,3 +96,18 @@ class EventState(RosAccess, state_machine.EventState):
         if self.exit_reason is not None and self.exit_reason.is_of_the_run:
             goals.stop()
         return goals.halting(self)
+
+
+# FlexBE's containers: the engine's, with what behaviors written by FlexBE's editor call.
+
+
+class OperatableStateMachine(RosAccess, machine.OperatableStateMachine):
+    """A state machine; see :class:`OperatableStateMachine`."""
+
+
+class ConcurrencyContainer(RosAccess, machine.ConcurrencyContainer):
+    """Its children run at the same time; see :class:`ConcurrencyContainer`."""
+
+
+class PriorityContainer(RosAccess, machine.PriorityContainer):
+    """Everything else is paused meanwhile; see :class:`PriorityContainer`."""

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's Logger: lines for the operator, from anywhere in a behavior."""
+"""FlexBE's loggers: Logger writes lines for the operator, StateLogger records for the analysis of runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-from flexbt_core.state_machine import Severity, called_state
-from flexbt_onboard.behaviors import RunContext, current_run
+from flexbt_core.state_machine.model.event_state import EventState, called_state
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_onboard.behaviors.run_context import RunContext, current_run
+
+from .event_state import RosAccess
 
 
 class _Throttle:
@@ -147,3 +150,49 @@ class Logger:
     @staticmethod
     def initialize(node: Any) -> None:
         """Does nothing: lines go to the run on whose thread they are written."""
+
+
+# FlexBE's StateLogger: records for the analysis of runs.
+
+Class = TypeVar('Class', bound=type[Any])
+
+
+class StateLogger(RosAccess):
+    """Records become debug lines of the run.
+
+    The executive records entering, leaving, outcomes and decisions of every state by itself, so that the decorators
+    which add this to single classes leave them as they are.
+    """
+
+    @staticmethod
+    def initialize(be_name: str | None = None) -> None:
+        """Does nothing: a run always records."""
+
+    @staticmethod
+    def shutdown() -> None:
+        """Does nothing."""
+
+    @staticmethod
+    def log(name: str, state: EventState, **kwargs: Any) -> None:
+        """Record something of a state, under the name of a logger."""
+        fields = ' '.join(f'{key}={value!r}' for key, value in kwargs.items())
+        current_run().log(Severity.DEBUG, state.path, f'{name}: {fields}')
+
+    @staticmethod
+    def log_events(name: str, **events: str) -> Callable[[Class], Class]:
+        """Decorator of classes."""
+        return _unchanged
+
+    @staticmethod
+    def log_outcomes(name: str) -> Callable[[Class], Class]:
+        """Decorator of classes."""
+        return _unchanged
+
+    @staticmethod
+    def log_userdata(name: str, keys: list[str] | None = None) -> Callable[[Class], Class]:
+        """Decorator of classes."""
+        return _unchanged
+
+
+def _unchanged(decorated: Class) -> Class:
+    return decorated

@@ -1,15 +1,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """FlexBE's generic states, and the states for behavior trees under FlexBE's interface."""
 
-from .bt_states import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, BtSetDataState
-from .calculation_states import CalculationState, FlexibleCalculationState
-from .condition_states import CheckConditionState, DecisionState, FlexibleCheckConditionState
-from .log_states import LogKeyState, LogState
+from .bt_states import (
+    BtExecuteGoalState,
+    BtExecuteState,
+    BtGetDataState,
+    BtLoaderState,
+    BtSetDataState,
+    WaitForServersState,
+    WaitState,
+)
 from .operator_states import InputState, OperatorDecisionState, SelectionState
-from .publisher_states import PublisherBoolState, PublisherEmptyState, PublisherStringState
-from .subscriber_state import SubscriberState
-from .user_data_state import UserdataState
-from .wait_states import WaitForServersState, WaitState
+from .topic_states import PublisherBoolState, PublisherEmptyState, PublisherStringState, SubscriberState
+from .value_states import (
+    CalculationState,
+    CheckConditionState,
+    DecisionState,
+    FlexibleCalculationState,
+    FlexibleCheckConditionState,
+    LogKeyState,
+    LogState,
+    UserdataState,
+)
 
 __all__ = [
     'BtExecuteGoalState',

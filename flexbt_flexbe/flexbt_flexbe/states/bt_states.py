@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The states for behavior trees, with the names of types that the states of flex_bt_flexbe_states take."""
+"""States of flexbt_states under FlexBE's interface: for behavior trees, and for waiting."""
 
 from __future__ import annotations
 
 from typing import Final
 
 import flexbt_states
-from flexbt_flexbe.api import RosAccess
-from flexbt_states.support import GoalState
+from flexbt_flexbe.api.event_state import RosAccess
+from flexbt_states.goal_call import GoalState
 
 _TYPES: Final = {
     'char': 'string',
@@ -51,3 +51,14 @@ class BtGetDataState(RosAccess, _ShortTypes, flexbt_states.BtGetDataState):
 
 class BtSetDataState(RosAccess, _ShortTypes, flexbt_states.BtSetDataState):
     __doc__ = flexbt_states.BtSetDataState.__doc__
+
+
+# States that wait, for a time or for servers, under FlexBE's interface.
+
+
+class WaitState(RosAccess, flexbt_states.WaitState):
+    __doc__ = flexbt_states.WaitState.__doc__
+
+
+class WaitForServersState(RosAccess, flexbt_states.WaitForServersState):
+    __doc__ = flexbt_states.WaitForServersState.__doc__

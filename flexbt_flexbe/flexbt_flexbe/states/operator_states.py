@@ -8,14 +8,14 @@ from typing import Any, Final
 
 import flexbt_states
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.values import check_value, from_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.values.entries import check_value, from_entry
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import UserData
-from flexbt_flexbe.api import RosAccess
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_flexbe.api.event_state import RosAccess
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
-from flexbt_states.support import GoalCall, GoalState
+from flexbt_states.goal_call import GoalCall, GoalState
 
 _TYPES: Final = {
     0: ('int64', None),

@@ -9,24 +9,28 @@ import sys
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES
-from flexbt_core.monitors import RequirementError, Stated, parse_requirement, read_requirements
-from flexbt_core.values import one_line
-from flexbt_formal.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Counterexample, Report
-from flexbt_formal.proofs.trees import (
+from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES
+from flexbt_core.monitors.requirement_text import (
+    RequirementError,
+    StatedRequirement,
+    parse_requirement,
+    read_requirements,
+)
+from flexbt_core.values.text import one_line
+from flexbt_formal.exploration.explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS
+from flexbt_formal.exploration.model import Counterexample, Report
+from flexbt_formal.proofs.proof_cache import ProofCache
+from flexbt_formal.proofs.proof_report import (
     Compared,
-    File,
-    ProofCache,
-    Replay,
     comparison_as_json,
     comparison_lines,
     report_as_json,
     report_lines,
-    saved_test,
 )
+from flexbt_formal.proofs.saved_test import File, Replay, saved_test
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
-from flexbt_tools.text_files import read_text, write_text
+from flexbt_tools.files import read_text_file, write_text_file
 
 _MOST_BYTES: Final = 1_000_000
 
@@ -88,7 +92,9 @@ def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
-def requirements(options: argparse.Namespace) -> tuple[list[Stated], dict[str, tuple[Stated, ...]]]:
+def requirements(
+    options: argparse.Namespace,
+) -> tuple[list[StatedRequirement], dict[str, tuple[StatedRequirement, ...]]]:
     """What is required of what is proved, and what the file requires by names. Raises UsageError and UnfitError."""
     try:
         own = [parse_requirement(text, '--require') for text in options.require]
@@ -97,7 +103,7 @@ def requirements(options: argparse.Namespace) -> tuple[list[Stated], dict[str, t
     if options.requirements is None:
         return own, {}
     try:
-        return own, read_requirements(read_text(options.requirements, _MOST_BYTES), options.requirements)
+        return own, read_requirements(read_text_file(options.requirements, _MOST_BYTES), options.requirements)
     except RequirementError as error:
         raise UnfitError(str(error)) from None
 
@@ -153,7 +159,7 @@ def node_settings(options: argparse.Namespace) -> dict[str, Any]:
 
 def save_test(options: argparse.Namespace, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> None:
     """Write a test file. Raises UsageError."""
-    write_text(options.save_test, saved_test(options.save_test, wrong))
+    write_text_file(options.save_test, saved_test(options.save_test, wrong))
     print(f'the test is in {options.save_test}', file=sys.stderr)
 
 

@@ -15,10 +15,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
-from .choices import Choices
 from .configuration import Configuration
-from .explorer import ANSWERS_OF_A_STEP, Limits, Progress, Teller
-from .model import TIMER, Label, System
+from .explorer import ANSWERS_OF_A_STEP, ExplorationLimits, ExplorationProgress, ProgressReporter
+from .model import TIMER, EnvironmentChoices, Label, System
 from .virtual_time import VirtualClock
 
 _DIGITS: Final = 6
@@ -84,14 +83,14 @@ class Comparison:
 def compare(
     before: Callable[[], Described],
     now: Callable[[], Described],
-    limits: Limits | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    limits: ExplorationLimits | None = None,
+    on_progress: Callable[[ExplorationProgress], None] | None = None,
     *,
     most: int = 3,
 ) -> Comparison:
     """Follow all that can happen to both of two versions, which are made anew at their beginnings, and tell the
     ``most`` differences that are nearest to the beginning."""
-    return _SideBySide(_Version(before()), _Version(now()), limits or Limits(), on_progress).result(most)
+    return _SideBySide(_Version(before()), _Version(now()), limits or ExplorationLimits(), on_progress).result(most)
 
 
 def names_of(paths: Iterable[str]) -> dict[str, str]:
@@ -218,7 +217,7 @@ class _Version:
         )
 
 
-class _SharedChoices(Choices):
+class _SharedChoices(EnvironmentChoices):
     """Answers of one step of both: what one was told, the other is told, too, whenever it asks."""
 
     def __init__(self, given: Sequence[int] = ()) -> None:
@@ -256,11 +255,11 @@ class _SideBySide:
         self,
         before: _Version,
         now: _Version,
-        limits: Limits,
-        on_progress: Callable[[Progress], None] | None,
+        limits: ExplorationLimits,
+        on_progress: Callable[[ExplorationProgress], None] | None,
     ) -> None:
         self._before, self._now, self._limits = before, now, limits
-        self._teller = Teller(on_progress)
+        self._teller = ProgressReporter(on_progress)
         self._from: dict[tuple[bytes, bytes], _Place | None] = {}
         self._found: dict[tuple[object, ...], tuple[_Place, _Seen, _Seen]] = {}
         self._steps = 0
@@ -306,8 +305,8 @@ class _SideBySide:
                 return f'the limit of {self._limits.configurations} situations'
         return self._cut
 
-    def _progress(self, waiting: int) -> Progress:
-        return Progress(len(self._from), waiting, self._steps, time.process_time() - self._begin)
+    def _progress(self, waiting: int) -> ExplorationProgress:
+        return ExplorationProgress(len(self._from), waiting, self._steps, time.process_time() - self._begin)
 
     def _steps_from(
         self, pair: tuple[Configuration, Configuration]

@@ -46,15 +46,15 @@ _ITERATORS: Final[tuple[type[Any], ...]] = (type(iter(())), type(iter([])))
 class Layout:
     """What the walk has to know of classes, each of which holds for those that derive from it, too.
 
-    ``fixed``: objects that never change, or hold nothing that matters. ``wired``: attributes that never change.
-    ``unseen``: attributes that are kept and restored, but have no part in the key. ``views``: what the key has in the
+    ``fixed``: objects that never change, or hold nothing that matters. ``constant``: attributes that never change.
+    ``ignored``: attributes that are kept and restored, but have no part in the key. ``views``: what the key has in the
     place of an attribute. ``idle``: gives, for an object that is at rest now, the dictionaries and lists that are kept
     of it, and that have no part in the key, since they are set when it begins; None for one that is not at rest.
     """
 
     fixed: tuple[type[Any], ...] = ()
-    wired: Mapping[type[Any], frozenset[str]] = field(default_factory=dict)
-    unseen: Mapping[type[Any], frozenset[str]] = field(default_factory=dict)
+    constant: Mapping[type[Any], frozenset[str]] = field(default_factory=dict)
+    ignored: Mapping[type[Any], frozenset[str]] = field(default_factory=dict)
     views: Mapping[type[Any], Mapping[str, Callable[[Any], Any]]] = field(default_factory=dict)
     idle: Mapping[type[Any], Callable[[Any], Iterable[Any] | None]] = field(default_factory=dict)
 
@@ -78,7 +78,7 @@ def _digest(text: Any) -> bytes:
 class _Kind:
     """How objects of one class are walked."""
 
-    __slots__ = ('get', 'has_dict', 'idle', 'is_fixed', 'name', 'names', 'seen', 'views', 'wired')
+    __slots__ = ('constant', 'get', 'has_dict', 'idle', 'is_fixed', 'name', 'names', 'seen', 'views')
 
     def __init__(self, kind: type[Any], layout: Layout, packages: frozenset[str]) -> None:
         self.name = kind.__qualname__
@@ -89,16 +89,16 @@ class _Kind:
             or (parameters is not None and parameters.frozen)
             or _package(kind) not in packages
         )
-        wired = _of_bases(kind, layout.wired)
-        unseen = _of_bases(kind, layout.unseen)
+        constant = _of_bases(kind, layout.constant)
+        ignored = _of_bases(kind, layout.ignored)
         slots = [name for base in kind.__mro__ for name in _slots_of(base)]
         self.names = tuple(
-            dict.fromkeys(name for name in slots if name not in wired and name not in ('__weakref__', '__dict__'))
+            dict.fromkeys(name for name in slots if name not in constant and name not in ('__weakref__', '__dict__'))
         )
         self.has_dict = hasattr(kind, '__dictoffset__') and kind.__dictoffset__ != 0
         self.get: Callable[[Any], tuple[Any, ...]] | None = attrgetter(*self.names) if len(self.names) > 1 else None
-        self.wired = wired
-        self.seen = frozenset(unseen | wired)
+        self.constant = constant
+        self.seen = frozenset(ignored | constant)
         views = {name: view for base in kind.__mro__ for name, view in layout.views.get(base, {}).items()}
         self.views = {name: view for name, view in views.items() if not name or name in self.names}
 
@@ -140,7 +140,7 @@ class _Kinds(dict[type[Any], _Kind]):
 _ABSENT: Final = object()
 
 
-class Memory:
+class StateSnapshotter:
     """Keeps and restores the configurations of what can be reached from ``roots``.
 
     Objects are looked into when their class is of the same package as a root, or as one of ``classes``. What is only
@@ -320,10 +320,10 @@ class _Walk:
             self._attribute(one, kind, name, value)
         attributes = getattr(one, '__dict__', None)
         if attributes is not None:
-            wired = kind.wired
+            constant = kind.constant
             self._parts.append((attributes, _DICT, dict(attributes)))
             for name, value in attributes.items():
-                if name not in wired:
+                if name not in constant:
                     self._attribute(one, kind, name, value)
 
     def _visit_slots(self, one: Any, kind: _Kind, held: tuple[Any, ...]) -> None:

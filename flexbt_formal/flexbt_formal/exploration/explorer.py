@@ -15,12 +15,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from flexbt_core.monitors import Property, Violation
+from flexbt_core.monitors.properties import Property, Violation
 
-from .choices import Choices
 from .configuration import Configuration
-from .graph import Graph
-from .model import Answer, Counterexample, Label, Move, Report, System, livelock
+from .graph import ConfigurationGraph
+from .model import Counterexample, EnvironmentChoices, Label, LabelEffect, Move, Report, System, livelock
 
 DEFAULT_SECONDS: Final = 60.0
 DEFAULT_CONFIGURATIONS: Final = 200_000
@@ -33,7 +32,7 @@ _ALIKE: Final = 3
 """Counterexamples of one property that are reported; the rest are counted."""
 
 
-class Progress(NamedTuple):
+class ExplorationProgress(NamedTuple):
     """How far an exploration has come."""
 
     configurations: int
@@ -42,14 +41,14 @@ class Progress(NamedTuple):
     seconds: float
 
 
-class Teller:
+class ProgressReporter:
     """Tells how far something has come, twice a second; ``on_progress`` None: nobody."""
 
-    def __init__(self, on_progress: Callable[[Progress], None] | None) -> None:
+    def __init__(self, on_progress: Callable[[ExplorationProgress], None] | None) -> None:
         self._on_progress = on_progress
         self._told = time.monotonic()
 
-    def tell(self, progress: Callable[[], Progress]) -> None:
+    def tell(self, progress: Callable[[], ExplorationProgress]) -> None:
         """Ask for it and tell it, if it is time."""
         now = time.monotonic()
         if self._on_progress is not None and now - self._told >= _PROGRESS_SECONDS:
@@ -58,7 +57,7 @@ class Teller:
 
 
 @dataclass
-class Limits:
+class ExplorationLimits:
     """When an exploration ends although there is more: after ``seconds`` of processor time, so that what is followed
     does not depend on what else the machine does, or with so many configurations. ``whole`` is the time of which
     ``seconds`` are a part, where several share it."""
@@ -87,8 +86,8 @@ def explore(
     make: Callable[[], System],
     name: str,
     bounds: str = '',
-    limits: Limits | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    limits: ExplorationLimits | None = None,
+    on_progress: Callable[[ExplorationProgress], None] | None = None,
     *,
     faults: int = 1,
 ) -> Report:
@@ -97,23 +96,23 @@ def explore(
     It has to be able to end also when up to ``faults`` of its servers are gone for good, from any time. Raises
     RestoreError.
     """
-    return _Exploration(make, limits or Limits(), on_progress, faults).report(name, bounds)
+    return _Exploration(make, limits or ExplorationLimits(), on_progress, faults).report(name, bounds)
 
 
 class _Exploration:
     def __init__(
         self,
         make: Callable[[], System],
-        limits: Limits,
-        on_progress: Callable[[Progress], None] | None,
+        limits: ExplorationLimits,
+        on_progress: Callable[[ExplorationProgress], None] | None,
         faults: int,
     ) -> None:
         self._make = make
         self._faults = faults
         self._limits = limits
-        self._teller = Teller(on_progress)
+        self._teller = ProgressReporter(on_progress)
         self._system = make()
-        self._graph = Graph()
+        self._graph = ConfigurationGraph()
         self._found = _Found()
         self._steps = 0
         self._written: dict[str, frozenset[str]] = {}
@@ -151,7 +150,7 @@ class _Exploration:
                 return
 
     def _follow(
-        self, configuration: Configuration, label: Label, answer: Answer | None, is_due: bool
+        self, configuration: Configuration, label: Label, answer: LabelEffect | None, is_due: bool
     ) -> list[Configuration]:
         """All steps from a configuration with a label, which is ``answer``; the configurations that are new by that."""
         found: list[Configuration] = []
@@ -167,7 +166,7 @@ class _Exploration:
                 self._cut = True
                 graph.unfinished.add(configuration.key)
                 break
-            choices = Choices(answers.pop())
+            choices = EnvironmentChoices(answers.pop())
             system.restore(configuration)
             system.requirements.happened.clear()
             violations = system.step(label, choices)
@@ -222,8 +221,8 @@ class _Exploration:
             )
         self._checked += 1
 
-    def _progress(self, waiting: int) -> Progress:
-        return Progress(len(self._graph), waiting, self._steps, time.process_time() - self._begin)
+    def _progress(self, waiting: int) -> ExplorationProgress:
+        return ExplorationProgress(len(self._graph), waiting, self._steps, time.process_time() - self._begin)
 
     # -- what it means -----------------------------------------------------------------------------------------------
 
@@ -294,7 +293,7 @@ class _Exploration:
     def _at(self, moves: tuple[Move, ...]) -> System:
         system = self._make()
         for label, answers in moves:
-            system.step(label, Choices(answers))
+            system.step(label, EnvironmentChoices(answers))
         return system
 
     def _position(self, moves: tuple[Move, ...]) -> str:
@@ -329,7 +328,7 @@ def walk(make: Callable[[], System], moves: Iterable[Move]) -> Iterator[Moment]:
     for label, answers in moves:
         if label not in system.labels():
             return
-        choices = Choices(answers)
+        choices = EnvironmentChoices(answers)
         if system.is_due(label):
             met.add(system.capture().key)
         else:

@@ -7,11 +7,12 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from itertools import combinations
 
-from flexbt_core.monitors import Possible, Property, Violation
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.monitors.requirements import Possible
 
-from .model import Answer, Move
+from .model import LabelEffect, Move
 
-_Ways = frozenset[Answer | None]
+_Ways = frozenset[LabelEffect | None]
 """How a step may be made without a stop: by what servers answer, and None for what needs none."""
 _STOPS: _Ways = frozenset()
 _ANY: _Ways = frozenset((None,))
@@ -19,7 +20,7 @@ _Before = dict[bytes, list[tuple[bytes, _Ways]]]
 """Steps by what they lead to."""
 
 
-class Graph:
+class ConfigurationGraph:
     """Configurations by their keys.
 
     ``unfinished`` are those whose steps were not made, ``broken`` those after something was wrong: nothing is known of
@@ -47,7 +48,7 @@ class Graph:
     def __len__(self) -> int:
         return len(self._from)
 
-    def add(self, key: bytes, source: bytes | None, move: Move | None, answer: Answer | None = None) -> bool:
+    def add(self, key: bytes, source: bytes | None, move: Move | None, answer: LabelEffect | None = None) -> bool:
         """Add a step, and what it leads to; whether that is new. ``answer`` is that of a server, if the step is one."""
         if source is not None and move is not None:
             after = self._after.setdefault(source, {})
@@ -218,7 +219,7 @@ class Graph:
         """
         ends = {key for key, ended in self.ended.items() if ended is not None or self._open(key)}
 
-        def is_way(way: Answer | None) -> bool:
+        def is_way(way: LabelEffect | None) -> bool:
             if way is None:
                 return True
             if is_caused and not way.is_caused:
@@ -264,7 +265,7 @@ def _rounds(steps: Mapping[bytes, Collection[bytes]]) -> Iterator[list[bytes]]:
                         yield found
 
 
-def _sources(targets: set[bytes], before: _Before, is_way: Callable[[Answer | None], bool]) -> set[bytes]:
+def _sources(targets: set[bytes], before: _Before, is_way: Callable[[LabelEffect | None], bool]) -> set[bytes]:
     """From where one of these is reached by steps that can be made so, themselves included."""
     found, ahead = set(targets), list(targets)
     while ahead:

@@ -15,25 +15,20 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, ClassVar, Final
 
-from flexbt_core.behavior_tree import (
-    Decorator,
-    NodeConfig,
-    NodeDefinition,
-    NodeKind,
-    NodeStatus,
-    StatefulAction,
-    SyncAction,
-    TreeNode,
-    UnfinishedWork,
-    node_skill,
-)
-from flexbt_core.behavior_tree.engine import LeafNode
-from flexbt_core.behavior_tree.model import EMPTY, FAILURE, NO_DEFAULT, RUNNING, SUCCESS, PortType
-from flexbt_core.monitors import Property, Violation
-from flexbt_core.skills import Skill
+from flexbt_core.behavior_tree.engine.context import UnfinishedWork
+from flexbt_core.behavior_tree.engine.leaf import LeafNode, StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.engine.registry import node_skill
+from flexbt_core.behavior_tree.model.blackboard import EMPTY
+from flexbt_core.behavior_tree.model.definition import NodeDefinition
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, PortType
+from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.skills.skill import Skill
 
-from .choices import Choices
 from .leaf_skills import Facts, needs_of
+from .model import EnvironmentChoices
 
 _ENGINE: Final = 'flexbt_core.behavior_tree.nodes.'
 _NAV2: Final = f'{_ENGINE}nav2.'
@@ -130,7 +125,7 @@ class Environment:
     def __init__(self, values: Mapping[str, tuple[Any, ...]], found: Callable[[Violation], None]) -> None:
         self.open: dict[str, ModelAction] = {}
         self.canceling: dict[str, UnfinishedWork | None] = {}
-        self.choices = Choices()
+        self.choices = EnvironmentChoices()
         self.events: list[str] = []
         self.begun: list[tuple[str, tuple[str, ...]]] = []
         self.asked: dict[str, tuple[str, ...]] = {}

@@ -9,10 +9,14 @@ from string import Template
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
-from flexbt_core.behavior_tree import ConversionError, Entry, NodeKind, NodeStatus, Port, TreeNode
-from flexbt_core.behavior_tree.model import NO_DEFAULT, PortValue
-from flexbt_core.monitors import Property, Violation
-from flexbt_core.skills import Literal, OutcomeClass, Skill
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.model.blackboard import Entry
+from flexbt_core.behavior_tree.model.errors import ConversionError
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue
+from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.skills.literals import Literal
+from flexbt_core.skills.skill import OutcomeClass, Skill
 
 _MARK: Final = '\0'
 """Stands in what an entry of a blackboard is called, whose value is not known: no text of a tree has it."""

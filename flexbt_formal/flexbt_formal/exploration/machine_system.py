@@ -8,52 +8,33 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_core.monitors import (
-    MachineMonitor,
-    Property,
-    Requirement,
-    Requirements,
-    Violation,
-    Written,
-    declared_resources,
-    shared_keys,
-    violation_of,
-)
-from flexbt_core.state_machine import (
-    AUTONOMY_NAMES,
-    ERROR,
-    PREEMPTED,
-    Autonomy,
-    Decision,
-    DecisionKind,
-    EventState,
-    ExitReason,
-    LeafRun,
-    MachineDefinition,
-    MachineRun,
-    Severity,
-    StateDefinition,
-    UserData,
-    is_inside,
-    races,
-)
-from flexbt_core.state_machine.engine import ContainerRun, HaltWait, Region
-from flexbt_core.state_machine.model import Scope
-from flexbt_core.values import counted
+from flexbt_core.monitors.machine_monitor import MachineMonitor, declared_resources
+from flexbt_core.monitors.properties import Property, Violation, shared_keys
+from flexbt_core.monitors.requirements import Requirement, Requirements, Written, violation_of
+from flexbt_core.state_machine.authoring.data_flow import races
+from flexbt_core.state_machine.engine.engine import HaltTimeout
+from flexbt_core.state_machine.engine.leaf import LeafRun
+from flexbt_core.state_machine.engine.region import ContainerRun, Region
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, DecisionKind
+from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, MachineDefinition, StateDefinition, is_inside
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.userdata import Scope, UserData
+from flexbt_core.values.text import pluralize
 
-from .choices import Choices
-from .configuration import Configuration, Layout, Memory
-from .model import START, STOP, TIMER, Answer, Label, servers_gone
+from .configuration import Configuration, Layout, StateSnapshotter
+from .model import START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, servers_gone
 from .state_models import (
     MachineEnvironment,
     ModelState,
     StateModels,
+    interchangeable,
     modelled,
     parameters_of,
     plain_values,
     state_model,
 )
-from .symmetry import interchangeable
 from .virtual_time import VirtualClock
 
 OUTCOME: Final = 'outcome'
@@ -80,7 +61,7 @@ class Operator(Enum):
 
 
 @dataclass(frozen=True)
-class Bounds:
+class MachineBounds:
     """Of what is explored: the operator's commands, how many outcomes are forced, how many cancels are ignored."""
 
     operator: Operator = Operator.ANSWERS
@@ -98,12 +79,12 @@ class Bounds:
         stops = ', a stop at any time' if self.stops else ''
         return (
             f'any outcome of each state at any time, {people}{stops}, '
-            f'at most {counted(self.faults, "ignored cancel")}, {servers_gone(self.faults)}, '
+            f'at most {pluralize(self.faults, "ignored cancel")}, {servers_gone(self.faults)}, '
             f'autonomy {AUTONOMY_NAMES[self.autonomy]}'
         )
 
 
-_WIRED: Final = {
+_CONSTANT: Final = {
     MachineRun: frozenset(
         (
             *('clock', 'observer', 'services', '_steady', '_exit_timeout', '_max_transitions'),
@@ -129,12 +110,12 @@ _WIRED: Final = {
         )
     ),
     Region: frozenset(('_engine', 'path', 'container')),
-    HaltWait: frozenset(('timeout', '_steady', '_wake')),
+    HaltTimeout: frozenset(('timeout', '_steady', '_wake')),
     Scope: frozenset(('_inputs', '_outputs')),
     UserData: frozenset(('_inputs', '_outputs', '_remap', '_owner')),
     EventState: frozenset(('outcomes', 'input_keys', 'output_keys', 'desired_rate')),
 }
-_UNSEEN: Final = {
+_IGNORED: Final = {
     MachineRun: frozenset(('decision_count', '_recent', '_transitions', 'message', 'calling')),
     LeafRun: frozenset(('entered_at',)),
     # Without a violation it follows from where the run is.
@@ -166,13 +147,13 @@ class MachineSystem:
         self,
         definition: MachineDefinition,
         models: StateModels = state_model,
-        bounds: Bounds | None = None,
+        bounds: MachineBounds | None = None,
         requirements: Sequence[Requirement] = (),
         *,
         reduces: bool = True,
     ) -> None:
         self.clock = VirtualClock()
-        self._bounds = bounds or Bounds()
+        self._bounds = bounds or MachineBounds()
         self._reduces = reduces
         self._found: list[Violation] = []
         self._environment = MachineEnvironment(self._note)
@@ -210,14 +191,14 @@ class MachineSystem:
         )
         self._at_work: set[str] = set()
         self._layout = Layout(
-            wired=_WIRED,
-            unseen=_UNSEEN,
+            constant=_CONSTANT,
+            ignored=_IGNORED,
             views=_VIEWS,
             idle={LeafRun: self._idle_leaf, ContainerRun: self._idle_container},
         )
         roots = (self._counted, self._run, self.clock, self._environment, self._monitor)
         self._classes = {type(leaf.state.unwrapped) for leaf in self._run.root.leaves()}
-        self._memory = Memory(roots, self.clock, self._layout, self._classes)
+        self._memory = StateSnapshotter(roots, self.clock, self._layout, self._classes)
         self._alike = interchangeable(self._definition) if reduces and not requirements else []
         self._is_starting = False
         self._moved = ''
@@ -320,7 +301,7 @@ class MachineSystem:
         for group in self._alike:
             found: dict[bytes, list[str]] = {}
             for region in (regions[path] for path in group if path in regions):
-                situation = Memory((region,), self.clock, self._layout, self._classes).capture().key
+                situation = StateSnapshotter((region,), self.clock, self._layout, self._classes).capture().key
                 found.setdefault(situation, []).append(region.path)
             yield from (paths for paths in found.values() if len(paths) > 1)
 
@@ -339,14 +320,14 @@ class MachineSystem:
             ]
         return (here for here, _ in found)
 
-    def answer(self, label: Label) -> Answer | None:
+    def answer(self, label: Label) -> LabelEffect | None:
         state = self._environment.active.get(label.subject) if label.kind == OUTCOME else None
         if state is None:
             return None
         model, is_caused = state.model, label.value not in state.model.canceled
         if not model.server and is_caused:
             return None
-        return Answer(model.server, label.value in model.successes, is_caused)
+        return LabelEffect(model.server, label.value in model.successes, is_caused)
 
     def is_due(self, label: Label) -> bool:
         return label.kind == TIMER and self.clock.is_due(self._next_due())
@@ -370,7 +351,7 @@ class MachineSystem:
                 ]
         return labels
 
-    def step(self, label: Label, choices: Choices) -> list[Violation]:
+    def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:
         run, environment = self._run, self._environment
         environment.choices = choices
         environment.answers = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an exploration speaks of: steps, what is wrong, what was covered."""
+"""The terms of an exploration: choices, steps, what is wrong, what was covered."""
 
 from __future__ import annotations
 
@@ -7,11 +7,62 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
-from flexbt_core.monitors import Property, Requirements, Violation
-from flexbt_core.values import counted
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.monitors.requirements import Requirements
+from flexbt_core.values.text import pluralize
 
-from .choices import Choices
 from .configuration import Configuration
+
+
+class EnvironmentChoice(NamedTuple):
+    """An answer that was given: to what, what was possible, and the place of what was taken."""
+
+    question: str
+    options: tuple[str, ...]
+    taken: int
+
+    def __str__(self) -> str:
+        return f'{self.question}: {self.options[self.taken]}'
+
+
+class EnvironmentChoices:
+    """The answers of one step: those that are ``given``, and the first option for whatever is asked after them."""
+
+    def __init__(self, given: Sequence[int] = ()) -> None:
+        self._given = tuple(given)
+        self.made: list[EnvironmentChoice] = []
+
+    def choose(self, question: str, options: Sequence[str]) -> int:
+        """The place of the answer among the options. With one option nothing is asked.
+
+        Raises:
+            IndexError: what was given is none of the options: it belongs to another system.
+        """
+        if len(options) == 1:
+            return 0
+        place = len(self.made)
+        taken = self._given[place] if place < len(self._given) else 0
+        if not 0 <= taken < len(options):
+            raise IndexError(f'{question}: there is no answer {taken} among {", ".join(options)}')
+        self.made.append(EnvironmentChoice(question, tuple(options), taken))
+        return taken
+
+    @property
+    def answers(self) -> tuple[int, ...]:
+        """All answers, as places."""
+        return tuple(one.taken for one in self.made)
+
+    def others(self) -> list[tuple[int, ...]]:
+        """The answers to try besides, of which no two sets of choices give the same."""
+        taken = self.answers
+        return [
+            (*taken[:place], other)
+            for place in range(len(self._given), len(taken))
+            for other in range(1, len(self.made[place].options))
+        ]
+
+
+# What an exploration speaks of: steps, what is wrong, what was covered.
 
 
 class Label(NamedTuple):
@@ -55,7 +106,7 @@ class Move(NamedTuple):
     answers: tuple[int, ...] = ()
 
 
-class Answer(NamedTuple):
+class LabelEffect(NamedTuple):
     """What a label is, when it is how something ends that needs a server, or that somebody has to cause.
 
     ``server`` is the one that it needs ('' for none). ``is_caused``: it happens because of what is there; otherwise
@@ -69,7 +120,7 @@ class Answer(NamedTuple):
 
 def servers_gone(number: int) -> str:
     """This bound in words."""
-    return f'at most {counted(number, "server")} gone for good'
+    return f'at most {pluralize(number, "server")} gone for good'
 
 
 class System(Protocol):
@@ -84,14 +135,14 @@ class System(Protocol):
     def labels(self) -> Sequence[Label]:
         """What can happen now; none when it has ended."""
 
-    def answer(self, label: Label) -> Answer | None:
+    def answer(self, label: Label) -> LabelEffect | None:
         """What a label that is possible now tells of a server, or of who causes it; None when it tells nothing."""
 
     def is_due(self, label: Label) -> bool:
         """Whether a label that is possible now is that of a time that has come already: none goes by, and nothing
         comes from outside."""
 
-    def step(self, label: Label, choices: Choices) -> list[Violation]:
+    def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:
         """Let it happen, with all that follows at once; what is wrong with that."""
 
     @property

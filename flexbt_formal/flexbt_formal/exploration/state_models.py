@@ -1,37 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What stands for the states of a machine in an exploration: they do whatever the real ones may do.
-
-A state is active until the environment gives its outcome; one that is left before has something to end (a goal, a
-service call), until the environment confirms that. What is computed at once is answered at once. An operator's decision
-is asked as the real one asks it.
-"""
+"""Models of the states of a machine, and which of its children are interchangeable."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from hashlib import blake2b
+from itertools import groupby
 from types import CodeType, FunctionType
-from typing import Final
+from typing import Any, Final
 
-from flexbt_core.monitors import Property, Violation
-from flexbt_core.skills import OutcomeClass, Skill
-from flexbt_core.state_machine import (
-    EventState,
-    ExitReason,
-    MachineDefinition,
-    StateDefinition,
-    StateWrapper,
-    UserData,
-    state_skill,
-)
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.skills.skill import OutcomeClass, Skill
+from flexbt_core.state_machine.authoring.wrappers import StateWrapper
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason, state_skill
+from flexbt_core.state_machine.model.userdata import UserData
 
-from .choices import Choices
+from .model import EnvironmentChoices
+
+# What stands for the states of a machine in an exploration: they do whatever the real ones may do.
+#
+# A state is active until the environment gives its outcome; one that is left before has something to end (a goal, a
+# service call), until the environment confirms that. What is computed at once is answered at once. An operator's
+# decision is asked as the real one asks it.
 
 
-class StateKind(Enum):
+class StateModelKind(Enum):
     """What stands for a state. REAL: the state itself, which has to be free of ROS and quick to copy."""
 
     REAL = 'real'
@@ -53,7 +50,7 @@ class StateModel:
     ``canceled`` those that come only when somebody outside cancels what it has begun.
     """
 
-    kind: StateKind
+    kind: StateModelKind
     outcomes: tuple[str, ...] | None = None
     resources: frozenset[str] = frozenset()
     ends_later: bool = False
@@ -77,7 +74,7 @@ _UNSUCCESSFUL: Final = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT, OutcomeClas
 def state_model(definition: StateDefinition) -> StateModel:
     """What stands for a state of which no more is known than its class and its skill."""
     state = definition.state.unwrapped
-    kind = StateKind.INSTANT if state.is_instant else StateKind.WORK
+    kind = StateModelKind.INSTANT if state.is_instant else StateModelKind.WORK
     ends_later = type(state).halting is not EventState.halting
     skill = state_skill(state)
     not_written = frozenset(name for name, one in skill.outcomes.items() if one.kind in _UNSUCCESSFUL)
@@ -152,7 +149,7 @@ class MachineEnvironment:
         self.overdue: set[str] = set()
         self.board: set[str] = set()
         self.found = found
-        self.choices = Choices()
+        self.choices = EnvironmentChoices()
         self.answers: dict[str, int] = {}
         self.begun: list[str] = []
 
@@ -194,14 +191,14 @@ class ModelState(EventState):
         for key in sorted(self.model.reads - self.environment.board):
             text = f'{self.own_path} begins, and its tree reads {key}, which nothing has written on this way'
             self.environment.found(Violation(Property.DATA, self.own_path, text))
-        if self.model.kind is StateKind.DECISION:
+        if self.model.kind is StateModelKind.DECISION:
             self.ask('', self.model.suggestion)
         else:
             self.environment.active[self.own_path] = self
 
     def execute(self, userdata: UserData) -> str | None:
         outcome = self.result
-        if self.model.kind is StateKind.INSTANT and outcome is None:
+        if self.model.kind is StateModelKind.INSTANT and outcome is None:
             outcome = self._answer()
         if outcome is not None and outcome not in self.model.not_written:
             for key in self.output_keys:
@@ -219,7 +216,7 @@ class ModelState(EventState):
     def on_exit(self, userdata: UserData) -> None:
         self.environment.active.pop(self.own_path, None)
         is_done = self.exit_reason is ExitReason.OUTCOME and self.result is not None
-        if self.model.ends_later and not is_done and self.model.kind is StateKind.WORK:
+        if self.model.ends_later and not is_done and self.model.kind is StateModelKind.WORK:
             self.environment.ending[self.own_path] = self
 
     def halting(self) -> str | None:
@@ -251,6 +248,62 @@ def _modelled_state(
         around.inner = _modelled_state(state.inner, definition, models, environment)
         return around
     model = models(definition)
-    if model.kind is StateKind.REAL:
+    if model.kind is StateModelKind.REAL:
         return copy(state)
     return ModelState(state, model, definition.path, environment)
+
+
+# Children of concurrency containers that are interchangeable, such as robots that do the same.
+#
+# Where two of them are in the same situation, what can happen to the one is the mirror image of what can happen to the
+# other: to follow one of them is enough. What is left out is left out only there, so that all that is followed happens
+# as it is told, and the nearest way to something wrong is as long as without.
+
+InterchangeableGroup = tuple[str, ...]
+"""The paths of children that are interchangeable, in their order."""
+
+
+def interchangeable(machine: MachineDefinition) -> list[InterchangeableGroup]:
+    """Those of all containers in a machine of models, outermost first. None of them has a time of its own: of two that
+    are due at once, the first may end what the other is in. Neither has one priority, which is the first one's."""
+    return [group for node in machine.nodes() if isinstance(node, MachineDefinition) for group in _groups(node)]
+
+
+def _groups(container: MachineDefinition) -> Iterator[InterchangeableGroup]:
+    if container.kind is not StateKind.CONCURRENCY:
+        return
+    groups: list[list[StateDefinition | MachineDefinition]] = []
+    for child in container.children.values():
+        for group in groups:
+            if _shape(group[0]) == _shape(child) and _ends(container, group[0].label, child.label) == _ends(container):
+                group.append(child)
+                break
+        else:
+            groups.append([child])
+    yield from (tuple(one.path for one in group) for group in groups if len(group) > 1)
+
+
+def _ends(container: MachineDefinition, one: str = '', other: str = '') -> list[tuple[str, Any]]:
+    """When a container ends, with two of its children exchanged. The order of conditions only matters where they have
+    different outcomes."""
+    exchanged = {one: other, other: one}
+    return [
+        (outcome, {frozenset((exchanged.get(label, label), by) for label, by in one.children) for one in conditions})
+        for outcome, conditions in groupby(container.conditions, lambda one: one.outcome)
+    ]
+
+
+def _shape(node: StateDefinition | MachineDefinition) -> Any:
+    """All of a child but its place: what is not the same is not interchangeable."""
+    around = dict(node.transitions), dict(node.remap), node.outcomes
+    if isinstance(node, StateDefinition):
+        state = node.state
+        if not isinstance(state, ModelState):  # one that is real, or has a time or attempts around it
+            return node.path
+        keys = set(state.input_keys), set(state.output_keys)
+        return *around, *keys, state.model, state.is_instant, state.runs_while_blocked
+    if node.kind is StateKind.PRIORITY:
+        return node.path
+    children: Mapping[str, Any] = {label: _shape(child) for label, child in node.children.items()}
+    keys = set(node.input_keys), set(node.output_keys)
+    return *around, *keys, node.kind, node.initial, set(node.defaults), _ends(node), children

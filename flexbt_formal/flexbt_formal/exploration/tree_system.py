@@ -7,26 +7,22 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import (
-    BehaviorTreeError,
-    Blackboard,
-    NodeDefinition,
-    NodeExecutionError,
-    NodeStatus,
-    PortError,
-    Tree,
-    TreeContext,
-    TreeKey,
-    TreeLibrary,
-    TreeNode,
-    UnfinishedWork,
-)
-from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
-from flexbt_core.behavior_tree.model import EMPTY, IDLE, NO_DEFAULT, RUNNING, SUCCESS, Entry
-from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation, Vocabulary, shared_keys
+from flexbt_core.behavior_tree.engine.context import TreeContext, UnfinishedWork
+from flexbt_core.behavior_tree.engine.leaf import LeafNode
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.parents import ControlNode, DecoratorNode
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, PortError
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
+from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.monitors.properties import Property, Violation, shared_keys
+from flexbt_core.monitors.requirement_text import Vocabulary
+from flexbt_core.monitors.requirements import Requirement, Requirements
+from flexbt_core.monitors.tree_monitor import TreeMonitor
 
-from .choices import Choices
-from .configuration import Configuration, Layout, Memory
+from .configuration import Configuration, Layout, StateSnapshotter
 from .leaf_models import (
     LIMITERS,
     LISTENERS,
@@ -43,7 +39,7 @@ from .leaf_models import (
     tested_values,
 )
 from .leaf_skills import Facts
-from .model import START, STOP, TIMER, Answer, Label
+from .model import START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect
 from .virtual_time import VirtualClock
 
 RESULT: Final = 'result'
@@ -61,15 +57,26 @@ _PLAIN: Final = (bool, int, float, str)
 _ROUNDS: Final = 200
 """Ticks in a row that count as a livelock."""
 
-_WIRED: Final = ('_values', 'context', 'blackboard', 'marks', 'id', 'name', 'uid', '_scope', 'conditions', '_entries')
+_CONSTANT: Final = (
+    '_values',
+    'context',
+    'blackboard',
+    'marks',
+    'id',
+    'name',
+    'uid',
+    '_scope',
+    'conditions',
+    '_entries',
+)
 _NAME: Final = re.compile(r'[A-Za-z_]\w*')
 _OURS: Final = 'flexbt_core.behavior_tree.'
 _ASSIGNED: Final = re.compile(r'([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))')
 
 TREE_LAYOUT: Final = Layout(
     fixed=(NodeDefinition,),
-    wired={
-        TreeNode: frozenset(_WIRED),
+    constant={
+        TreeNode: frozenset(_CONSTANT),
         ControlNode: frozenset(('children', '_ticks')),
         DecoratorNode: frozenset(('child', '_tick')),
         TreeContext: frozenset(
@@ -110,7 +117,7 @@ TREE_LAYOUT: Final = Layout(
             )
         ),
     },
-    unseen={
+    ignored={
         TreeNode: frozenset(('decided_by', '_failed', '_child_failed', '_expired')),
         LeafNode: frozenset(('_reason',)),
         Entry: frozenset(('sequence',)),
@@ -206,7 +213,7 @@ class TreeSystem:
         unread = self._unread(scripts)
         self._writes = self._written_keys(unread)
         self._run = _Run()
-        self._memory = Memory(
+        self._memory = StateSnapshotter(
             (
                 self._run,
                 self._tree,
@@ -379,15 +386,15 @@ class TreeSystem:
             labels.append(Label(STOP))
         return labels
 
-    def answer(self, label: Label) -> Answer | None:
+    def answer(self, label: Label) -> LabelEffect | None:
         if label.kind != RESULT:
             return None
-        return Answer(self._environment.open[label.subject].server, label.value == SUCCESS.name)
+        return LabelEffect(self._environment.open[label.subject].server, label.value == SUCCESS.name)
 
     def is_due(self, label: Label) -> bool:
         return label.kind == TIMER and self.clock.is_due(self._next_due())
 
-    def step(self, label: Label, choices: Choices) -> list[Violation]:
+    def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:
         run, environment = self._run, self._environment
         environment.choices = choices
         environment.asks()

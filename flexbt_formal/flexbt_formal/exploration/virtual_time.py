@@ -52,7 +52,7 @@ class VirtualClock:
         return self.time
 
     def call_at(self, when: float, callback: Callable[[], None]) -> VirtualTimer:
-        """As in :class:`flexbt_core.clock.Clock`; a timer that is due already waits for the next :meth:`go_to`."""
+        """As in :class:`Clock`; a timer that is due already waits for the next :meth:`go_to`."""
         timer = VirtualTimer(when, callback)
         self.timers = [*(one for one in self.timers if one.callback is not None), timer]
         return timer

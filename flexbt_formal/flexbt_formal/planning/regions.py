@@ -8,9 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from .problems import Domain, bits
-from .teams import TeamBranch, TeamPlan, TeamPolicy
-from .trees import MOST_STATES, Branch, Disturbance, Plan, Policy
+from .coverage import MOST_STATES, Disturbance
+from .planner import Plan
+from .policy import Branch, Policy
+from .problem import Domain, bits
+from .team import TeamPlan
+from .team_policy import TeamBranch, TeamPolicy
 
 
 class RegionKind(Enum):
@@ -30,7 +33,7 @@ class MoveKind(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class PlanRegion:
     """``actions`` are what is done there, by each robot that does something; ``condition`` the literals of the branch,
     or the alternatives of the goal;
     ``left`` what is left to the goal at most: the cost, for several robots the time."""
@@ -42,7 +45,7 @@ class Region:
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
+class RegionMove:
     """From a region to another one, by their places in the list; ``name`` of the action or disturbance."""
 
     start: int
@@ -55,8 +58,8 @@ class Move:
 class RegionMap:
     """The regions that may be come to, in the order of their branches; ``start``: the one in which it begins."""
 
-    regions: tuple[Region, ...]
-    moves: tuple[Move, ...]
+    regions: tuple[PlanRegion, ...]
+    moves: tuple[RegionMove, ...]
     start: int
 
 
@@ -107,7 +110,7 @@ def region_map(plan: Plan | TeamPlan) -> RegionMap:
     number = {place: index for index, place in enumerate(seen)}
     return RegionMap(
         tuple(_region(domain, policy, place) for place in seen),
-        tuple(Move(number[begin], number[end], name, kind) for (begin, end, name), kind in moves.items()),
+        tuple(RegionMove(number[begin], number[end], name, kind) for (begin, end, name), kind in moves.items()),
         number[place_of(initial)],
     )
 
@@ -121,15 +124,17 @@ def _actions(policy: Policy | TeamPolicy, state: int) -> tuple[int, ...]:
     return () if branch is None else (branch.action,)
 
 
-def _region(domain: Domain, policy: Policy | TeamPolicy, place: int) -> Region:
+def _region(domain: Domain, policy: Policy | TeamPolicy, place: int) -> PlanRegion:
     branches: Sequence[Branch | TeamBranch] = policy.branches
     if place > len(branches):
-        return Region(RegionKind.NOWHERE)
+        return PlanRegion(RegionKind.NOWHERE)
     if place == len(branches):
-        return Region(RegionKind.GOAL, condition=tuple(' & '.join(_literals(domain, goal)) for goal in policy.goals))
+        return PlanRegion(
+            RegionKind.GOAL, condition=tuple(' & '.join(_literals(domain, goal)) for goal in policy.goals)
+        )
     branch = branches[place]
     actions = branch.actions if isinstance(branch, TeamBranch) else (branch.action,)
-    return Region(
+    return PlanRegion(
         RegionKind.BRANCH,
         tuple(domain.actions[action].name for action in actions if action >= 0),
         _literals(domain, branch.condition),

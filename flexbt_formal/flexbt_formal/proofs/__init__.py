@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Proofs of trees and behaviors, and their counterexamples."""
+"""Proofs of trees and behaviors, their reports, and their counterexamples."""

@@ -22,20 +22,23 @@ from pathlib import Path
 from typing import Any, Final, TextIO
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.runtime import resolve_file
-from flexbt_core.state_machine import MachineError, read_machine
-from flexbt_core.values import excerpt, hint, one_line
-from flexbt_formal.synthesis import SynthesisError, SynthesisTimeout, synthesize
-from flexbt_formal.synthesis.inputs import Liveness, Options, Request
-from flexbt_formal.synthesis.machines import SynthesizedMachine, machine_as_yaml, state_instantiations
-from flexbt_onboard.behaviors import state_modules, states_of
+from flexbt_common.files import resolve_file
+from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_core.values.text import did_you_mean, one_line, truncate_middle
+from flexbt_formal.synthesis.errors import SynthesisError, SynthesisTimeout
+from flexbt_formal.synthesis.machine import SynthesizedMachine
+from flexbt_formal.synthesis.machine_text import machine_as_yaml, state_instantiations
+from flexbt_formal.synthesis.request_files import MachineRequest
+from flexbt_formal.synthesis.synthesis import synthesize
+from flexbt_formal.synthesis.translation import Liveness, Options
+from flexbt_onboard.behaviors.machine_behavior import state_modules, states_of
 from flexbt_onboard.errors import BrokenBehaviorError
 from flexbt_tools.errors import UsageError
-from flexbt_tools.text_files import read_text
+from flexbt_tools.files import read_text_file
 
-from .answer_text import explanation_lines
-from .files import MAX_BYTES, SynthesisFiles, read_problem
-from .state_interfaces import StateInterfaces
+from .synthesis_answers import explanation_lines
+from .synthesis_files import MAX_BYTES, StateInterfaces, SynthesisFiles, read_problem
 
 _NICENESS: Final = 10
 _NEWS_SECONDS: Final = 0.5
@@ -90,7 +93,7 @@ def _answered(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         specification=str(_file(asked['specification'], directories)) if asked['specification'] else None,
         text=_capabilities(asked, directories),
     )
-    request = Request(
+    request = MachineRequest(
         initial_conditions=tuple(asked['initial_conditions']),
         goals=tuple(asked['goals']),
         outcomes=tuple(asked['outcomes']),
@@ -138,7 +141,7 @@ def _capabilities(asked: Mapping[str, Any], directories: Sequence[Path]) -> tupl
     if not asked['system']:
         return asked['capabilities'], 'capabilities'
     file = _file(asked['system'], directories)
-    return read_text(str(file), MAX_BYTES), file.name
+    return read_text_file(str(file), MAX_BYTES), file.name
 
 
 def _file(name: str, directories: Sequence[Path]) -> Path:
@@ -147,9 +150,9 @@ def _file(name: str, directories: Sequence[Path]) -> Path:
         return resolve_file(name, directories, 'capability_directories')
     known = {file.stem: file for one in directories for file in sorted(one.glob('*.yaml'))}
     if not _SYSTEM.fullmatch(name) or name not in known:
-        among = f'{hint(name, known)}; there are {", ".join(known)}' if known else ''
+        among = f'{did_you_mean(name, known)}; there are {", ".join(known)}' if known else ''
         raise ResourceError(
-            excerpt(name),
+            truncate_middle(name),
             f'no system in the capability_directories of the executive{among}; or name a file as package/path.yaml',
         )
     return known[name]

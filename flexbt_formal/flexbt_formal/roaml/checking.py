@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, NamedTuple, Protocol
 
-from flexbt_formal.roaml.language import ManyValuesError
+from flexbt_formal.roaml.language.draws import ManyValuesError
 
-from .graph import BAD, GOOD, Choices, reach
-from .model import Model
-from .paths import Order, Path
-from .properties import Property, judge_of
-from .random_runs import bounds_of, looks
-from .rounds import SATISFIED, EndlessError, Flow, Outcomes, OverError, Rounds
-from .system import NANOSECONDS, GlobalState, Step, one_of
+from .model import RoamlModel
+from .probabilities import BAD, GOOD, GraphChoices, bounds_of, looks, reach
+from .properties import ModelProperty, judge_of
+from .rounds import SATISFIED, EndlessError, Flow, Order, Outcomes, OverError, Path, Rounds
+from .system import NANOSECONDS, GlobalState, ModelStep, one_of
 
 _CHAIN: Final = 2_000
 """Steps without a choice that are made as one."""
@@ -39,7 +37,7 @@ class Method(Enum):
 
 
 @dataclass(frozen=True)
-class Limits:
+class CheckLimits:
     """``seconds`` of processor time for one property, ``states`` of a graph.
 
     A statistical result is within ``error`` with the probability ``confidence``; ``seed`` that of its random numbers.
@@ -73,7 +71,7 @@ class Result:
     fail, the shortest way that was met to where it has failed, in words. ``has_failed``: one was found.
     """
 
-    asked: Property
+    asked: ModelProperty
     value: float
     low: float
     high: float
@@ -99,17 +97,17 @@ class Result:
 
 
 def check(
-    model: Model,
-    asked: Property,
+    model: RoamlModel,
+    asked: ModelProperty,
     *,
     order: Order = Order.TURNS,
     method: Method = Method.AUTO,
-    limits: Limits | None = None,
+    limits: CheckLimits | None = None,
     on_progress: Callable[[CheckProgress], None] | None = None,
 ) -> Result:
     """The probability of a property. Raises ModelFault for a model that cannot go on, and ValueError for a method that
     does not go with the model or the order."""
-    limits = limits or Limits()
+    limits = limits or CheckLimits()
     if method is Method.EXACT and model.is_random:
         raise ValueError(
             'the model uses Math.random for real numbers, whose values are too many to follow: '
@@ -205,7 +203,7 @@ class _Explorer:
         self._until = until
         self._most = most
         self._tell = tell
-        self.graph: list[Choices] = [[], []]
+        self.graph: list[GraphChoices] = [[], []]
         self._numbers: dict[tuple[GlobalState, int], int] = {}
         self._states: list[tuple[GlobalState, int] | None] = [None, None]
         self._from: list[int] = [-1, -1]
@@ -313,7 +311,7 @@ class _Explorer:
         whole = self.is_complete
         return Result(asked, value, low, high, how, whole, whole, size, seconds, way, tuple(notes), failed)
 
-    def _values(self, graph: list[Choices], is_least: bool) -> tuple[float, float]:
+    def _values(self, graph: list[GraphChoices], is_least: bool) -> tuple[float, float]:
         """The least and greatest value that the start can have: the same when all was followed."""
         low = reach(graph, is_least)[-1]
         if self.is_complete:
@@ -346,7 +344,7 @@ class _Explorer:
             at = wanted
         return tuple(found)
 
-    def _leads(self, state: GlobalState, goal: GlobalState) -> list[tuple[GlobalState, Step, GlobalState]] | None:
+    def _leads(self, state: GlobalState, goal: GlobalState) -> list[tuple[GlobalState, ModelStep, GlobalState]] | None:
         """The steps from a choice to the next one; None when it does not lead there."""
         if state == goal:
             return []
@@ -381,7 +379,7 @@ class _Runs(Protocol):
 
 
 def _sampled(
-    path: Path, limits: Limits, begin: float, until: float, tell: _Teller, notes: list[str], runs: _Runs
+    path: Path, limits: CheckLimits, begin: float, until: float, tell: _Teller, notes: list[str], runs: _Runs
 ) -> Result:
     """Random runs until there are enough for the error that is asked, or the time is over."""
     looks_at = limits.looks
@@ -472,7 +470,7 @@ class _StepRuns:
     def __init__(self, path: Path, generator: random.Random) -> None:
         self._path = path
         self._random = generator
-        self._made: list[tuple[GlobalState, Step, GlobalState]] = []
+        self._made: list[tuple[GlobalState, ModelStep, GlobalState]] = []
         self.steps = 0
 
     def one(self, may_go_on: Callable[[], bool]) -> bool | None:

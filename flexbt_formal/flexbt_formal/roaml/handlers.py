@@ -6,24 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from flexbt_core.behavior_tree import LoadError
-from flexbt_formal.roaml.language import (
-    Action,
-    Automaton,
-    Call,
-    Communication,
-    Evaluated,
-    Events,
-    Expression,
-    Literal,
-    ModelError,
-    Name,
-    Send,
-    State,
-    Target,
-    Transition,
-    compiled,
-)
+from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_formal.roaml.language.ascxml import Communication
+from flexbt_formal.roaml.language.automaton import Action, Automaton, AutomatonState, Send, Target, Transition
+from flexbt_formal.roaml.language.dialect import Events
+from flexbt_formal.roaml.language.expressions import Call, Evaluated, Expression, Literal, Reference, compiled
+from flexbt_formal.roaml.language.source_text import ModelError
 
 
 class Handler:
@@ -63,17 +51,17 @@ class Handler:
 
     def automaton(self) -> Automaton:
         name = self._name
-        waiting = State('waiting')
+        waiting = AutomatonState('waiting')
         states = [waiting]
         if self._kind == 'service':
             for client in self._clients:
-                busy = State(f'processing_client_{client}')
+                busy = AutomatonState(f'processing_client_{client}')
                 states.append(busy)
                 request, response = f'srv_{name}_req_client_{client}', f'srv_{name}_response'
                 waiting.transitions.append(self._on(request, f'srv_{name}_request', busy.name))
                 busy.transitions.append(self._on(response, f'srv_{name}_response_client_{client}', 'waiting'))
             return Automaton(f'srv_handler_{name}', (), states, 'waiting')
-        requested = State('goal_requested')
+        requested = AutomatonState('goal_requested')
         states.append(requested)
         for goal, client in enumerate(self._clients):
             ask = f'action_{name}_goal_req_client_{client}'
@@ -96,7 +84,7 @@ class Handler:
             if name == 'goal_id' and goal is not None:
                 given = Literal(goal)
             elif name in known:
-                given = Name((name,))
+                given = Reference((name,))
             values.append(None if given is None else compiled(given, lambda parts: f'e[{known.index(parts[0])}]'))
         body: list[Action] = [Send(after, tuple(values), self._name)]
         return Transition(number, None, [Target(1.0, state, body)], self._name)
@@ -105,7 +93,9 @@ class Handler:
         known = self._events.parameters[self._events.number(event)]
         if 'goal_id' not in known:
             return compiled(Literal(False), lambda parts: '')
-        return compiled(Call('==', (Name(('goal_id',)), Literal(goal))), lambda parts: f'e[{known.index(parts[0])}]')
+        return compiled(
+            Call('==', (Reference(('goal_id',)), Literal(goal))), lambda parts: f'e[{known.index(parts[0])}]'
+        )
 
 
 _BACK = (

@@ -9,22 +9,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from flexbt_core.behavior_tree import LoadError
-from flexbt_formal.roaml.language import (
-    SET,
-    TIMER,
-    Ascxml,
-    DataTypes,
-    Events,
-    ModelError,
-    Node,
-    bt_event,
-    ports_of,
-    read_xml,
-)
+from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_formal.roaml.language.ascxml import Ascxml, ports_of
+from flexbt_formal.roaml.language.data_types import DataTypes
+from flexbt_formal.roaml.language.dialect import SET, TIMER, Events, bt_event
+from flexbt_formal.roaml.language.source_text import ModelError, SourceElement, read_xml
 
 from .handlers import handlers
-from .properties import Property, PropertyError, event_of, judge_of, read_properties
+from .properties import ModelProperty, PropertyError, event_of, judge_of, read_properties
 from .system import Clocked, ModelSystem, period_of
 from .tree import TreePlayer, read_tree
 
@@ -46,7 +38,7 @@ def is_model(text: str) -> bool:
     return match is not None and match.group(1) in _ROOTS
 
 
-class Model:
+class RoamlModel:
     """What the files of a model say. Attributes: ``properties``, and ``is_random``: whether it uses Math.random."""
 
     def __init__(self, path: str) -> None:
@@ -89,7 +81,7 @@ class Model:
         self.events = Events()
         files = self._files(root)
         self.is_random = any(file.is_random for file in files)
-        self.properties: list[Property] = []
+        self.properties: list[ModelProperty] = []
         for one in self._inputs(root, 'properties'):
             self.properties += read_properties(self._file(one), one)
         if not self.properties:
@@ -97,7 +89,7 @@ class Model:
         for asked in self.properties:
             self._watched(asked)
 
-    def _inputs(self, root: Node, section: str) -> list[Node]:
+    def _inputs(self, root: SourceElement, section: str) -> list[SourceElement]:
         node = root.find(section)
         if node is None:
             return []
@@ -111,10 +103,10 @@ class Model:
                 )
         return list(node.children)
 
-    def _file(self, node: Node) -> str:
+    def _file(self, node: SourceElement) -> str:
         return os.path.normpath(self._folder / node.need('src'))
 
-    def _files(self, root: Node) -> list[Ascxml]:
+    def _files(self, root: SourceElement) -> list[Ascxml]:
         """Reads the files of the automata; makes the tree."""
         events, types = self.events, self._types
         files = []
@@ -124,7 +116,7 @@ class Model:
         trees = [one for one in self._inputs(root, 'behavior_tree') if one.need('type') == 'bt.cpp-xml']
         if len(trees) > 1:
             trees[1].fail('a model has one file with its tree')
-        plugins: dict[str, Node] = {}
+        plugins: dict[str, SourceElement] = {}
         for one in self._inputs(root, 'behavior_tree'):
             if one.need('type') != 'bt.cpp-xml':
                 document = read_xml(self._file(one), one)
@@ -170,7 +162,7 @@ class Model:
         self._between = [handler.automaton() for handler in self._handlers]
         return whole
 
-    def _watched(self, one: Property) -> list[int]:
+    def _watched(self, one: ModelProperty) -> list[int]:
         """The events that a property speaks of. Raises ModelError."""
         found: list[int] = []
         try:
@@ -187,7 +179,7 @@ class Model:
             raise ModelError([LoadError(self.path, 1, 1, '', f'the property {one.name!r}: {error}')]) from error
         return found
 
-    def system(self, one: Property, draw: Callable[[], float]) -> tuple[ModelSystem, list[int]]:
+    def system(self, one: ModelProperty, draw: Callable[[], float]) -> tuple[ModelSystem, list[int]]:
         """The model, with what a property speaks of in view. ``draw`` gives numbers from 0 to below 1."""
         watched = self._watched(one)
         timers = _clocked(self._nodes, self.events)

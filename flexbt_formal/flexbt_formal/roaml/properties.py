@@ -15,24 +15,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import LoadError
-from flexbt_core.values import finite_number, load_json, shown
-from flexbt_formal.roaml.language import (
+from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_core.values.json_data import finite_number, load_json
+from flexbt_core.values.text import short_repr
+from flexbt_formal.roaml.language.data_types import Record
+from flexbt_formal.roaml.language.dialect import Events
+from flexbt_formal.roaml.language.expressions import (
     Array,
     Call,
     Evaluated,
-    Events,
     Expression,
     ExpressionError,
     Literal,
-    ModelError,
-    Name,
-    Node,
-    Record,
+    Reference,
     compiled,
-    names_in,
-    read_text,
+    references_in,
 )
+from flexbt_formal.roaml.language.source_text import ModelError, SourceElement, read_text
 
 _OPERATORS: Final = {
     '∧': '&&',
@@ -71,7 +70,7 @@ class PropertyError(ValueError):
 
 
 @dataclass(frozen=True)
-class Property:
+class ModelProperty:
     """P(left U right), least or greatest over the orders; ``is_negated``: 1 minus that is asked, so the other extreme.
 
     ``lower``, ``upper``: bounds on the steps after which ``right`` counts. ``demand``: what the probability is compared
@@ -91,7 +90,7 @@ class Property:
     @property
     def names(self) -> list[str]:
         """The names of JANI that it speaks of."""
-        return [parts[0] for one in (self.left, self.right) for parts in names_in(one)]
+        return [parts[0] for one in (self.left, self.right) for parts in references_in(one)]
 
     def holds(self, value: float, error: float = 1e-9) -> bool:
         """Whether a probability is what is demanded."""
@@ -101,7 +100,7 @@ class Property:
         return value <= wanted + error if sign == '<=' else value < wanted
 
 
-def read_properties(path: str, asked: Node | None) -> list[Property]:
+def read_properties(path: str, asked: SourceElement | None) -> list[ModelProperty]:
     """The properties of a file. Raises ModelError."""
 
     def fail(message: str) -> ModelError:
@@ -114,11 +113,11 @@ def read_properties(path: str, asked: Node | None) -> list[Property]:
     rows = document.get('properties') if isinstance(document, dict) else None
     if not isinstance(rows, list) or not rows:
         raise fail('there is no list "properties" in it')
-    found: list[Property] = []
+    found: list[ModelProperty] = []
     for row in rows:
         name = row.get('name') if isinstance(row, dict) else None
         if not isinstance(name, str) or any(name == one.name for one in found):
-            raise fail(f'a property has no name, or one that another has: {shown(name)}')
+            raise fail(f'a property has no name, or one that another has: {short_repr(name)}')
         try:
             found.append(_property(name, row.get('expression')))
         except PropertyError as error:
@@ -126,7 +125,7 @@ def read_properties(path: str, asked: Node | None) -> list[Property]:
     return found
 
 
-def _property(name: str, given: Any) -> Property:
+def _property(name: str, given: Any) -> ModelProperty:
     given = _mapping(given)
     if given.get('op') == 'filter':
         given = _mapping(given.get('values'))
@@ -140,7 +139,7 @@ def _property(name: str, given: Any) -> Property:
         given = _mapping(given.get('left'))
     extreme = given.get('op')
     if extreme not in ('Pmin', 'Pmax'):
-        raise PropertyError(f'{shown(extreme)} is not known where a probability is asked; there are Pmin and Pmax')
+        raise PropertyError(f'{short_repr(extreme)} is not known where a probability is asked; there are Pmin and Pmax')
     path = _mapping(given.get('exp'))
     lower, upper = _bounds(path)
     operator = path.get('op')
@@ -148,22 +147,24 @@ def _property(name: str, given: Any) -> Property:
     true: Expression = Literal(True)
     if operator == 'F':
         right = _expression(path.get('exp'))
-        return Property(name, f'{extreme}(F {_text(right)})', is_least, true, right, False, lower, upper, demand)
+        return ModelProperty(name, f'{extreme}(F {_text(right)})', is_least, true, right, False, lower, upper, demand)
     if operator == 'G':
         inner = _expression(path.get('exp'))
         right = Call('unary !', (inner,))
-        return Property(name, f'{extreme}(G {_text(inner)})', not is_least, true, right, True, lower, upper, demand)
+        return ModelProperty(
+            name, f'{extreme}(G {_text(inner)})', not is_least, true, right, True, lower, upper, demand
+        )
     if operator not in ('U', 'W'):
-        raise PropertyError(f'{shown(operator)} is not known of a path; there are F, G, U and W')
+        raise PropertyError(f'{short_repr(operator)} is not known of a path; there are F, G, U and W')
     left, right = _expression(path.get('left')), _expression(path.get('right'))
     text = f'{extreme}({_text(left)} {operator} {_text(right)})'
     if operator == 'U':
-        return Property(name, text, is_least, left, right, False, lower, upper, demand)
+        return ModelProperty(name, text, is_least, left, right, False, lower, upper, demand)
     if 'step-bounds' in path:
         raise PropertyError('W has no bounds here; write it with U')
     # left W right is the contrary of: not right, until neither.
     neither = Call('&&', (Call('unary !', (left,)), Call('unary !', (right,))))
-    return Property(name, text, not is_least, Call('unary !', (right,)), neither, True, 0, None, demand)
+    return ModelProperty(name, text, not is_least, Call('unary !', (right,)), neither, True, 0, None, demand)
 
 
 def _bounds(path: Mapping[str, Any]) -> tuple[int, int | None]:
@@ -195,10 +196,10 @@ def _expression(given: Any, depth: int = 0) -> Expression:
         raise PropertyError('it is nested more than 60 deep')
     if isinstance(given, bool | int | float):
         if not isinstance(given, bool) and finite_number(given) is None:
-            raise PropertyError(f'{shown(given)} is no number')
+            raise PropertyError(f'{short_repr(given)} is no number')
         return Literal(given)
     if isinstance(given, str):
-        return Name((given,))
+        return Reference((given,))
     given = _mapping(given)
 
     def inner(key: str) -> Expression:
@@ -222,12 +223,12 @@ def _expression(given: Any, depth: int = 0) -> Expression:
         if not isinstance(elements, list):
             raise PropertyError('the elements of an array are missing')
         return Array(tuple(_expression(one, depth + 1) for one in elements))
-    raise PropertyError(f'the operator {shown(operator)} is not known')
+    raise PropertyError(f'the operator {short_repr(operator)} is not known')
 
 
 def _text(expression: Expression) -> str:
     """For people."""
-    if isinstance(expression, Name):
+    if isinstance(expression, Reference):
         return expression.parts[0].replace('__ros_fields__', '.')
     if isinstance(expression, Literal):
         return str(expression.value)

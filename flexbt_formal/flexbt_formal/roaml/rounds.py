@@ -1,21 +1,64 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rounds: all that follows when timers are due, up to when time has to go on.
-
-What follows does not depend on when that is, so a round is played once for each state and each set of timers. Through
-time a model is then a chain of rounds, whose probabilities are added up time by time.
-"""
+"""Paths through a model and the rounds that they consist of."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
+from enum import Enum
 from functools import partial
 from typing import Final, NamedTuple
 
-from flexbt_formal.roaml.language import ManyValuesError
+from flexbt_formal.roaml.language.draws import ManyValuesError
 
-from .paths import Path
-from .system import GlobalState, Step
+from .properties import Judge, ModelProperty
+from .system import GlobalState, ModelStep, ModelSystem
+
+
+class Order(Enum):
+    """In which order automata go on that could at the same time."""
+
+    TURNS = 'turns'
+    """What was sent first is delivered first; who has waited longest goes on."""
+    RANDOM = 'random'
+    """Each with the same probability, as statistical model checkers do."""
+    ANY = 'any'
+    """All orders: the least or greatest probability of all is asked. Some may starve others."""
+
+
+class Path:
+    """``left`` until ``right``, along the steps of a model."""
+
+    def __init__(self, system: ModelSystem, left: Judge, right: Judge, asked: ModelProperty, order: Order) -> None:
+        self.system = system
+        self.asked = asked
+        self.order = order
+        self._left = left
+        self._right = right
+        self.is_bounded = asked.lower > 0 or asked.upper is not None
+
+    def steps(self, state: GlobalState) -> list[ModelStep]:
+        """What can happen now, by the order."""
+        return self.system.steps(state, first_only=self.order is Order.TURNS)
+
+    def decided(self, state: GlobalState, count: int) -> bool | None:
+        """Whether the path is satisfied or not any more; None: it goes on. ``count``: steps up to now."""
+        asked = self.asked
+        if asked.upper is not None and count > asked.upper:
+            return False
+        if count >= asked.lower and self._right(state.seen):
+            return True
+        return None if self._left(state.seen) else False
+
+    def at_end(self, state: GlobalState) -> bool:
+        """Whether a path that does not go on is satisfied: it stays as it is for ever."""
+        return self.asked.upper is None and self._right(state.seen) and self._left(state.seen)
+
+
+# Rounds: all that follows when timers are due, up to when time has to go on.
+#
+# What follows does not depend on when that is, so a round is played once for each state and each set of timers. Through
+# time a model is then a chain of rounds, whose probabilities are added up time by time.
 
 SATISFIED: Final = -1
 FAILED: Final = -2
@@ -26,7 +69,7 @@ _BETWEEN_QUESTIONS: Final = 1_000
 
 Outcomes = list[tuple[float, int]]
 """Probabilities, and numbers of states, SATISFIED or FAILED."""
-Made = tuple[GlobalState, Step, GlobalState]
+Made = tuple[GlobalState, ModelStep, GlobalState]
 
 
 class EndlessError(Exception):
@@ -37,7 +80,7 @@ class OverError(Exception):
     """Time was over."""
 
 
-class Layer(NamedTuple):
+class RoundLayer(NamedTuple):
     """The states at one time, and for each the place of one that led to it in the layer before."""
 
     states: array[int]
@@ -118,7 +161,7 @@ class Rounds:
             ahead = then
         raise EndlessError
 
-    def _decided(self, state: GlobalState) -> tuple[int | None, list[Step]]:
+    def _decided(self, state: GlobalState) -> tuple[int | None, list[ModelStep]]:
         """Where a step leads to at last, when that is known; otherwise what can follow."""
         path = self._path
         decided = path.decided(state, 0)
@@ -174,7 +217,7 @@ class Flow:
         self._rounds = rounds
         self._path = path
         self._may_go_on = may_go_on
-        self._layers: list[Layer] = []
+        self._layers: list[RoundLayer] = []
         self._times: list[int] = []
         self._fails: tuple[int, int] | None = None
         self.good = self.bad = 0.0
@@ -191,7 +234,7 @@ class Flow:
         now: dict[int, float] = {}
         for probability, number in self._rounds.first(lambda: self._may_go_on(0, 1)):
             self._add(now, number, probability, 0)
-        self._layers.append(Layer(array('l', now), array('l', [0] * len(now))))
+        self._layers.append(RoundLayer(array('l', now), array('l', [0] * len(now))))
         self._times.append(0)
         for time in self._path.system.times():
             if not now:
@@ -206,7 +249,7 @@ class Flow:
                 for part, after in self._rounds.after(number, time, may_go_on):
                     if self._add(then, after, whole * part, place):
                         parents.append(place)
-            self._layers.append(Layer(array('l', then), parents))
+            self._layers.append(RoundLayer(array('l', then), parents))
             self._times.append(time)
             now = then
         for place, (number, whole) in enumerate(now.items()):

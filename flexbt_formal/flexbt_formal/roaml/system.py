@@ -13,25 +13,12 @@ from itertools import product
 from math import gcd, prod
 from typing import Any, Final, NamedTuple, TypeVar
 
-from flexbt_formal.roaml.language import (
-    FIELD,
-    Around,
-    Automaton,
-    Branches,
-    Draws,
-    EnumeratedDraws,
-    Events,
-    LocalState,
-    ManyValuesError,
-    ModelFault,
-    SampledDraws,
-    Send,
-    Write,
-    bt_event,
-    is_waited_for,
-)
+from flexbt_formal.roaml.language.automaton import Around, Automaton, Branches, LocalState, Send, Write
+from flexbt_formal.roaml.language.dialect import FIELD, Events, bt_event, is_waited_for
+from flexbt_formal.roaml.language.draws import Draws, EnumeratedDraws, ManyValuesError, SampledDraws
+from flexbt_formal.roaml.language.source_text import ModelFault
 
-from .tree import Answer, Seen, TreePlayer
+from .tree import PluginAnswer, Seen, TreePlayer
 
 _STATUSES: Final = ('SUCCESS', 'FAILURE', 'RUNNING')
 NANOSECONDS: Final = 1_000_000_000
@@ -63,7 +50,7 @@ class GlobalState(NamedTuple):
     last: int
 
 
-class Step(NamedTuple):
+class ModelStep(NamedTuple):
     """What happens: ``kind`` is send, deliver, write, ask, timer, or time."""
 
     kind: str
@@ -176,13 +163,13 @@ class ModelSystem:
 
     # -- steps -------------------------------------------------------------------------------------------------------
 
-    def steps(self, state: GlobalState, *, first_only: bool) -> list[Step]:
+    def steps(self, state: GlobalState, *, first_only: bool) -> list[ModelStep]:
         """What can happen now; nothing when that is the end. ``first_only``: only what is next when each takes its
         turn: what is under way is delivered, oldest first; then who has waited longest goes on."""
-        found: list[Step] = []
+        found: list[ModelStep] = []
         for place, (event, values) in enumerate(state.slots):
             if self._is_deliverable(event, state):
-                found.append(Step('deliver', place, event, values))
+                found.append(ModelStep('deliver', place, event, values))
                 if first_only:
                     return found
         busy = {event for event, _ in state.slots}
@@ -213,19 +200,19 @@ class ModelSystem:
             return state.tree[1] and event in self.tree[state.tree[0]].accepts
         return True
 
-    def _due(self, number: int, state: GlobalState, busy: set[int]) -> Step | None:
+    def _due(self, number: int, state: GlobalState, busy: set[int]) -> ModelStep | None:
         if number == len(self.automata):
             assert self.tree is not None
             pending = self.tree[state.tree[0]].pending
             if pending is None or pending[0] in busy:
                 return None
-            return Step('ask', number, pending[0], pending[2])
+            return ModelStep('ask', number, pending[0], pending[2])
         due = self.automata[number].due(state.locals[number])
         if isinstance(due, Send):
-            return None if due.event in busy else Step('send', number, due.event)
-        return Step('write', number)
+            return None if due.event in busy else ModelStep('send', number, due.event)
+        return ModelStep('write', number)
 
-    def _by_time(self, state: GlobalState) -> Step | None:
+    def _by_time(self, state: GlobalState) -> ModelStep | None:
         if state.slots or not self._timers or any(local.at >= 0 for local in state.locals):
             return None
         due = self._due_at(state.time)
@@ -236,14 +223,14 @@ class ModelSystem:
                 now = self.tree[state.tree[0]]
                 if now.pending is not None or (now.status in (1, 2) and not self._keeps_ticking):
                     return None
-            return Step('timer', due[state.due], timer.event)
+            return ModelStep('timer', due[state.due], timer.event)
         if self._is_clock_used:
             after = state.time + self._tick
         else:
             after = min((state.time // timer.period + 1) * timer.period for timer in self._timers)
         if after >= self._end + self._tick:
             return None
-        return Step('time', after)
+        return ModelStep('time', after)
 
     def times(self) -> Iterator[int]:
         """When timers are due, in ns, to the end."""
@@ -276,7 +263,7 @@ class ModelSystem:
     def _due_at(self, time: int) -> list[int]:
         return [number for number, timer in enumerate(self._timers) if time % timer.period == 0]
 
-    def follow(self, state: GlobalState, step: Step) -> Followers:
+    def follow(self, state: GlobalState, step: ModelStep) -> Followers:
         """What a step leads to, with probabilities. Raises ModelFault."""
         kind = step.kind
         if kind == 'deliver':
@@ -321,7 +308,7 @@ class ModelSystem:
                 state = state._replace(seen=(*state.seen[:place], values, *state.seen[place + 1 :]))
         return state
 
-    def _go_on(self, state: GlobalState, step: Step) -> Followers:
+    def _go_on(self, state: GlobalState, step: ModelStep) -> Followers:
         number = step.subject
         automaton = self.automata[number]
         local = state.locals[number]
@@ -348,7 +335,7 @@ class ModelSystem:
             for part, after in branches
         ]
 
-    def _deliver(self, state: GlobalState, step: Step) -> Followers:
+    def _deliver(self, state: GlobalState, step: ModelStep) -> Followers:
         event = step.event
         assert event is not None
         state = state._replace(slots=(*state.slots[: step.subject], *state.slots[step.subject + 1 :]), last=0)
@@ -356,7 +343,7 @@ class ModelSystem:
             number = state.tree[0]
             answer = self.tree[number].accepts[event]
             if answer.kind == 'response':
-                answer = Answer(answer.kind, answer.uid, step.values[0] if step.values else 0)
+                answer = PluginAnswer(answer.kind, answer.uid, step.values[0] if step.values else 0)
             after, seen = self.tree.answer(number, answer)
             state = self._note(state._replace(tree=(after, False)), seen)
         return self._taken(state, event, step.values)
@@ -387,7 +374,7 @@ class ModelSystem:
 
     # -- in words ----------------------------------------------------------------------------------------------------
 
-    def narrate(self, state: GlobalState, step: Step, after: GlobalState) -> Iterator[str]:
+    def narrate(self, state: GlobalState, step: ModelStep, after: GlobalState) -> Iterator[str]:
         """What a step is, in words; what nobody would ask for is left out."""
         if step.kind == 'ask':
             assert self.tree is not None and step.event is not None

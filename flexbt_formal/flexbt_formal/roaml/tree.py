@@ -13,41 +13,32 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from flexbt_core.behavior_tree import (
+from flexbt_core.behavior_tree.engine.leaf import LeafNode
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode, halt_child
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import (
     BehaviorTreeError,
-    Blackboard,
-    Entry,
     LoadError,
     NodeExecutionError,
-    NodeKind,
-    NodeRegistry,
-    NodeStatus,
-    PortType,
     RegistrationError,
-    Tree,
-    TreeLibrary,
-    TreeNode,
-    builtin_registry,
-    inout_port,
-    input_port,
-    load_xml,
+    Source,
 )
-from flexbt_core.behavior_tree.engine import ControlNode, LeafNode, NodeConfig, halt_child
-from flexbt_core.behavior_tree.model import BOOL, DOUBLE, EMPTY, IDLE, INT64, RUNNING, STRING, Source
-from flexbt_core.behavior_tree.xml import Element, parse
-from flexbt_formal.exploration import TREE_LAYOUT, Configuration, Memory, VirtualClock
-from flexbt_formal.roaml.language import (
-    SET,
-    DataType,
-    DataTypeError,
-    Events,
-    Instance,
-    ModelError,
-    ModelFault,
-    bt_event,
-    is_pointer,
-    read_text,
-)
+from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, INT64, STRING, PortType, inout_port, input_port
+from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.parser import Element, parse
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_formal.exploration.configuration import Configuration, StateSnapshotter
+from flexbt_formal.exploration.tree_system import TREE_LAYOUT
+from flexbt_formal.exploration.virtual_time import VirtualClock
+from flexbt_formal.roaml.language.ascxml import Instance, is_pointer
+from flexbt_formal.roaml.language.data_types import DataType, DataTypeError
+from flexbt_formal.roaml.language.dialect import SET, Events, bt_event
+from flexbt_formal.roaml.language.source_text import ModelError, ModelFault, read_text
 
 _STATUS: Final = {NodeStatus.SUCCESS: 1, NodeStatus.FAILURE: 2, NodeStatus.RUNNING: 3}
 _FROM_STATUS: Final = {number: status for status, number in _STATUS.items()}
@@ -67,7 +58,7 @@ Ports = Mapping[str, tuple[bool, DataType]]
 """Whether a port is an output, and its type."""
 
 
-class Answer(NamedTuple):
+class PluginAnswer(NamedTuple):
     """``kind``: response or halt_response of a plugin, tick or halt of its child, or write, to a ``port``."""
 
     kind: str
@@ -84,11 +75,11 @@ class Conversation:
     """What the plugins of a tick are told, and answer."""
 
     def __init__(self) -> None:
-        self.answers: Iterator[Answer] = iter(())
+        self.answers: Iterator[PluginAnswer] = iter(())
         self.pending: tuple[int, str, tuple[Any, ...]] | None = None
         self.seen: list[tuple[int, tuple[Any, ...]]] = []
 
-    def tell(self, node: TreeNode, uid: int, what: str, values: tuple[Any, ...] = ()) -> Answer:
+    def tell(self, node: TreeNode, uid: int, what: str, values: tuple[Any, ...] = ()) -> PluginAnswer:
         """What ``node`` answers when the event ``what`` of the node ``uid`` is sent. Raises _Suspended."""
         if self.pending is None:
             for answer in self.answers:
@@ -106,7 +97,7 @@ class _Services:
         self.conversation = conversation
         self.nodes: dict[int, TreeNode] = {}
 
-    def apply(self, answer: Answer) -> None:
+    def apply(self, answer: PluginAnswer) -> None:
         self.nodes[answer.uid].set_output(answer.port, answer.value)
 
 
@@ -146,7 +137,7 @@ class _Plugin(TreeNode):
             answer = conversation.tell(self, *self.serve(answer))
         return _FROM_STATUS.get(answer.value, NodeStatus.FAILURE)
 
-    def serve(self, answer: Answer) -> tuple[int, str, tuple[Any, ...]]:
+    def serve(self, answer: PluginAnswer) -> tuple[int, str, tuple[Any, ...]]:
         """Tick or halt a child, as the plugin asks; the event with what that gave."""
         assert isinstance(self, ControlNode)
         (child,) = (one for one in self.children if one.uid == answer.uid)
@@ -180,9 +171,9 @@ class Situation:
 
     base: Configuration
     time: float
-    answers: tuple[Answer, ...]
+    answers: tuple[PluginAnswer, ...]
     pending: tuple[int, int, tuple[Any, ...]] | None
-    accepts: Mapping[int, Answer]
+    accepts: Mapping[int, PluginAnswer]
     inputs: Mapping[int, Mapping[str, Any]]
     status: int
     seen: int = 0
@@ -243,7 +234,7 @@ class TreePlayer:
         self._steps: dict[Any, tuple[int, Seen]] = {}
         self._watched: dict[str, int] = {}
         self._initial: Configuration | None = None
-        self._memory: Memory
+        self._memory: StateSnapshotter
         self._entries: list[tuple[TreeNode, str, DataType, Entry]] = []
 
     @property
@@ -295,7 +286,7 @@ class TreePlayer:
         ]
         if self._initial is not None:
             return self._at_rest(0.0, 0)
-        self._memory = Memory(
+        self._memory = StateSnapshotter(
             (
                 self._tree,
                 *self.nodes,
@@ -349,7 +340,7 @@ class TreePlayer:
             self._steps[step] = result
         return self._steps[step]
 
-    def answer(self, number: int, answer: Answer) -> tuple[int, Seen]:
+    def answer(self, number: int, answer: PluginAnswer) -> tuple[int, Seen]:
         """Go on with a tick. Raises ModelFault."""
         step = (number, answer)
         if step not in self._steps:
@@ -359,7 +350,7 @@ class TreePlayer:
 
     def write(self, number: int, uid: int, port: str, value: Any) -> tuple[int, Seen]:
         """A plugin sets an output. Raises ModelFault."""
-        answer = Answer('write', uid, value, port)
+        answer = PluginAnswer('write', uid, value, port)
         now = self._situations[number]
         seen: Seen = ()
         watched = self._watched.get(self._services.nodes[uid].port_key(port) or '')
@@ -385,7 +376,7 @@ class TreePlayer:
         self._conversation.seen = []
 
     def _play(
-        self, base: Configuration, time: float, answers: tuple[Answer, ...], before: Mapping[str, int], known: int
+        self, base: Configuration, time: float, answers: tuple[PluginAnswer, ...], before: Mapping[str, int], known: int
     ) -> tuple[int, Seen]:
         self._restore(base, time)
         conversation = self._conversation
@@ -411,11 +402,11 @@ class TreePlayer:
         uid, event, values = pending
         node = self._services.nodes[uid]
         accepts = {
-            self._events.number(bt_event(uid, kind)): Answer(kind, uid) for kind in ('response', 'halt_response')
+            self._events.number(bt_event(uid, kind)): PluginAnswer(kind, uid) for kind in ('response', 'halt_response')
         }
         for child in node.attached:
             for kind in ('tick', 'halt'):
-                accepts[self._events.number(bt_event(child.uid, f'{kind}_asked'))] = Answer(kind, child.uid)
+                accepts[self._events.number(bt_event(child.uid, f'{kind}_asked'))] = PluginAnswer(kind, child.uid)
         situation = Situation(
             base,
             time,

@@ -6,11 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from flexbt_formal.synthesis.games.certificate import check_certificate
+from flexbt_formal.synthesis.games.solver import Game, Watch
+from flexbt_formal.synthesis.games.strategy import Strategy, strategy_of
+
 from .errors import SynthesisError
 from .explanation import Explanation, explained
-from .games import Game, Strategy, Watch, check_certificate, strategy_of
-from .inputs import Problem
-from .machines import SynthesizedMachine, machine_of
+from .from_strategy import machine_of
+from .machine import SynthesizedMachine
+from .translation import SynthesisProblem
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,14 +24,14 @@ class Synthesis:
     ``figures`` are about the work: rounds of the outer fixpoint, layers by guarantee, nodes of the strategy.
     """
 
-    problem: Problem
+    problem: SynthesisProblem
     machine: SynthesizedMachine | None = None
     strategy: Strategy | None = None
     explanation: Explanation | None = None
     figures: dict[str, Any] = field(default_factory=dict)
 
 
-def synthesize(problem: Problem, watch: Watch | None = None) -> Synthesis:
+def synthesize(problem: SynthesisProblem, watch: Watch | None = None) -> Synthesis:
     """Solves a problem. ``watch`` is called between steps with what is being done, and may raise to end it.
 
     Raises:

@@ -8,31 +8,21 @@ from dataclasses import replace
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    NodeDefinition,
-    NodeStatus,
-    SyncAction,
-    TreeKey,
-    TreeLibrary,
-    builtin_registry,
-    input_port,
-    load_xml,
-)
-from flexbt_core.behavior_tree.model import FLOAT, STRING
-from flexbt_core.state_machine import EventState, OperatableStateMachine, define
-from flexbt_formal.exploration import (
-    Comparison,
-    LeafModel,
-    LeafModels,
-    Limits,
-    MachineSystem,
-    TreeSystem,
-    compare,
-    leaf_model,
-)
-from flexbt_formal.exploration.comparison import names_of
-from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn
+from flexbt_core.behavior_tree.engine.leaf import Condition, SyncAction
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.ports import FLOAT, STRING, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_formal.exploration.comparison import Comparison, compare, names_of
+from flexbt_formal.exploration.explorer import ExplorationLimits
+from flexbt_formal.exploration.leaf_models import LeafModel, LeafModels, leaf_model
+from flexbt_formal.exploration.machine_system import MachineSystem
+from flexbt_formal.exploration.tree_system import TreeSystem
+from flexbt_testing.seeded_missions import Plan, StandIn
 
 
 class Drive(StandIn):
@@ -75,7 +65,7 @@ add = OperatableStateMachine.add
 def versions(
     before: str,
     now: str,
-    limits: Limits | None = None,
+    limits: ExplorationLimits | None = None,
     models: LeafModels | tuple[LeafModels, LeafModels] = leaf_model,
 ) -> Comparison:
     def maker(tree: str, model: LeafModels) -> Callable[[], TreeSystem]:
@@ -231,7 +221,7 @@ class Timed(EventState):
     def __init__(self, seconds: float, places: list[str], judge: Callable[[int], bool]) -> None:
         super().__init__(['done'], desired_rate=None)
         self._seconds, self._places, self._judge, self._running = seconds, places, judge, object()
-        self._bounds, self._kind = Limits(seconds), Limits  # a dataclass, and its class
+        self._bounds, self._kind = ExplorationLimits(seconds), ExplorationLimits  # a dataclass, and its class
 
 
 def test_of_machines_parameters_of_states_and_given_userdata_are_compared() -> None:
@@ -253,8 +243,8 @@ def test_of_machines_parameters_of_states_and_given_userdata_are_compared() -> N
         assert not compare(before, other).is_same
     (seconds,) = compare(before, maker(2.0, 'door', 3, 0)).differences
     state = Timed(2.0, ['dock'], bool)
-    assert state.made_with == {'configurations': str(Limits().configurations), 'seconds': '2.0'}
-    assert seconds.now[-1] == '/Look: seconds=2.0 bounds=Limits(2.0, 200000, None)'
+    assert state.made_with == {'configurations': str(ExplorationLimits().configurations), 'seconds': '2.0'}
+    assert seconds.now[-1] == '/Look: seconds=2.0 bounds=ExplorationLimits(2.0, 200000, None)'
 
 
 def test_a_node_without_a_name_is_not_taken_for_one_that_has_its_name() -> None:
@@ -265,5 +255,5 @@ def test_a_node_without_a_name_is_not_taken_for_one_that_has_its_name() -> None:
 
 
 def test_what_is_cut_off_is_said() -> None:
-    found = versions(DRIVE, DRIVE, Limits(configurations=1))
+    found = versions(DRIVE, DRIVE, ExplorationLimits(configurations=1))
     assert found.is_same and not found.is_complete and 'limit of 1 situations' in found.stopped_by

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from flexbt_formal.exploration import Label, Move
-from flexbt_formal.exploration.graph import Graph
+from flexbt_formal.exploration.graph import ConfigurationGraph
+from flexbt_formal.exploration.model import Label, Move
 
 
 def round_of(steps: Iterable[tuple[int, int]]) -> list[str] | None:
     """The steps of the round that is found, in a graph that begins with 0; they are made in this order."""
-    graph = Graph()
+    graph = ConfigurationGraph()
     keys = [number.to_bytes(4, 'big') for number in range(1 + max(max(step) for step in steps))]
     graph.add(keys[0], None, None)
     for source, target in steps:

@@ -7,33 +7,19 @@ from collections.abc import Callable
 
 import pytest
 
-from flexbt_core.monitors import parse_requirement
-from flexbt_core.state_machine import (
-    Autonomy,
-    ConcurrencyContainer,
-    EventState,
-    MachineRun,
-    OperatableStateMachine,
-    StateDefinition,
-    define,
-    with_retry,
-    with_timeout,
-)
-from flexbt_formal.exploration import (
-    Bounds,
-    Choices,
-    Label,
-    Limits,
-    MachineSystem,
-    Operator,
-    Property,
-    Report,
-    StateKind,
-    StateModel,
-    explore,
-    replay,
-    state_model,
-)
+from flexbt_core.monitors.properties import Property
+from flexbt_core.monitors.requirement_text import parse_requirement
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
+from flexbt_core.state_machine.authoring.wrappers import with_retry, with_timeout
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import StateDefinition
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_formal.exploration.explorer import ExplorationLimits, explore, replay
+from flexbt_formal.exploration.machine_system import MachineBounds, MachineSystem, Operator
+from flexbt_formal.exploration.model import EnvironmentChoices, Label, Report
+from flexbt_formal.exploration.state_models import StateModel, StateModelKind, state_model
 
 add = OperatableStateMachine.add
 
@@ -63,7 +49,7 @@ class Think(EventState):
 def models(definition: StateDefinition) -> StateModel:
     state = definition.state.unwrapped
     if isinstance(state, Decide):
-        return StateModel(StateKind.DECISION)
+        return StateModel(StateModelKind.DECISION)
     drives = frozenset(('cmd_vel',)) if 'Drive' in definition.label else frozenset[str]()
     found = state_model(definition)
     return StateModel(found.kind, None, drives, found.ends_later, found.not_written)
@@ -102,25 +88,25 @@ def both_drive() -> OperatableStateMachine:
 
 
 def proved(
-    make: Callable[[], OperatableStateMachine], bounds: Bounds | None = None
+    make: Callable[[], OperatableStateMachine], bounds: MachineBounds | None = None
 ) -> tuple[Report, Callable[[], MachineSystem]]:
     definition = define(make())
 
     def system() -> MachineSystem:
         return MachineSystem(definition, models, bounds)
 
-    return explore(system, 'mission', limits=Limits(seconds=600)), system
+    return explore(system, 'mission', limits=ExplorationLimits(seconds=600)), system
 
 
 @pytest.mark.parametrize(
     'bounds',
     [
-        Bounds(),
-        Bounds(Operator.ALL, forces=1, faults=0, autonomy=Autonomy.Full),
+        MachineBounds(),
+        MachineBounds(Operator.ALL, forces=1, faults=0, autonomy=Autonomy.Full),
     ],
     ids=['answers', 'forces'],
 )
-def test_a_sound_mission_is_followed_to_its_end(bounds: Bounds) -> None:
+def test_a_sound_mission_is_followed_to_its_end(bounds: MachineBounds) -> None:
     machine = mission()
     machine.userdata.path = 'given'  # so that forcing an outcome leaves nothing unwritten
     report, _ = proved(lambda: machine, bounds)
@@ -186,7 +172,7 @@ def test_a_trap_is_found() -> None:
 
 
 def test_a_command_that_is_ignored_does_not_keep_a_stop_from_its_end() -> None:
-    report, _ = proved(mission, Bounds(faults=2))
+    report, _ = proved(mission, MachineBounds(faults=2))
     assert 'error' in report.ends  # the run says that it could not stop everything
     assert Property.STOP_STOPS not in {found.violation.property for found in report.counterexamples}
 
@@ -218,7 +204,7 @@ def test_what_the_mission_requires_is_proved_or_shown_not_to_hold(text: str, kin
     def system() -> MachineSystem:
         return MachineSystem(definition, models, requirements=[required])
 
-    report = explore(system, 'mission', limits=Limits(seconds=600))
+    report = explore(system, 'mission', limits=ExplorationLimits(seconds=600))
     assert [found.violation.property.name for found in report.counterexamples] == ([kind] if kind else [])
     for found in report.counterexamples:
         assert text in found.violation.text
@@ -231,7 +217,7 @@ def test_what_a_mission_is_made_of_is_looked_at_as_it_begins() -> None:
     wrong = ['/Plan is a Decide', '/Plan has path={plan}', '/Plan > done has autonomy=Full']
     required = [parse_requirement(text, 'test').requirement for text in [*right, *wrong]]
     system = MachineSystem(define(mission()), models, requirements=required)
-    found = [one.text.partition('; required is: ') for one in system.step(Label('start'), Choices(()))]
+    found = [one.text.partition('; required is: ') for one in system.step(Label('start'), EnvironmentChoices(()))]
     assert [is_required for _, _, is_required in found] == wrong
     assert [text for text, _, _ in found] == [
         '/Plan is a Work',

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import pytest
 
-from flexbt_formal.exploration import Limits, explore, replay
-from flexbt_testing.behavior_trees.seeded_trees import DEFECTS, seeded_tree
-from flexbt_testing.state_machines.seeded_machines import seeded_machine
+from flexbt_formal.exploration.explorer import ExplorationLimits, explore, replay
+from flexbt_testing.seeded_missions import DEFECTS, seeded_machine, seeded_tree
 
-LIMITS = Limits(seconds=600)
+LIMITS = ExplorationLimits(seconds=600)
 
 
 @pytest.mark.parametrize('defect', DEFECTS)

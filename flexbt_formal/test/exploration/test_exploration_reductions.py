@@ -13,37 +13,33 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from flexbt_core.behavior_tree import TreeKey, TreeLibrary, builtin_registry, input_port, load_xml, output_port
-from flexbt_core.behavior_tree.model import STRING, UINT16
-from flexbt_core.monitors import MachineMonitor, Requirement, parse_requirement
-from flexbt_core.skills import Skill
-from flexbt_core.state_machine import (
-    ConcurrencyContainer,
-    MachineDefinition,
-    MachineError,
-    OperatableStateMachine,
-    PriorityContainer,
-    StateDefinition,
-    define,
-)
-from flexbt_formal.exploration import (
-    Bounds,
-    Choices,
-    Configuration,
-    Label,
-    Limits,
-    MachineSystem,
-    Operator,
-    Report,
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.ports import STRING, UINT16, input_port, output_port
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.monitors.machine_monitor import MachineMonitor
+from flexbt_core.monitors.requirement_text import parse_requirement
+from flexbt_core.monitors.requirements import Requirement
+from flexbt_core.skills.skill import Skill
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
+from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_formal.exploration import machine_system
+from flexbt_formal.exploration.configuration import Configuration
+from flexbt_formal.exploration.explorer import ExplorationLimits, explore
+from flexbt_formal.exploration.machine_system import MachineBounds, MachineSystem, Operator
+from flexbt_formal.exploration.model import EnvironmentChoices, Label, Report
+from flexbt_formal.exploration.state_models import (
+    MachineEnvironment,
+    ModelState,
     StateModel,
-    TreeSystem,
-    explore,
-    machine_system,
+    interchangeable,
+    modelled,
     state_model,
 )
-from flexbt_formal.exploration.state_models import MachineEnvironment, ModelState, modelled
-from flexbt_formal.exploration.symmetry import interchangeable
-from flexbt_testing.behavior_trees.seeded_trees import IsClear, StandIn, Turn
+from flexbt_formal.exploration.tree_system import TreeSystem
+from flexbt_testing.seeded_missions import IsClear, StandIn, Turn
 from flexbt_testing.state_machines.bench import Scripted
 from flexbt_testing.state_machines.random_machines import build, random_machine
 
@@ -92,7 +88,7 @@ def proved(body: str, *, reduces: bool) -> Report:
     xml = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(xml, 'main.xml', REGISTRY)])
     key = TreeKey('main.xml', 'Main')
-    limits = Limits(seconds=600, configurations=300)
+    limits = ExplorationLimits(seconds=600, configurations=300)
     return explore(lambda: TreeSystem(library, key, reduces=reduces), '', limits=limits)
 
 
@@ -119,7 +115,7 @@ def test_keys_that_nothing_reads_do_not_tell_situations_apart() -> None:
 
 # -- machines --------------------------------------------------------------------------------------------------------
 
-BOUNDS = (Bounds(), Bounds(faults=2), Bounds(Operator.ALL, forces=1), Bounds(Operator.NONE))
+BOUNDS = (MachineBounds(), MachineBounds(faults=2), MachineBounds(Operator.ALL, forces=1), MachineBounds(Operator.NONE))
 
 
 def some_machine(random: Random) -> MachineDefinition:
@@ -144,7 +140,7 @@ def test_what_came_before_a_stop_makes_no_difference_after_it(seed: int) -> None
         return replace(state_model(state), resources=frozenset(['base'] if state.path in driving else []))
 
     def explored(*, reduces: bool) -> Report:
-        limits = Limits(seconds=600, configurations=200)
+        limits = ExplorationLimits(seconds=600, configurations=200)
         return explore(lambda: MachineSystem(definition, model, bounds, reduces=reduces), '', limits=limits)
 
     with (
@@ -172,7 +168,7 @@ def two_legs(requirement: Requirement | None = None, *, reduces: bool = True) ->
     def model(state: StateDefinition) -> StateModel:
         return replace(state_model(state), ends_later=True)
 
-    bounds = Bounds(faults=2)
+    bounds = MachineBounds(faults=2)
     return explore(lambda: MachineSystem(definition, model, bounds, required, reduces=reduces), '')
 
 
@@ -246,7 +242,7 @@ def beside(seed: int, *, is_mirrored: bool) -> tuple[Report, set[tuple[str, ...]
         return made
 
     with patch.object(machine_system, 'interchangeable', interchangeable if is_mirrored else lambda machine: []):
-        return explore(system, '', limits=Limits(600, 300)), situations
+        return explore(system, '', limits=ExplorationLimits(600, 300)), situations
 
 
 @pytest.mark.parametrize('seed', [0, 1, 2, 4, 11, 19, 20, 23, 24, 37])  # small enough to be followed to their end
@@ -330,7 +326,7 @@ def first_of_two(kind: type[OperatableStateMachine], *, reduces: bool) -> Report
     def model(state: StateDefinition) -> StateModel:
         return replace(state_model(state), outcomes=('done',), server='fleet')
 
-    bounds = Bounds(Operator.ALL, forces=1, stops=False)
+    bounds = MachineBounds(Operator.ALL, forces=1, stops=False)
     return explore(lambda: MachineSystem(definition, model, bounds, reduces=reduces), '')
 
 
@@ -349,10 +345,10 @@ def test_what_one_of_them_comes_to_counts_for_each_unless_the_first_has_priority
 def test_a_way_of_any_of_them_can_be_made(reduces: bool) -> None:
     """As a saved test makes it, which may be older than that they are the same."""
     system = fleet(2, reduces=reduces)
-    system.step(system.labels()[0], Choices())
+    system.step(system.labels()[0], EnvironmentChoices())
     subjects = {label.subject for label in system.labels()}
     assert ('/Fleet/Robot1/Drive' in subjects) is not reduces
-    system.step(Label('outcome', '/Fleet/Robot0/Drive', 'done'), Choices())
+    system.step(Label('outcome', '/Fleet/Robot0/Drive', 'done'), EnvironmentChoices())
     assert '/Fleet/Robot1/Drive' in {label.subject for label in system.labels()}
 
 

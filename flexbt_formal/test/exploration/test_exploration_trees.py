@@ -9,25 +9,24 @@ from collections.abc import Iterable
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    Control,
-    NodeConfig,
-    NodeRegistry,
-    NodeStatus,
-    TreeKey,
-    TreeLibrary,
-    builtin_registry,
-    input_port,
-    load_xml,
-    output_port,
-)
-from flexbt_core.behavior_tree.model import DOUBLE, STRING
-from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
-from flexbt_core.monitors import parse_requirement
-from flexbt_core.skills import Predicate, Skill
-from flexbt_formal.exploration import Choices, Label, Limits, Property, Report, TreeSystem, explore, replay
-from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn, Turn
+from flexbt_core.behavior_tree.engine.leaf import Condition
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.parents import Control
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.monitors.properties import Property
+from flexbt_core.monitors.requirement_text import parse_requirement
+from flexbt_core.skills.literals import Predicate
+from flexbt_core.skills.skill import Skill
+from flexbt_formal.exploration.explorer import ExplorationLimits, explore, replay
+from flexbt_formal.exploration.model import EnvironmentChoices, Label, Report
+from flexbt_formal.exploration.tree_system import TreeSystem
+from flexbt_testing.seeded_missions import Plan, StandIn, Turn
 
 
 class Drive(StandIn):
@@ -176,7 +175,7 @@ def system(body: str, *required: str, given: Iterable[str] = ()) -> TreeSystem:
 
 
 def proved(body: str, *given: str) -> Report:
-    return explore(lambda: system(body, given=given), 'Main', limits=Limits(seconds=600))
+    return explore(lambda: system(body, given=given), 'Main', limits=ExplorationLimits(seconds=600))
 
 
 SOUND = """
@@ -327,7 +326,7 @@ def test_a_limit_that_is_asked_again_makes_a_difference() -> None:
 @pytest.mark.parametrize('body', ['<Drive name="drive"/>', '<Timeout msec="9001"><Drive name="drive"/></Timeout>'])
 def test_what_is_required_in_time_is_missed_when_nothing_else_waits_for_a_time(body: str) -> None:
     required = 'after drive, drive > halted within 9 s'
-    (found,) = explore(lambda: system(body, required), 'Main', limits=Limits(seconds=600)).counterexamples
+    (found,) = explore(lambda: system(body, required), 'Main', limits=ExplorationLimits(seconds=600)).counterexamples
     assert found.violation.text.startswith('drive > halted has not come 9 s after drive')
     in_time = '<Sequence><Timeout msec="9000"><Inverter><Drive name="drive"/></Inverter></Timeout></Sequence>'
     assert not replay(lambda: system(in_time, required), found.moves)
@@ -336,7 +335,7 @@ def test_what_is_required_in_time_is_missed_when_nothing_else_waits_for_a_time(b
 def test_what_never_changes_is_no_part_of_what_is_kept() -> None:
     def size(body: str) -> tuple[int, int]:
         tree = system(body)
-        tree.step(Label('start'), Choices())
+        tree.step(Label('start'), EnvironmentChoices())
         return len(tree.capture().parts), len(tree.tree.nodes)
 
     (parts, nodes), (more_parts, more_nodes) = size(SOUND), size(f'<Sequence>{SOUND * 5}</Sequence>')
@@ -395,8 +394,8 @@ def test_that_an_answer_is_waited_for_without_limit_is_told() -> None:
 @pytest.mark.parametrize(('name', 'is_confirmed'), [('Drive', True), ('Ask', False)])
 def test_a_tree_does_not_wait_for_what_ignores_a_cancel(name: str, is_confirmed: bool) -> None:
     tree = system(f'<Sequence><ReactiveFallback><IsSafe/><{name}/></ReactiveFallback><Plan/></Sequence>')
-    tree.step(Label('start'), Choices((1,)))
-    tree.step(Label('tick'), Choices((0,)))
+    tree.step(Label('start'), EnvironmentChoices((1,)))
+    tree.step(Label('tick'), EnvironmentChoices((0,)))
     kinds = {label.kind for label in tree.labels()}
     assert ('cancel confirmed' in kinds) is is_confirmed
     assert ('result' in kinds) is not is_confirmed  # Plan has begun
@@ -434,7 +433,7 @@ RATE = f'<PipelineSequence><RateController hz="{{}}">{GO}</RateController><Drive
     ids=['attempts before', 'attempts', 'rate', 'key', 'type', 'text', 'without names'],
 )
 def test_what_is_not_as_it_is_required_is_found(right: str, wrong: str, required: str, why: str) -> None:
-    limits = Limits(seconds=600)
+    limits = ExplorationLimits(seconds=600)
     report = explore(lambda: system(right, required), 'Main', limits=limits)
     assert report.is_proof, report.counterexamples
     (found,) = explore(lambda: system(wrong, required), 'Main', limits=limits).counterexamples

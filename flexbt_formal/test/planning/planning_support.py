@@ -6,26 +6,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    NodeStatus,
-    StatefulAction,
-    Tree,
-    TreeLibrary,
-    builtin_registry,
-    input_port,
-    load_xml,
-)
-from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.clock import ManualClock
-from flexbt_formal.planning import FAILURE_ENTRY, Action, Leaf, Problem
+from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.ports import STRING, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_formal.planning.problem import Action, Leaf, PlanningProblem
+from flexbt_formal.planning.tree_xml import FAILURE_ENTRY
 
 
 def action(name: str, needs: str, adds: str, deletes: str, cost: float = 1.0) -> Action:
     return Action(name, frozenset(needs.split()), frozenset(adds.split()), frozenset(deletes.split()), cost)
 
 
-def led_by(problem: Problem, attempts: int = 2) -> Problem:
+def led_by(problem: PlanningProblem, attempts: int = 2) -> PlanningProblem:
     """The problem with leaves that the world knows."""
     every = (*problem.actions, *problem.disturbances)
     literals = {literal for one in every for literal in one.needs | one.adds | one.deletes}.union(*problem.goal)
@@ -39,7 +36,7 @@ class World:
     """Carries out actions: they take as many ticks as ``lasts`` says, and then have their effects, unless one ``fails``
     or is ``idle``. A tick takes a second."""
 
-    problem: Problem
+    problem: PlanningProblem
     true: set[str]
     fails: Callable[[str], bool] = lambda name: False
     idle: Callable[[str], bool] = lambda name: False

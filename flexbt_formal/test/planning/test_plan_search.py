@@ -16,20 +16,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from flexbt_formal.planning import (
-    Action,
-    Condition,
-    Domain,
-    Outcome,
-    PlanningError,
-    Problem,
-    Progress,
-    Reachability,
-    parse_goal,
-    plan,
-    read_scene,
-    search,
-)
+from flexbt_formal.planning.goal import parse_goal
+from flexbt_formal.planning.planner import plan
+from flexbt_formal.planning.problem import Action, Condition, Domain, PlanningError, PlanningProblem, read_scene
+from flexbt_formal.planning.relaxation import Reachability
+from flexbt_formal.planning.search import SearchOutcome, SearchProgress, search
 
 BTPG = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[4] / 'shared/data')) / 'btpg'
 EVERY = 10
@@ -46,8 +37,8 @@ def problem_of(
     others: list[tuple[Condition, Condition, Condition]],
     initial: Condition,
     goal: list[Condition],
-) -> Problem:
-    return Problem(
+) -> PlanningProblem:
+    return PlanningProblem(
         tuple(Action(f'a{number}', *kind, cost) for number, (kind, cost) in enumerate(actions)),
         initial,
         tuple(goal),
@@ -68,7 +59,7 @@ def result(state: Condition, action: Action) -> Condition:
     return (state - action.deletes) | action.adds
 
 
-def least_cost(problem: Problem, state: Condition, negated: Condition = frozenset()) -> float:
+def least_cost(problem: PlanningProblem, state: Condition, negated: Condition = frozenset()) -> float:
     """Dijkstra through the states, forward. The goals ask for ``negated`` literals not to hold."""
     queue: list[tuple[float, int, Condition]] = [(0.0, 0, state)]
     number = itertools.count(1)
@@ -85,7 +76,7 @@ def least_cost(problem: Problem, state: Condition, negated: Condition = frozense
     return math.inf
 
 
-def speaks_of_goal(problem: Problem) -> bool:
+def speaks_of_goal(problem: PlanningProblem) -> bool:
     return set().union(*problem.goal) <= set().union(
         problem.initial,
         *(one.needs | one.adds | one.deletes for one in problem.actions),
@@ -94,7 +85,9 @@ def speaks_of_goal(problem: Problem) -> bool:
 
 
 @given(problems)
-def test_a_plan_costs_what_the_cheapest_way_costs_and_there_is_one_where_there_is_a_way(problem: Problem) -> None:
+def test_a_plan_costs_what_the_cheapest_way_costs_and_there_is_one_where_there_is_a_way(
+    problem: PlanningProblem,
+) -> None:
     assume(speaks_of_goal(problem))
     least = least_cost(problem, problem.initial)
     found = plan(problem, disturbed=0)
@@ -109,7 +102,7 @@ def test_a_plan_costs_what_the_cheapest_way_costs_and_there_is_one_where_there_i
 
 
 @given(problems, conditions)
-def test_a_goal_may_ask_for_what_does_not_hold(problem: Problem, negated: Condition) -> None:
+def test_a_goal_may_ask_for_what_does_not_hold(problem: PlanningProblem, negated: Condition) -> None:
     assume(speaks_of_goal(problem))
     goals = tuple(frozenset(f'not {one}' if one in negated else one for one in goal) for goal in problem.goal)
     found = plan(replace(problem, goal=goals))
@@ -118,7 +111,9 @@ def test_a_goal_may_ask_for_what_does_not_hold(problem: Problem, negated: Condit
 
 
 @given(problems)
-def test_from_each_state_in_which_a_branch_holds_the_goal_is_reached_at_no_more_than_its_cost(problem: Problem) -> None:
+def test_from_each_state_in_which_a_branch_holds_the_goal_is_reached_at_no_more_than_its_cost(
+    problem: PlanningProblem,
+) -> None:
     assume(speaks_of_goal(problem))
     policy = plan(problem, disturbed=1).policy
     if policy is None:
@@ -137,7 +132,7 @@ def test_from_each_state_in_which_a_branch_holds_the_goal_is_reached_at_no_more_
 
 
 @given(problems)
-def test_all_that_may_come_has_a_branch_or_no_way(problem: Problem) -> None:
+def test_all_that_may_come_has_a_branch_or_no_way(problem: PlanningProblem) -> None:
     assume(speaks_of_goal(problem))
     found = plan(problem, disturbed=1)
     if found.coverage is None:
@@ -162,7 +157,7 @@ def test_goals_of_btpg_are_planned_at_the_least_cost(scene: str) -> None:
     for line in (BTPG / f'goals/{scene}.jsonl').read_text().splitlines()[::EVERY]:
         goal = json.loads(line)
         planned = search(reachability, domain.mask(goal['goal']))
-        assert planned.outcome is Outcome.SOLVED
+        assert planned.outcome is SearchOutcome.SOLVED
         # Of some goals no optimum is known, but a plan.
         assert planned.cost == goal['optimal_cost'] or (
             goal['optimal_cost'] is None and planned.cost is not None and planned.cost <= goal['reference_cost']
@@ -183,7 +178,7 @@ def test_places_exclude_each_other_where_a_move_ends_only_the_one_it_began_at() 
     assert not both.excluded(domain.mask('rs'))
 
 
-def swapping(pairs: int) -> Problem:
+def swapping(pairs: int) -> PlanningProblem:
     """Things that are to change places in pairs, with one place that is free."""
     things = [f't{number}' for number in range(2 * pairs)]
     moves = tuple(
@@ -197,7 +192,7 @@ def swapping(pairs: int) -> Problem:
         for start, end in itertools.permutations([*things, 'free'], 2)
     )
     swapped = frozenset(f'{thing} at {things[number ^ 1]}' for number, thing in enumerate(things))
-    return Problem(moves, frozenset({*(f'{one} at {one}' for one in things), 'clear free'}), (swapped,))
+    return PlanningProblem(moves, frozenset({*(f'{one} at {one}' for one in things), 'clear free'}), (swapped,))
 
 
 def test_parts_that_hinder_each_other_are_planned_together() -> None:
@@ -205,10 +200,10 @@ def test_parts_that_hinder_each_other_are_planned_together() -> None:
 
 
 def test_when_the_time_is_over_the_bound_so_far_is_told() -> None:
-    reports: list[Progress] = []
+    reports: list[SearchProgress] = []
     ticks = itertools.count()
     found = plan(swapping(2), time_limit=30.0, clock=lambda: float(next(ticks)), report=reports.append)
-    assert found.outcome is Outcome.TIME_LIMIT
+    assert found.outcome is SearchOutcome.TIME_LIMIT
     assert 4 <= found.bound <= 6  # the least cost
     assert reports
     assert [one.bound for one in reports] == sorted(one.bound for one in reports)
@@ -232,7 +227,7 @@ def test_what_cannot_be_planned_with_is_told(
     actions: tuple[Action, ...], goal: tuple[Condition, ...], reason: str
 ) -> None:
     with pytest.raises(PlanningError, match=reason):
-        plan(Problem(actions, P, goal))
+        plan(PlanningProblem(actions, P, goal))
 
 
 def test_why_there_is_no_plan() -> None:
@@ -240,12 +235,12 @@ def test_why_there_is_no_plan() -> None:
         Action(f'go {place}', frozenset({'fuel'}), frozenset({f'at {place}'}), frozenset({f'at {other}'}))
         for place, other in itertools.permutations('ab')
     )
-    both = Problem(go, frozenset({'fuel'}), (frozenset({'at a', 'at b'}),))
+    both = PlanningProblem(go, frozenset({'fuel'}), (frozenset({'at a', 'at b'}),))
     assert plan(both).reason == 'at a and at b can never hold at once'
-    empty = Problem(go, frozenset({'at a'}), (frozenset({'at b'}),))
+    empty = PlanningProblem(go, frozenset({'at a'}), (frozenset({'at b'}),))
     reason = plan(empty).reason
     assert reason == 'at b needs fuel (for go b), and fuel does not hold, and no action brings it about'
-    reason = plan(Problem(go, frozenset({'at a', 'fuel'}), (frozenset({'not fuel'}),))).reason
+    reason = plan(PlanningProblem(go, frozenset({'at a', 'fuel'}), (frozenset({'not fuel'}),))).reason
     assert reason == 'not fuel does not hold, and no action brings it about'
 
 

@@ -14,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planning_support import World, action, led_by
 
-from flexbt_core.behavior_tree import NodeStatus
-from flexbt_formal.planning import Action, Condition, PlanningError, Problem, Team, TeamPlan, plan_team, team_xml
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_formal.planning.problem import Action, Condition, PlanningError, PlanningProblem
+from flexbt_formal.planning.team import Team, TeamPlan, plan_team
+from flexbt_formal.planning.team_xml import team_xml
 
 ROBOTS = ('red', 'blue')
 
@@ -35,7 +37,7 @@ def fetching(robots: Collection[str] = ROBOTS) -> Team:
         actions += own
         doers |= {one.name: robot for one in own}
     start = frozenset({'cup_on_shelf', 'pan_on_shelf', *(f'{robot}_home' for robot in robots)})
-    problem = Problem(tuple(actions), start, (frozenset({'cup_home', 'pan_home'}),))
+    problem = PlanningProblem(tuple(actions), start, (frozenset({'cup_home', 'pan_home'}),))
     return Team(led_by(problem), tuple(robots), doers)
 
 
@@ -124,7 +126,9 @@ def teams(draw: st.DrawFn) -> Team:
         Action(f'{one} is gone', frozenset(), frozenset(), frozenset(one))
         for one in draw(st.sets(st.sampled_from(LITERALS), max_size=2))
     ]
-    problem = Problem(tuple(actions), frozenset(), tuple(draw(st.lists(goals, min_size=1, max_size=2))), tuple(others))
+    problem = PlanningProblem(
+        tuple(actions), frozenset(), tuple(draw(st.lists(goals, min_size=1, max_size=2))), tuple(others)
+    )
     return Team(led_by(problem), ROBOTS, doers)
 
 

@@ -12,8 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from planning_support import World, action, led_by
 
-from flexbt_core.behavior_tree import NodeStatus
-from flexbt_formal.planning import Action, Leaf, Outcome, Plan, PlanningError, Problem, plan, tree_xml
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_formal.planning.planner import Plan, plan
+from flexbt_formal.planning.problem import Action, Leaf, PlanningError, PlanningProblem
+from flexbt_formal.planning.search import SearchOutcome
+from flexbt_formal.planning.tree_xml import tree_xml
 
 ERRAND = (
     action('to_kitchen', 'at_hall open', 'at_kitchen', 'at_hall', 15),
@@ -31,12 +34,12 @@ DISTURBANCES = (
 )
 
 
-def errand(start: str = 'at_hall open cup_kitchen', goal: str = 'cup_hall', attempts: int = 2) -> Problem:
+def errand(start: str = 'at_hall open cup_kitchen', goal: str = 'cup_hall', attempts: int = 2) -> PlanningProblem:
     goals = tuple(frozenset(part.split()) for part in goal.split('|'))
-    return led_by(Problem(ERRAND, frozenset(start.split()), goals, DISTURBANCES), attempts)
+    return led_by(PlanningProblem(ERRAND, frozenset(start.split()), goals, DISTURBANCES), attempts)
 
 
-def planned(problem: Problem, disturbed: int = 1) -> tuple[Plan, str]:
+def planned(problem: PlanningProblem, disturbed: int = 1) -> tuple[Plan, str]:
     found = plan(problem, disturbed=disturbed)
     assert found.coverage is not None
     assert not found.coverage.uncovered
@@ -67,7 +70,7 @@ def test_what_somebody_else_has_done_is_not_done_again_and_what_runs_is_left() -
 
 
 @cache
-def planned_for_all() -> tuple[Problem, str]:
+def planned_for_all() -> tuple[PlanningProblem, str]:
     problem = errand(attempts=5)  # what is undone at once each time looks as if it had no effects
     return problem, planned(problem, disturbed=4)[1]
 
@@ -116,7 +119,7 @@ def test_what_is_undone_while_the_next_action_is_under_way_had_its_effects() -> 
     assert world.done.count('grab_kitchen') == 3
 
 
-def round_trip(places: str) -> Problem:
+def round_trip(places: str) -> PlanningProblem:
     """Through a city: a search looks into many conditions, of which few matter."""
     streets = tuple(
         action(f'{a}{b}', f'at_{a}', f'at_{b} seen_{b}', f'at_{a}', 1 + (5 * i + 3 * k) % 11 + (i * k) % 7)
@@ -126,13 +129,13 @@ def round_trip(places: str) -> Problem:
     )
     carried_off = action('carried off', '', f'at_{places[-1]}', ' '.join(f'at_{one}' for one in places[:-1]))
     goal = frozenset(f'seen_{one}' for one in places)
-    return led_by(Problem(streets, frozenset({f'at_{places[0]}'}), (goal,), (carried_off,)))
+    return led_by(PlanningProblem(streets, frozenset({f'at_{places[0]}'}), (goal,), (carried_off,)))
 
 
 def test_a_tree_has_no_more_branches_than_its_ways_need_and_some_others(monkeypatch: pytest.MonkeyPatch) -> None:
     trip = round_trip('abcdefghi')
     every = planned(trip)[0]
-    monkeypatch.setattr('flexbt_formal.planning.trees.policy.MOST_BRANCHES', 10)
+    monkeypatch.setattr('flexbt_formal.planning.policy.MOST_BRANCHES', 10)
     found, xml = planned(trip)
     assert every.policy is not None and found.policy is not None
     assert len(found.policy.branches) < len(every.policy.branches) / 2
@@ -145,7 +148,7 @@ def test_where_the_time_does_not_suffice_for_the_cheapest_plan_there_is_another_
     trip = round_trip('abcdefghi')
     ticks = count()
     found = plan(trip, time_limit=1000.0, clock=lambda: float(next(ticks)))
-    assert found.outcome is Outcome.TIME_LIMIT
+    assert found.outcome is SearchOutcome.TIME_LIMIT
     assert found.cost is not None and found.bound < found.cost
     assert found.coverage is not None and found.coverage.longest >= len(found.actions) >= 9
     assert World(trip, set(trip.initial)).run(tree_xml(found)) is NodeStatus.SUCCESS
@@ -163,7 +166,7 @@ SHUT = action('the front door is shut', 'front_open', '', 'front_open')
 @pytest.mark.parametrize('lasts', [1, 3])
 def test_what_has_failed_does_not_keep_another_way_from_its_end(how: str, lasts: int) -> None:
     start = frozenset({'outside', 'front_open', 'back_open'})
-    problem = led_by(Problem(TWO_DOORS, start, (frozenset({'inside'}),), (SHUT,)))
+    problem = led_by(PlanningProblem(TWO_DOORS, start, (frozenset({'inside'}),), (SHUT,)))
     world = World(problem, set(start), lasts=lambda name: lasts, **{how: lambda name: name == 'front'})  # type: ignore[arg-type]
     assert world.run(planned(problem)[1]) is NodeStatus.SUCCESS
     assert world.started == ['front', 'front', 'back']
@@ -179,9 +182,9 @@ GONE = [action(f'{one} is gone', one, '', one) for one in 'pqr']
 
 
 @cache
-def planned_with_ways(attempts: int) -> tuple[Problem, str]:
+def planned_with_ways(attempts: int) -> tuple[PlanningProblem, str]:
     start = frozenset(f'tool_{number}' for number in range(10))
-    problem = led_by(Problem(tuple(MANY_WAYS), start, (frozenset('s'),), (*GONE, *LOST_TOOLS)), attempts)
+    problem = led_by(PlanningProblem(tuple(MANY_WAYS), start, (frozenset('s'),), (*GONE, *LOST_TOOLS)), attempts)
     return problem, planned(problem)[1]
 
 
@@ -247,7 +250,7 @@ def test_behaviortree_cpp_loads_the_tree_and_does_the_plan() -> None:
     library: Any = pytest.importorskip('behaviortreepy')
     given_ = errand()
     leaves = {literal: Leaf(f'Is_{literal}') for one in ERRAND for literal in one.needs | one.adds | one.deletes}
-    problem = Problem(given_.actions, given_.initial, given_.goal, given_.disturbances, leaves)
+    problem = PlanningProblem(given_.actions, given_.initial, given_.goal, given_.disturbances, leaves)
     found, xml = planned(problem)
     true, done = set(problem.initial), []
     factory = library.BehaviorTreeFactory()
@@ -278,6 +281,6 @@ def test_behaviortree_cpp_loads_the_tree_and_does_the_plan() -> None:
 @pytest.mark.parametrize('leaf', [Leaf('put it'), Leaf(''), Leaf('Put', {'a b': '1'}), Leaf('Put', {'><': '1'})])
 def test_what_cannot_be_a_leaf_in_xml_is_refused(leaf: Leaf) -> None:
     given_ = errand()
-    problem = Problem(given_.actions, given_.initial, given_.goal, leaves={'put_hall': leaf})
+    problem = PlanningProblem(given_.actions, given_.initial, given_.goal, leaves={'put_hall': leaf})
     with pytest.raises(PlanningError, match=r'put_hall: .* cannot be a type or port of a leaf'):
         tree_xml(plan(problem))

@@ -14,16 +14,18 @@ import pytest
 from builtin_interfaces.msg import Time
 
 from flexbt_console.link.messages import snapshot_record
-from flexbt_console.mirror import ExecutiveState, Mirror
-from flexbt_core.clock import ManualClock
-from flexbt_core.state_machine import define
-from flexbt_formal.exploration import Bounds, Choices, MachineSystem, Operator
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import ExecutiveState
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_formal.exploration.machine_system import MachineBounds, MachineSystem, Operator
+from flexbt_formal.exploration.model import EnvironmentChoices
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_onboard.behaviors import RunGoals
-from flexbt_onboard.link import status_of
-from flexbt_onboard.runs import LastRun, RunSnapshot
-from flexbt_onboard.runs.run_snapshot import SnapshotSource
-from flexbt_testing.state_machines.seeded_machines import _model, seeded_machine
+from flexbt_onboard.behaviors.run_context import RunGoals
+from flexbt_onboard.link.executive_status import status_of
+from flexbt_onboard.runs.run_snapshot import RunSnapshot, SnapshotSource
+from flexbt_onboard.runs.run_supervisor import LastRun
+from flexbt_testing.seeded_missions import _model, seeded_machine
 
 RUN = '0123456789abcdef'
 NOBODY = cast(Any, SimpleNamespace(holder='', requests=[]))
@@ -36,7 +38,7 @@ class Robot:
         self.chance = chance
         machine = seeded_machine(chance.randrange(1000)).machine
         assert machine is not None
-        self.system = MachineSystem(define(machine), _model, Bounds(Operator.ALL, forces=2, faults=1))
+        self.system = MachineSystem(define(machine), _model, MachineBounds(Operator.ALL, forces=2, faults=1))
         self.run = self.system._run
         clock: Any = SimpleNamespace(now=self.system.clock.now, stamp=lambda: Time(sec=1000))
         self._source = SnapshotSource(self.run, clock, RUN, RunGoals())
@@ -47,7 +49,7 @@ class Robot:
         """Whatever can happen next; whether anything could."""
         labels = self.system.labels()
         if labels:
-            self.system.step(self.chance.choice(labels), Choices())
+            self.system.step(self.chance.choice(labels), EnvironmentChoices())
         return bool(labels)
 
     def status(self) -> Any:

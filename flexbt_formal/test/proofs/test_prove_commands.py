@@ -14,19 +14,22 @@ from xml.etree import ElementTree
 
 import pytest
 
-from flexbt_console.mirror import NodeStatus
+from flexbt_console.mirror.trees import MirroredStatus
 from flexbt_console.recording import open_recording
-from flexbt_core.state_machine import ConcurrencyContainer, OperatableStateMachine, define
-from flexbt_formal.exploration import Bounds, explorer
-from flexbt_formal.proofs.behaviors import prove_behavior
-from flexbt_formal.proofs.trees import File, ProgressLine
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
+from flexbt_formal.exploration import explorer
+from flexbt_formal.exploration.machine_system import MachineBounds
+from flexbt_formal.proofs.behavior_proof import prove_behavior
+from flexbt_formal.proofs.proof_report import ProgressLine
+from flexbt_formal.proofs.saved_test import File
 from flexbt_server.node_types import node_registry
 from flexbt_states import BtExecuteState, BtLoaderState
 from flexbt_testing.behavior_trees.bt_tool import document, tool
-from flexbt_tools.behaviors import used_trees
+from flexbt_tools.behaviors.built_behavior import used_trees
 from flexbt_tools.cli.behavior_tool import main as behavior_tool
 from flexbt_tools.errors import UsageError
-from flexbt_tools.trees import OpenRegistry
+from flexbt_tools.trees.stand_ins import OpenRegistry
 
 
 @pytest.fixture(autouse=True)
@@ -179,7 +182,7 @@ def test_trees_that_write_the_same_side_by_side_are_told(tmp_path: Path, board: 
         add('Drive', BtExecuteState(bt_file='Drive'), {'done': 'finished', 'canceled': 'failed', 'failed': 'failed'})
     made = define(machine)
     used = used_trees(made, (), OpenRegistry(node_registry(lambda source, error: None)))
-    proof = prove_behavior('race', made, used, Bounds(), seconds=60, configurations=1000)
+    proof = prove_behavior('race', made, used, MachineBounds(), seconds=60, configurations=1000)
     assert [found.violation.where for report in proof.reports for found in report.counterexamples] == wrong
 
 
@@ -233,7 +236,7 @@ def test_what_is_wrong_in_a_tree_of_a_behavior_is_saved_too(tmp_path: Path) -> N
 
 
 def test_a_tree_of_a_package_is_proved_and_saved_by_its_name(tmp_path: Path) -> None:
-    tree, saved = 'package://flexbt_demo_behaviors/trees/recovery.xml', tmp_path / 'test_recovery.py'
+    tree, saved = 'package://flexbt_demo_behaviors/navigate/recovery.xml', tmp_path / 'test_recovery.py'
     assert tool('prove', tree, '--require', 'never =SUCCESS', '--save-test', str(saved)).code == 1
     (test,) = saved_tests(saved)
     with pytest.raises(AssertionError, match='=SUCCESS happens'):
@@ -254,10 +257,10 @@ def test_what_is_wrong_is_drawn_and_is_shown_by_the_replay_of_the_console(tmp_pa
     player = open_recording(recording)
     seen = []
     while player.time < player.duration:
-        seen.append([node for node, status in _statuses(player) if status is NodeStatus.RUNNING])
+        seen.append([node for node, status in _statuses(player) if status is MirroredStatus.RUNNING])
         player.go_to(player.next_said(1))
     assert ['Parallel', 'Spin', 'Wait'] in [[one for one in running if one != 'Sequence'] for running in seen]
-    assert {'Spin', 'BackUp'} <= {node for node, status in _statuses(player) if status is NodeStatus.RUNNING}
+    assert {'Spin', 'BackUp'} <= {node for node, status in _statuses(player) if status is MirroredStatus.RUNNING}
     assert player.mirror.log(1)[0].text == 'WRONG: base has two owners at once: Spin::2 and BackUp::5'
     assert 'File exists' in tool(*words).err  # no recording is written over
 
@@ -282,7 +285,7 @@ def test_what_is_wrong_in_a_machine_is_shown_with_what_the_operator_is_asked(tmp
     assert 'transitions without waiting' in player.mirror.log(1)[0].text
 
 
-def _statuses(player: Any) -> list[tuple[str, NodeStatus]]:
+def _statuses(player: Any) -> list[tuple[str, MirroredStatus]]:
     (run,) = player.mirror.view().trees
     return [(node.name, status) for node, status in zip(run.nodes, run.statuses, strict=True)]
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_formal.roaml.graph import BAD, GOOD, Choices, reach
-from flexbt_formal.roaml.language import ExpressionError, constant, parse_expression
+from flexbt_formal.roaml.language.expressions import ExpressionError, constant, parse_expression
+from flexbt_formal.roaml.probabilities import BAD, GOOD, GraphChoices, reach
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_no_text_does_harm(text: str) -> None:
 @given(st.integers(2, 30), st.floats(0.05, 0.95))
 def test_a_walk_between_two_ends(length: int, up: float) -> None:
     """Gambler's ruin: from the middle of a line to its upper end."""
-    graph: list[Choices] = [[], []]
+    graph: list[GraphChoices] = [[], []]
     for place in range(1, length):
         above = GOOD if place == length - 1 else place + 2
         below = BAD if place == 1 else place
@@ -86,7 +86,7 @@ def test_a_walk_between_two_ends(length: int, up: float) -> None:
 
 def test_least_and_greatest_over_choices_and_circles() -> None:
     # 2 may go round for ever, or take a chance of 1/2.
-    graph: list[Choices] = [[], [], [[(1.0, 3)], [(0.5, GOOD), (0.5, BAD)]], [[(1.0, 2)]]]
+    graph: list[GraphChoices] = [[], [], [[(1.0, 3)], [(0.5, GOOD), (0.5, BAD)]], [[(1.0, 2)]]]
     assert reach(graph, is_least=True)[2] == 0.0
     assert reach(graph, is_least=False)[2] == pytest.approx(0.5)
     assert reach([[], [], [[(0.9, 2), (0.1, GOOD)]]], is_least=True)[2] == pytest.approx(1.0)

@@ -10,9 +10,12 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import TreeLoadError
-from flexbt_formal.roaml import Limits, Method, Model, ModelFault, Order, Result, check, is_model
-from flexbt_formal.roaml.random_runs import bounds_of, looks
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_formal.roaml.checking import CheckLimits, Method, Result, check
+from flexbt_formal.roaml.language.source_text import ModelFault
+from flexbt_formal.roaml.model import RoamlModel, is_model
+from flexbt_formal.roaml.probabilities import bounds_of, looks
+from flexbt_formal.roaml.rounds import Order
 
 HEAD = '<ascxml name="{}" version="1.0" initial="{}">{}</ascxml>'
 
@@ -61,7 +64,7 @@ def _filter(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def checked(main: Path, name: str = 'asked', **options: Any) -> Result:
-    model = Model(str(main))
+    model = RoamlModel(str(main))
     (asked,) = (one for one in model.properties if one.name == name)
     return check(model, asked, **options)
 
@@ -123,7 +126,7 @@ def test_a_probability_is_exact(tmp_path: Path, order: Order) -> None:
 
 def test_random_runs_keep_the_error_that_they_state(tmp_path: Path) -> None:
     main = write(tmp_path, {'asked': finally_('won.valid')}, nodes={'dice': DICE})
-    result = checked(main, method=Method.STATISTICAL, limits=Limits(error=0.05, confidence=0.999, seed=7))
+    result = checked(main, method=Method.STATISTICAL, limits=CheckLimits(error=0.05, confidence=0.999, seed=7))
     assert result.size <= 1659  # ln(4/0.001) / (2 * 0.05**2)
     assert result.high - 0.05 <= result.value <= result.low + 0.05
     assert result.low <= 1 - 0.75**3 <= result.high
@@ -134,7 +137,7 @@ def test_random_runs_keep_the_error_that_they_state(tmp_path: Path) -> None:
 def test_few_random_runs_are_enough_at_0_and_1(tmp_path: Path) -> None:
     properties = {'always': finally_(COUNT, 10), 'never': finally_(COUNT, 11)}
     main = write(tmp_path, properties, nodes={'counter': COUNTER.format(rate=1)})
-    limits = Limits(error=0.05)
+    limits = CheckLimits(error=0.05)
     always, never = (checked(main, name, method=Method.STATISTICAL, limits=limits) for name in properties)
     assert (always.value, always.high, always.is_complete) == (1.0, 1.0, True)
     assert (never.value, never.low, never.is_complete) == (0.0, 0.0, True)
@@ -165,7 +168,7 @@ def test_math_random_is_drawn_anew_in_each_run(tmp_path: Path) -> None:
         <state id="draw"><transition target="end"><assign location="x" expr="Math.random()"/></transition></state>
         <state id="end"><onentry><if cond="x &lt; 0.25"><send event="low"/></if></onentry></state>"""
     main = write(tmp_path, {'asked': finally_('low.valid')}, nodes={'one': node})
-    assert checked(main, limits=Limits(error=0.05, confidence=0.999)).value == pytest.approx(0.25, abs=0.05)
+    assert checked(main, limits=CheckLimits(error=0.05, confidence=0.999)).value == pytest.approx(0.25, abs=0.05)
     with pytest.raises(ValueError, match='statistical'):
         checked(main, method=Method.EXACT)
 
@@ -201,7 +204,7 @@ def test_whole_numbers_drawn_by_lot_are_followed_exactly(
         found = checked(main, str(x))
         assert found.is_exact and found.value == pytest.approx(probability)
     assert sum(probabilities.values()) == 1.0
-    sampled = checked(main, str(x), method=Method.STATISTICAL, limits=Limits(error=0.05, confidence=0.999))
+    sampled = checked(main, str(x), method=Method.STATISTICAL, limits=CheckLimits(error=0.05, confidence=0.999))
     assert sampled.low <= probability <= sampled.high and not sampled.is_exact
 
 
@@ -210,7 +213,7 @@ def test_too_many_values_by_lot_are_drawn(tmp_path: Path) -> None:
         <assign location="x" expr="Math.floor(Math.random() * 1e9)"/></transition></state>
         <state id="end"><onentry><if cond="x &lt; 5e8"><send event="low"/></if></onentry></state>"""
     main = write(tmp_path, {'asked': finally_('low.valid')}, nodes={'one': node})
-    found = checked(main, limits=Limits(error=0.05))
+    found = checked(main, limits=CheckLimits(error=0.05))
     assert not found.is_exact and found.low <= 0.5 <= found.high and 'too many values' in found.notes[0]
     with pytest.raises(ModelFault, match='too many values'):
         checked(main, method=Method.EXACT)
@@ -233,10 +236,10 @@ def test_too_many_values_of_several_automata_are_drawn(tmp_path: Path, head: str
         'go|<state id="go"><transition target="end"><send event="go"/></transition></state><state id="end"/>'
     )
     main = write(tmp_path, {'asked': finally_('a.valid')}, nodes=nodes)
-    found = checked(main, limits=Limits(error=0.05, states=1_000))
+    found = checked(main, limits=CheckLimits(error=0.05, states=1_000))
     assert not found.is_exact and found.low <= 0.5 <= found.high and 'too many' in found.notes[0]
     with pytest.raises(ModelFault, match='too many'):
-        checked(main, method=Method.EXACT, limits=Limits(states=1_000))
+        checked(main, method=Method.EXACT, limits=CheckLimits(states=1_000))
 
 
 CHOICE = """draw|<datamodel><data id="x" type="int32" expr="0"/></datamodel>{}
@@ -251,7 +254,7 @@ CHOICE = """draw|<datamodel><data id="x" type="int32" expr="0"/></datamodel>{}
 def test_it_is_looked_at_the_time_also_while_one_draws_many_values(tmp_path: Path, head: str, values: int) -> None:
     node = CHOICE.format(head, values=values)
     main = write(tmp_path, {'asked': finally_('won.valid')}, nodes={'one': node})
-    found = checked(main, method=Method.EXACT, limits=Limits(seconds=0.0))
+    found = checked(main, method=Method.EXACT, limits=CheckLimits(seconds=0.0))
     assert not found.is_complete and found.low < 0.5 < found.high and found.size < 200
 
 
@@ -419,7 +422,7 @@ def test_data_of_all_types(tmp_path: Path) -> None:
 
 def test_a_file_of_a_model_that_never_ends_is_refused() -> None:
     with pytest.raises(TreeLoadError, match='it is a pipe or device; give a regular file'):
-        Model('/dev/zero')
+        RoamlModel('/dev/zero')
 
 
 # -- trees -----------------------------------------------------------------------------------------------------------
@@ -523,7 +526,7 @@ def test_a_plugin_that_never_answers_is_refused(tmp_path: Path) -> None:
     plugins = {'Mute': 'idle|<state id="idle"><transition event="bt_tick" target="idle"/></state>'}
     main = write(tmp_path, {'asked': finally_(ROOT, 1)}, plugins=plugins, tree=tree)
     with pytest.raises(TreeLoadError, match='no state of this plugin has <bt_tick>'):
-        Model(str(main))
+        RoamlModel(str(main))
 
 
 def test_a_halt_that_nobody_answers_is_told(tmp_path: Path) -> None:
@@ -591,7 +594,7 @@ def test_an_error_tells_file_line_and_remedy(tmp_path: Path, old: str, new: str,
     assert checked(main).value == 1.0
     main = write(tmp_path, {'asked': finally_(COUNT, 1)}, nodes={'one': GOOD.replace(old, new, 1)})
     with pytest.raises(TreeLoadError, match=re.escape(words)) as raised:
-        Model(str(main))
+        RoamlModel(str(main))
     assert raised.value.errors[0].file == str(tmp_path / 'one.ascxml')
     assert raised.value.errors[0].line == line
 
@@ -611,7 +614,7 @@ def test_an_error_tells_file_line_and_remedy(tmp_path: Path, old: str, new: str,
 def test_a_property_that_means_nothing_is_refused(tmp_path: Path, expression: dict[str, Any], words: str) -> None:
     main = write(tmp_path, {'asked': expression}, nodes={'one': GOOD})
     with pytest.raises(TreeLoadError, match=re.escape(words)):
-        Model(str(main))
+        RoamlModel(str(main))
 
 
 @pytest.mark.parametrize(
@@ -665,4 +668,4 @@ def test_a_port_that_no_tree_can_have_is_refused(tmp_path: Path) -> None:
     plugins = {'Try': TRY.replace('key="chance"', 'key="1.0"')}
     main = write(tmp_path, {'asked': finally_(ROOT, 1)}, plugins=plugins, tree=tree)
     with pytest.raises(TreeLoadError, match=re.escape("port name '1.0' has to begin with a letter")):
-        Model(str(main))
+        RoamlModel(str(main))

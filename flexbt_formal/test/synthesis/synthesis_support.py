@@ -6,7 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from flexbt_formal.synthesis.inputs import Interface, Options, Problem, Request, read_capabilities, translated
+from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities
+from flexbt_formal.synthesis.request_files import MachineRequest
+from flexbt_formal.synthesis.translation import Options, SynthesisProblem, translated
 
 COFFEE = """\
 name: coffee
@@ -29,9 +31,9 @@ capabilities:
 """
 
 
-def interface(name: str, parameters: Mapping[str, Any]) -> Interface:
+def interface(name: str, parameters: Mapping[str, Any]) -> StateInterface:
     """Every state tries something, and fails or not."""
-    return Interface(('done', 'failed'))
+    return StateInterface(('done', 'failed'))
 
 
 def coffee(
@@ -40,11 +42,11 @@ def coffee(
     initial: tuple[str, ...] = (),
     outcomes: tuple[str, ...] = (),
     **options: Any,
-) -> Problem:
+) -> SynthesisProblem:
     """The problem of the coffee machine with parts of its text replaced. Raises SynthesisError."""
     text = COFFEE
     for before, after in changes:
         assert before in text
         text = text.replace(before, after, 1)
-    request = Request(initial, goals, outcomes)
+    request = MachineRequest(initial, goals, outcomes)
     return translated(read_capabilities(text, 'coffee.yaml'), interface, request, None, Options(**options))

@@ -10,10 +10,13 @@ import pytest
 from rosidl_adapter.parser import parse_message_string
 
 import flexbt_states
-from flexbt_core.state_machine import define, read_machine
-from flexbt_formal.requests import StateInterfaces, SynthesisFiles, flexbe_messages, read_problem
-from flexbt_formal.synthesis import synthesize
-from flexbt_formal.synthesis.inputs import Options, Request
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_formal.requests.synthesis_answers import flexbe_messages
+from flexbt_formal.requests.synthesis_files import StateInterfaces, SynthesisFiles, read_problem
+from flexbt_formal.synthesis.request_files import MachineRequest
+from flexbt_formal.synthesis.synthesis import synthesize
+from flexbt_formal.synthesis.translation import Options
 from flexbt_testing.behavior_trees.bt_tool import behavior_tool as tool
 
 COFFEE = """\
@@ -170,7 +173,7 @@ def test_for_flexbe_every_field_of_its_message_is_there(coffee: str) -> None:
 
 def test_for_flexbe_they_are_its_messages_where_these_are(coffee: str) -> None:
     pytest.importorskip('flexbe_msgs')
-    request = Request(goals=('brew',))
+    request = MachineRequest(goals=('brew',))
     machine = synthesize(
         read_problem(SynthesisFiles(coffee), request, StateInterfaces(['flexbt_states']), Options())
     ).machine

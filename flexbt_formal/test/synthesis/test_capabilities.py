@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.skills import Literal, SkillError, capability_file, parse_literal, read_skills
-from flexbt_formal.synthesis import synthesize
-from flexbt_formal.synthesis.inputs import Interface, Request, read_capabilities, translated
+from flexbt_core.skills.literals import Literal, SkillError, parse_literal
+from flexbt_core.skills.yaml_files import capability_file, read_skills
+from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities
+from flexbt_formal.synthesis.request_files import MachineRequest
+from flexbt_formal.synthesis.synthesis import synthesize
+from flexbt_formal.synthesis.translation import translated
 from flexbt_testing.behavior_trees.bt_tool import behavior_tool as tool
 
 TEXT = """\
@@ -47,9 +50,9 @@ def literals(*texts: str) -> list[Literal]:
     return [parse_literal(one) for one in texts]
 
 
-def interface(name: str, parameters: object) -> Interface:
+def interface(name: str, parameters: object) -> StateInterface:
     skill = read_skills(TEXT).skills[name]
-    return Interface(tuple(skill.outcomes), (), ())
+    return StateInterface(tuple(skill.outcomes), (), ())
 
 
 def test_a_machine_of_skills_reaches_its_goal() -> None:
@@ -65,7 +68,7 @@ def test_a_machine_of_skills_reaches_its_goal() -> None:
     ]
     assert capabilities.capabilities['Drive_office_kitchen'].autonomy == {'done': 2}
     assert capabilities.memory['at_office'] and not capabilities.memory['at_kitchen']
-    request = Request(goals=('in_room_mug_office',), outcomes=('finished', 'failed'))
+    request = MachineRequest(goals=('in_room_mug_office',), outcomes=('finished', 'failed'))
     result = synthesize(translated(capabilities, interface, request))
     machine = result.machine
     assert machine is not None

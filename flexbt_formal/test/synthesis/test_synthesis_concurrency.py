@@ -12,10 +12,14 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.state_machine import EventState, read_machine
-from flexbt_formal.synthesis import Synthesis, SynthesisError, synthesize
-from flexbt_formal.synthesis.inputs import Interface, Options, Request, read_capabilities, translated
-from flexbt_formal.synthesis.machines import machine_as_yaml
+from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities
+from flexbt_formal.synthesis.errors import SynthesisError
+from flexbt_formal.synthesis.machine_text import machine_as_yaml
+from flexbt_formal.synthesis.request_files import MachineRequest
+from flexbt_formal.synthesis.synthesis import Synthesis, synthesize
+from flexbt_formal.synthesis.translation import Options, translated
 
 
 def capability(**entries: Any) -> dict[str, Any]:
@@ -29,7 +33,11 @@ TEA = {
 }
 SURE = {name: {**one, 'interface': 'Sure'} for name, one in TEA.items()}
 SURE['boil']['postconditions'] = ['boil', 'warm']
-KEYS = {'Try': Interface(('done', 'failed')), 'Sure': Interface(('done',)), 'Look': Interface(('done',), (), ('cup',))}
+KEYS = {
+    'Try': StateInterface(('done', 'failed')),
+    'Sure': StateInterface(('done',)),
+    'Look': StateInterface(('done',), (), ('cup',)),
+}
 
 
 def answer(capabilities: Mapping[str, Any], goal: str, **options: Any) -> Synthesis:
@@ -42,7 +50,9 @@ def answer(capabilities: Mapping[str, Any], goal: str, **options: Any) -> Synthe
         }
     )
     file = read_capabilities(text, 'tea.yaml')
-    return synthesize(translated(file, lambda name, _: KEYS[name], Request(goals=(goal,)), None, Options(**options)))
+    return synthesize(
+        translated(file, lambda name, _: KEYS[name], MachineRequest(goals=(goal,)), None, Options(**options))
+    )
 
 
 def states(capabilities: Mapping[str, Any], goal: str, **options: Any) -> list[tuple[str, ...]]:

@@ -14,16 +14,18 @@ from hypothesis import strategies as st
 from synthesis_support import coffee
 from test_synthesis_games import formulas, specifications
 
-from flexbt_formal.synthesis import synthesize
-from flexbt_formal.synthesis.explanation import CounterPlay, Explanation, Kind
-from flexbt_formal.synthesis.explanation.conflict import smallest_conflict
-from flexbt_formal.synthesis.games import TRUE, Formula, Game, Name, Section, Specification, value_of
-from flexbt_formal.synthesis.inputs import Liveness, Problem
+from flexbt_formal.synthesis.counter_play import CounterPlay
+from flexbt_formal.synthesis.explanation import Explanation, FailureKind, smallest_conflict
+from flexbt_formal.synthesis.games.formula import TRUE, Formula, VariableName, value_of
+from flexbt_formal.synthesis.games.solver import Game
+from flexbt_formal.synthesis.games.specification import Section, Specification
+from flexbt_formal.synthesis.synthesis import synthesize
+from flexbt_formal.synthesis.translation import Liveness, SynthesisProblem
 
 ENDS = '    transition_relation: {failure: [finished]}'
 
 
-def refused(problem: Problem) -> Explanation:
+def refused(problem: SynthesisProblem) -> Explanation:
     explanation = synthesize(problem).explanation
     assert explanation is not None
     return explanation
@@ -34,12 +36,12 @@ def refused(problem: Problem) -> Explanation:
     [
         (
             coffee(initial=('press_a', '!press_a')),
-            Kind.START,
+            FailureKind.START,
             ["initial condition 'press_a' (request)", "initial condition '!press_a' (request)"],
         ),
         (
             coffee(goals=('brew', '!brew & grind')),
-            Kind.LUCK,
+            FailureKind.LUCK,
             ["goal 'brew' (request)", "goal '!brew & grind' (request)"],
         ),
         (
@@ -47,7 +49,7 @@ def refused(problem: Problem) -> Explanation:
                 ('failure: [grind]}', f'failure: [grind]}}\n{ENDS}'),
                 initial=('grind_m', 'brew_a'),
             ),
-            Kind.DEAD_END,
+            FailureKind.DEAD_END,
             [
                 "initial condition 'brew_a' (request)",
                 "transition_relation 'finished' of brew after failure (coffee.yaml:18)",
@@ -56,7 +58,7 @@ def refused(problem: Problem) -> Explanation:
         ),
         (
             coffee(('failure: [grind]}', "failure: ['!grind']}"), liveness=Liveness.FAIR_OUTCOMES),
-            Kind.NEVER,
+            FailureKind.NEVER,
             [
                 "precondition 'grind' of brew (coffee.yaml:16)",
                 "postcondition '!grind' of brew after failure (coffee.yaml:17)",
@@ -67,7 +69,7 @@ def refused(problem: Problem) -> Explanation:
     ids=['start', 'luck', 'dead end', 'never'],
 )
 def test_a_request_that_nothing_fulfils_is_answered_by_what_conflicts(
-    problem: Problem, kind: Kind, conflict: list[str]
+    problem: SynthesisProblem, kind: FailureKind, conflict: list[str]
 ) -> None:
     explanation = refused(problem)
     assert explanation.kind is kind
@@ -106,9 +108,9 @@ def test_what_never_becomes_possible_is_named_with_what_it_lacks_where_it_is_nee
     ],
     ids=['one', 'with retries', 'two active', 'two active, parsed', 'two', 'three'],
 )
-def test_a_goal_that_contradicts_itself_is_not_blamed_on_capabilities(problem: Problem, remedy: str) -> None:
+def test_a_goal_that_contradicts_itself_is_not_blamed_on_capabilities(problem: SynthesisProblem, remedy: str) -> None:
     explanation = refused(problem)
-    assert (explanation.kind, explanation.never) == (Kind.LUCK, ())
+    assert (explanation.kind, explanation.never) == (FailureKind.LUCK, ())
     assert [one for one in explanation.remedies if remedy in one] == list(explanation.remedies)
     assert all(demand.startswith('goal ') for demand in explanation.conflict)
 
@@ -132,9 +134,9 @@ def test_a_play_against_the_world_is_by_the_rules_and_never_won(
     of = solution.game.encoding
     for _ in range(20):
         if play.state is not None:
-            step = {Name(name): value for name, value in play.state.items()}
+            step = {VariableName(name): value for name, value in play.state.items()}
             assert not of.has(step, solution.winning)
-            step |= {Name(name, True): value for name, value in play.inputs.items()}
+            step |= {VariableName(name, True): value for name, value in play.inputs.items()}
             assert all(value_of(one, step) for one in specification.of(Section.ENV_TRANS))
         if not play.answers:
             break

@@ -14,30 +14,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_formal.synthesis.games import (
-    TRUE,
-    Formula,
-    FormulaError,
-    Game,
-    Join,
-    Line,
-    Name,
-    Not,
-    Section,
-    Specification,
-    Variable,
-    check_certificate,
-    parse_formula,
-    strategy_of,
-    value_of,
-)
+from flexbt_formal.synthesis.games.certificate import check_certificate
+from flexbt_formal.synthesis.games.formula import TRUE, Formula, Join, Not, VariableName, value_of
+from flexbt_formal.synthesis.games.formula_parser import FormulaError, parse_formula
+from flexbt_formal.synthesis.games.solver import Game
+from flexbt_formal.synthesis.games.specification import GameVariable, Section, Specification, SpecificationLine
+from flexbt_formal.synthesis.games.strategy import strategy_of
 
 IN, OUT = ('p', 'q'), ('a', 'b')
 
 
 def formulas(names: tuple[str, ...], primed: tuple[str, ...] = ()) -> st.SearchStrategy[Formula]:
     atoms: st.SearchStrategy[Formula] = st.sampled_from(
-        [*(Name(name) for name in names), *(Name(name, True) for name in primed), TRUE]
+        [*(VariableName(name) for name in names), *(VariableName(name, True) for name in primed), TRUE]
     )
     return st.recursive(
         atoms,
@@ -54,7 +43,7 @@ def formulas(names: tuple[str, ...], primed: tuple[str, ...] = ()) -> st.SearchS
 def specifications(inputs: int, outputs: int, assumptions: int, guarantees: int) -> st.SearchStrategy[Specification]:
     ins, outs = IN[:inputs], OUT[:outputs]
     everything = (*ins, *outs)
-    variables = {name: Variable(name, name in ins) for name in everything}
+    variables = {name: GameVariable(name, name in ins) for name in everything}
     sections = {
         Section.ENV_INIT: st.lists(formulas(ins), max_size=1),
         Section.SYS_INIT: st.lists(formulas(everything), max_size=1),
@@ -65,7 +54,8 @@ def specifications(inputs: int, outputs: int, assumptions: int, guarantees: int)
     }
     return st.fixed_dictionaries(sections).map(
         lambda lines: Specification(
-            variables, tuple(Line(section, str(one), one) for section, found in lines.items() for one in found)
+            variables,
+            tuple(SpecificationLine(section, str(one), one) for section, found in lines.items() for one in found),
         )
     )
 
@@ -97,7 +87,7 @@ class Explicit:
     def true(self, formula: Formula, state: State, then: State | None = None) -> bool:
         values = dict(zip(self.names, state, strict=True))
         if then is not None:
-            values |= {Name(name.name, True): value for name, value in zip(self.names, then, strict=True)}
+            values |= {VariableName(name.name, True): value for name, value in zip(self.names, then, strict=True)}
         return bool(value_of(formula, values))
 
     def is_won_from(self, winning: Callable[[State], bool]) -> bool:
@@ -300,14 +290,18 @@ DOOR = {
 def door() -> Specification:
     """To go in and out by a door that opens at some time when it is pushed."""
     variables = {
-        'open': Variable('open', True),
-        'stuck': Variable('stuck', True),
-        'push': Variable('push', False),
-        'place': Variable('place', False, (0, 1)),
+        'open': GameVariable('open', True),
+        'stuck': GameVariable('stuck', True),
+        'push': GameVariable('push', False),
+        'place': GameVariable('place', False, (0, 1)),
     }
     ranges = {name: one.bounds for name, one in variables.items()}
-    lines = tuple(Line(section, text, parse_formula(text, ranges)) for section, texts in DOOR.items() for text in texts)
-    return Specification(variables, lines, ((Name('push'), parse_formula("open'", ranges)),))
+    lines = tuple(
+        SpecificationLine(section, text, parse_formula(text, ranges))
+        for section, texts in DOOR.items()
+        for text in texts
+    )
+    return Specification(variables, lines, ((VariableName('push'), parse_formula("open'", ranges)),))
 
 
 def certificate() -> dict[str, Any]:

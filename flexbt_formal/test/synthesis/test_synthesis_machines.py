@@ -8,14 +8,21 @@ from typing import ClassVar
 import pytest
 from synthesis_support import coffee
 
-from flexbt_core.clock import ManualClock
-from flexbt_core.state_machine import Autonomy, EventState, LoggingObserver, MachineRun, UserData, read_machine
-from flexbt_formal.synthesis import SynthesisError, synthesize
-from flexbt_formal.synthesis.inputs import Liveness, Problem
-from flexbt_formal.synthesis.machines import SynthesizedMachine, machine_as_yaml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_core.state_machine.engine.observer import LoggingObserver
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_formal.synthesis.errors import SynthesisError
+from flexbt_formal.synthesis.machine import SynthesizedMachine
+from flexbt_formal.synthesis.machine_text import machine_as_yaml
+from flexbt_formal.synthesis.synthesis import synthesize
+from flexbt_formal.synthesis.translation import Liveness, SynthesisProblem
 
 
-def made(problem: Problem) -> SynthesizedMachine:
+def made(problem: SynthesisProblem) -> SynthesizedMachine:
     machine = synthesize(problem).machine
     assert machine is not None
     return machine

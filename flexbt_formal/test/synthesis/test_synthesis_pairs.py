@@ -13,21 +13,15 @@ from typing import Any
 import pytest
 import yaml
 
-from flexbt_formal.synthesis import synthesize
-from flexbt_formal.synthesis.games import Encoding, Section, parse_formula
-from flexbt_formal.synthesis.inputs import (
-    Interface,
-    Liveness,
-    Options,
-    Problem,
-    Request,
-    as_structured_slugs,
-    read_capabilities,
-    read_mappings,
-    read_specification,
-    translated,
-)
-from flexbt_formal.synthesis.machines import Part, State, SynthesizedMachine, state_instantiations
+from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities, read_mappings
+from flexbt_formal.synthesis.games.encoding import Encoding
+from flexbt_formal.synthesis.games.formula_parser import parse_formula
+from flexbt_formal.synthesis.games.specification import Section
+from flexbt_formal.synthesis.machine import MachinePart, MachineState, SynthesizedMachine
+from flexbt_formal.synthesis.machine_text import state_instantiations
+from flexbt_formal.synthesis.request_files import MachineRequest, as_structured_slugs, read_specification
+from flexbt_formal.synthesis.synthesis import synthesize
+from flexbt_formal.synthesis.translation import Liveness, Options, SynthesisProblem, translated
 
 DATA = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[4] / 'shared/data')) / 'synthesis'
 PAIRS = [
@@ -39,22 +33,22 @@ PAIRS = [
 pytestmark = pytest.mark.skipif(not PAIRS, reason='the examples of flexbe_synthesis are not at hand')
 
 
-def interface(name: str, parameters: Mapping[str, Any]) -> Interface:
-    return Interface(('done',) if name == 'LogState' else tuple(parameters['outcomes']))
+def interface(name: str, parameters: Mapping[str, Any]) -> StateInterface:
+    return StateInterface(('done',) if name == 'LogState' else tuple(parameters['outcomes']))
 
 
 def expected(pair: str) -> dict[str, Any]:
     return json.loads((DATA / 'expected' / f'{pair}.json').read_text(encoding='utf-8'))
 
 
-def problem(pair: str, liveness: Liveness, **options: Any) -> Problem:
+def problem(pair: str, liveness: Liveness, **options: Any) -> SynthesisProblem:
     files = expected(pair)
 
     def text(kind: str) -> tuple[str, str]:
         return (DATA / files[kind]).read_text(encoding='utf-8'), files[kind]
 
     asked = files['request']
-    request = Request(tuple(asked['initial_conditions']), tuple(asked['goals']), tuple(asked['sm_outcomes']))
+    request = MachineRequest(tuple(asked['initial_conditions']), tuple(asked['goals']), tuple(asked['sm_outcomes']))
     return translated(
         read_capabilities(*text('capabilities'), read_mappings(*text('mappings'))),
         interface,
@@ -116,9 +110,9 @@ def sm_loader_machine(name: str) -> SynthesizedMachine:
         keys = one.get('userdata_keys', [])
         remapping = dict(zip(keys, one.get('userdata_remapping', keys), strict=True))
         outcomes = tuple(one['outcomes'])
-        part = Part(one['name'], one['state_class'], parameters, outcomes, remapping)
+        part = MachinePart(one['name'], one['state_class'], parameters, outcomes, remapping)
         levels = one.get('autonomy', [1] * len(outcomes))
-        states[one['name']] = State(
+        states[one['name']] = MachineState(
             one['name'],
             (part,),
             dict(zip(outcomes, one['transitions'], strict=True)),

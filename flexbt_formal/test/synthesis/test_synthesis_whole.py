@@ -9,18 +9,20 @@ from collections.abc import Iterator, Mapping
 import pytest
 from test_synthesis_pairs import DATA
 
-from flexbt_core.clock import ManualClock
-from flexbt_core.state_machine import Autonomy, EventState, LoggingObserver, MachineRun, UserData, read_machine
-from flexbt_formal.synthesis import SynthesisError, synthesize
-from flexbt_formal.synthesis.inputs import (
-    Interface,
-    Request,
-    hand_written,
-    is_whole,
-    read_capabilities,
-    read_specification,
-)
-from flexbt_formal.synthesis.machines import SynthesizedMachine, machine_as_yaml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_core.state_machine.engine.observer import LoggingObserver
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities
+from flexbt_formal.synthesis.errors import SynthesisError
+from flexbt_formal.synthesis.hand_written import hand_written, is_whole
+from flexbt_formal.synthesis.machine import SynthesizedMachine
+from flexbt_formal.synthesis.machine_text import machine_as_yaml
+from flexbt_formal.synthesis.request_files import MachineRequest, read_specification
+from flexbt_formal.synthesis.synthesis import synthesize
 
 
 def specification(outcomes: Mapping[str, str], rules: str, goal: str) -> str:
@@ -69,8 +71,8 @@ finished' -> !press_a' & !grind_a' & !brew_a'
 COFFEE = specification({'press': 'c', 'grind': 'cf', 'brew': 'c'}, ONE_AT_A_TIME, 'brew_m')
 
 
-def made(text: str, request: Request | None = None) -> SynthesizedMachine:
-    machine = synthesize(hand_written(read_specification(text, 'whole'), request or Request())).machine
+def made(text: str, request: MachineRequest | None = None) -> SynthesizedMachine:
+    machine = synthesize(hand_written(read_specification(text, 'whole'), request or MachineRequest())).machine
     assert machine is not None
     return machine
 
@@ -95,7 +97,7 @@ def test_capabilities_say_which_states_carry_it_out_and_nothing_is_lost_in_silen
     given = read_specification(COFFEE, 'whole')
     assert is_whole(given, capabilities)  # also without tea
     assert not is_whole(read_specification("[OUTPUT]\npress_a\n[SYS_TRANS]\n!brew_a'", 'some'), capabilities)
-    problem = hand_written(given, Request(), capabilities, lambda name, parameters: Interface(('done',)))
+    problem = hand_written(given, MachineRequest(), capabilities, lambda name, parameters: StateInterface(('done',)))
     machine = synthesize(problem).machine
     assert machine is not None
     assert edges(machine)['grind'] == {'done': 'brew'}
@@ -107,7 +109,7 @@ def test_a_failure_by_which_a_specification_ends_needs_no_request() -> None:
     gives_up = "failed' <-> ((grind_a & grind_f') | failed)\nfailed' -> !press_a' & !grind_a' & !brew_a'"
     text = COFFEE.replace('[OUTPUT]', '[OUTPUT]\nfailed').replace('[SYS_TRANS]', f'[SYS_TRANS]\n{gives_up}')
     text = text.replace('[SYS_LIVENESS]\nfinished', '[SYS_INIT]\n!failed\n[SYS_LIVENESS]\nfinished | failed')
-    finished = Request(outcomes=('finished',))
+    finished = MachineRequest(outcomes=('finished',))
     machine = made(text, finished)
     assert machine.outcomes == ('finished', 'failed')
     assert edges(machine)['grind'] == {'completed': 'brew', 'failure': 'failed'}
@@ -115,7 +117,9 @@ def test_a_failure_by_which_a_specification_ends_needs_no_request() -> None:
     mappings = 'state_outcome_mappings: {done: completed}\nsm_outcome_mappings: {finished: finished}\n'
     log = read_capabilities(f'{mappings}capabilities: {{{states}}}', 'log.yaml')
     whole = read_specification(text, 'whole')
-    cannot_fail = synthesize(hand_written(whole, finished, log, lambda name, parameters: Interface(('done',)))).machine
+    cannot_fail = synthesize(
+        hand_written(whole, finished, log, lambda name, parameters: StateInterface(('done',)))
+    ).machine
     assert cannot_fail is not None and cannot_fail.outcomes == ('finished',)
     assert "nothing leads to the outcome 'failed', so the machine does not have it" in cannot_fail.notes
 

@@ -18,11 +18,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
-from flexbt_core.values import load_yaml, shown
+from flexbt_core.values.text import short_repr
+from flexbt_core.values.yaml_data import load_yaml
 from flexbt_onboard.errors import ManifestError, ParameterError
 
 if TYPE_CHECKING:
-    from flexbt_core.state_machine import MachineDefinition, OperatableStateMachine
+    from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+    from flexbt_core.state_machine.model.definition import MachineDefinition
 
 ParameterValue = bool | int | float | str | list[Any] | dict[Any, Any]
 
@@ -69,7 +71,9 @@ class BehaviorParameter:
                 f'a parameter is one of {", ".join(_TYPE_NAMES.values())}'
             )
         if isinstance(self.default, list | dict) and not _is_plain(self.default):
-            raise ManifestError(f'parameter {self.name!r}: the default {shown(self.default)} cannot be written in YAML')
+            raise ManifestError(
+                f'parameter {self.name!r}: the default {short_repr(self.default)} cannot be written in YAML'
+            )
         for choice in self.choices:
             if type(choice) is not type(self.default):
                 raise ManifestError(f'parameter {self.name!r}: the choice {choice!r} is not a {self.type}')
@@ -244,7 +248,7 @@ class Behavior:
     def create(self) -> OperatableStateMachine | MachineDefinition:
         """Build the state machine from the parameters' values. Called on the thread of the run.
 
-        A definition is what :func:`flexbt_core.state_machine.read_machine` makes of YAML. It has the
+        A definition is what :func:`read_machine` makes of YAML. It has the
         state objects of one run, so it is made anew by each call.
         """
         raise NotImplementedError(f'behavior {self.name!r} does not implement create()')

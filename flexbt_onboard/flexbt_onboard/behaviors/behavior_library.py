@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
-from flexbt_common.values import MACHINE_TEXT
-from flexbt_core.values import hint, shown
+from flexbt_common.values.limits import MACHINE_TEXT
+from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_msgs.msg import BehaviorInput as BehaviorInputMessage
 from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
 from flexbt_msgs.msg import BehaviorParameter as BehaviorParameterMessage
@@ -152,7 +152,7 @@ class BehaviorLibrary:
         if not package and same:
             choices = ' or '.join(sorted(repr(entry.name) for entry in same))
             raise UnknownBehaviorError(f'several packages have a behavior {name!r}; say {choices}')
-        near, known = hint(name, self._entries, ''), ', '.join(self._entries) or 'none'
+        near, known = did_you_mean(name, self._entries, ''), ', '.join(self._entries) or 'none'
         raise UnknownBehaviorError(f'no installed behavior is called {name!r}{near} (installed: {known})')
 
 
@@ -162,7 +162,7 @@ def load_entry(point: EntryPoint) -> BehaviorEntry:
     try:
         loaded = point.load()
         if not (isinstance(loaded, type) and issubclass(loaded, Behavior)):
-            raise TypeError(f'{point.value} is {shown(loaded)}, not a class derived from Behavior')
+            raise TypeError(f'{point.value} is {short_repr(loaded)}, not a class derived from Behavior')
         behavior = loaded()
         if loaded.create is Behavior.create:
             raise TypeError(f'{point.value} does not implement create()')

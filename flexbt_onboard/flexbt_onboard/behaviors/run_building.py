@@ -8,9 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_common.values import from_entry
-from flexbt_core.state_machine import MachineDefinition, OperatableStateMachine, Position, define
-from flexbt_core.values import shown
+from flexbt_common.values.entries import from_entry
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.resume import RunPosition
+from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_core.values.text import short_repr
 from flexbt_msgs.msg import BehaviorStructure, BlackboardEntry, StateStructure
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError, ManifestError, ParameterError
 
@@ -33,7 +36,7 @@ class RunRequest:
     inputs: Sequence[BlackboardEntry]
     autonomy: int
     by: str = ''
-    at: Position | None = None
+    at: RunPosition | None = None
     is_durable: bool = True
 
 
@@ -103,7 +106,7 @@ def definition_of(behavior: Behavior) -> MachineDefinition:
         return machine  # has been checked when it was made
     if not isinstance(machine, OperatableStateMachine):
         raise ParameterError(
-            f'create() has to return an OperatableStateMachine or a MachineDefinition, not {shown(machine)}'
+            f'create() has to return an OperatableStateMachine or a MachineDefinition, not {short_repr(machine)}'
         )
     return define(machine)
 

@@ -15,13 +15,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, RepeatedReports
-from flexbt_core.state_machine import Answer
-from flexbt_core.values import one_line, sendable
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
+from flexbt_common.runtime.node_log import RepeatedReports
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
-from flexbt_onboard.durability import REASON_LENGTH, REMEMBERED_COMMANDS, CommandAnswer, RunJournal
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.event_log import Reporter
+from flexbt_onboard.persistence.journal import REMEMBERED_COMMANDS
+from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.persistence.run_journal import REASON_LENGTH, CommandAnswer, RunJournal
 
 from .command_bounds import COMMAND_LENGTHS, excess_of_command
 
@@ -51,7 +54,7 @@ class CommandHandling(Protocol):
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
         """What the command says, for the event log."""
 
-    def apply(self, command: ExecutiveCommand, answer: Answer, writer: bytes) -> bool:
+    def apply(self, command: ExecutiveCommand, answer: CommandReply, writer: bytes) -> bool:
         """True when it has had its effect; False when ``answer`` gets to know about it later, on any thread.
 
         Raises:
@@ -166,7 +169,7 @@ class CommandLedger:
             self._settle(command_id, reason, self._handling.fields(entry.command))
 
     def _settle(self, command_id: str, reason: str | None, fields: dict[str, Any]) -> None:
-        told = sendable(reason or '', REASON_LENGTH)
+        told = sanitize_for_message(reason or '', REASON_LENGTH)
         code = CommandResult.APPLIED if reason is None else CommandResult.REFUSED
         try:
             self._journal.decide(command_id, reason)

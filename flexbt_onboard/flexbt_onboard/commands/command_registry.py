@@ -1,37 +1,41 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of an operator: what each needs, and what is refused for the lack of it.
-
-A new command is a constant and its fields in flexbt_msgs/msg/ExecutiveCommand, and an entry in
-:data:`flexbt_onboard.commands.command_handlers.COMMANDS`.
-"""
+"""The commands of an operator: what each requires, when it is refused, and what it does."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_common.values import seconds_of
-from flexbt_core.state_machine import Answer
-from flexbt_core.values import excerpt
-from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.behaviors import BehaviorLibrary
-from flexbt_onboard.durability import InterruptedRun
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.values.text import escape_lines, truncate_middle
+from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand, ExecutiveLog
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.run_building import RunRequest, checked_autonomy, run_request
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.event_log import Reporter
-from flexbt_onboard.runs import BehaviorRun, RunPhase, RunSupervisor
+from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.persistence.run_journal import InterruptedRun
+from flexbt_onboard.runs.behavior_run import BehaviorRun
+from flexbt_onboard.runs.run_snapshot import RunPhase
+from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
-from .authority import Authority
+from .authority import Authority, OperatorNames
 from .input_requests import InputRequests
-from .operator_names import OperatorNames
+
+# The commands of an operator: what each needs, and what is refused for the lack of it.
+#
+# A new command is a constant and its fields in flexbt_msgs/msg/ExecutiveCommand, and an entry in
+# :data:`COMMANDS`.
 
 LOGGED: Final = 1000
 """Characters of a value of a command that are in the event log."""
 
 
-class NeededRun(Enum):
+class RunRequirement(Enum):
     """Which run a command has to name in ``run_id``."""
 
     NONE = 'none'
@@ -42,7 +46,7 @@ class NeededRun(Enum):
 
 
 @dataclass(frozen=True)
-class Given:
+class CommandContext:
     """A command, and what it acts on."""
 
     command: ExecutiveCommand
@@ -65,22 +69,22 @@ class Given:
         return self.runs.interrupted
 
 
-Effect = Callable[[Answer], object]
+CommandEffect = Callable[[CommandReply], object]
 """Brings a command's effect about, and gives the answer when it can be seen, or why there is none."""
 
 
 @dataclass(frozen=True)
-class Command:
+class CommandDefinition:
     """A command by the name of its constant in ExecutiveCommand.
 
-    ``apply`` has the effect of a command that needs nothing more, or gives the :class:`Effect` that takes longer; it
-    raises CommandRefusedError. ``fields`` must not be empty. One that is ``for_anybody`` asks neither whose the
-    operator's name is, nor which executive was meant.
+    ``apply`` has the effect of a command that needs nothing more, or gives the :class:`CommandEffect` that takes
+    longer; it raises CommandRefusedError. ``fields`` must not be empty. One that is ``for_anybody`` asks neither whose
+    the operator's name is, nor which executive was meant.
     """
 
     name: str
-    apply: Callable[[Given], Effect | None]
-    run: NeededRun = NeededRun.RUNNING
+    apply: Callable[[CommandContext], CommandEffect | None]
+    run: RunRequirement = RunRequirement.RUNNING
     fields: Sequence[str] = ()
     needs_authority: bool = True
     for_anybody: bool = False
@@ -96,7 +100,7 @@ class CommandRegistry:
 
     def __init__(
         self,
-        commands: Sequence[Command],
+        commands: Sequence[CommandDefinition],
         executive_id: str,
         library: BehaviorLibrary,
         runs: RunSupervisor,
@@ -105,7 +109,7 @@ class CommandRegistry:
         input_requests: InputRequests,
         report: Reporter,
     ) -> None:
-        self._commands: Mapping[int, Command] = {command.kind: command for command in commands}
+        self._commands: Mapping[int, CommandDefinition] = {command.kind: command for command in commands}
         self._executive_id = executive_id
         self._library = library
         self._runs = runs
@@ -126,7 +130,7 @@ class CommandRegistry:
         known = self._commands.get(command.kind)
         return command_fields(command, known.name if known is not None else f'kind {command.kind}')
 
-    def apply(self, command: ExecutiveCommand, answer: Answer, writer: bytes) -> bool:
+    def apply(self, command: ExecutiveCommand, answer: CommandReply, writer: bytes) -> bool:
         """True when it has had its effect; False when ``answer`` gets to know about it later, on any thread.
 
         Raises:
@@ -142,7 +146,7 @@ class CommandRegistry:
         if missing := [name for name in known.fields if not getattr(command, name)]:
             raise CommandRefusedError(f'{known.name} must name {" and ".join(missing)}')
         _CHECKS[known.run](self._runs, command)
-        given = Given(command, self._library, self._runs, self._authority, self._input_requests, self._report)
+        given = CommandContext(command, self._library, self._runs, self._authority, self._input_requests, self._report)
         effect = known.apply(given)
         if effect is not None:
             effect(answer)
@@ -160,10 +164,10 @@ def _check_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
             f'behavior {interrupted.behavior!r} was interrupted (run {interrupted.run_id}); resume or abort it first'
         )
     if runs.run is not None or command.run_id:
-        _check_going_on(runs, command)
+        _check_active(runs, command)
 
 
-def _check_going_on(runs: RunSupervisor, command: ExecutiveCommand) -> None:
+def _check_active(runs: RunSupervisor, command: ExecutiveCommand) -> None:
     run = runs.snapshot
     if run is None:
         meant = f'; run {command.run_id} is not active' if command.run_id else ''
@@ -175,7 +179,7 @@ def _check_going_on(runs: RunSupervisor, command: ExecutiveCommand) -> None:
 
 
 def _check_running(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    _check_going_on(runs, command)
+    _check_active(runs, command)
     run = runs.snapshot
     if run is not None and run.phase not in (RunPhase.RUNNING, RunPhase.PAUSED):
         raise CommandRefusedError(f'behavior {run.behavior!r} is {run.phase.value}')
@@ -197,12 +201,12 @@ def _check_interrupted(runs: RunSupervisor, command: ExecutiveCommand) -> None:
         )
 
 
-_CHECKS: Final[Mapping[NeededRun, Callable[[RunSupervisor, ExecutiveCommand], None]]] = {
-    NeededRun.NONE: _check_none,
-    NeededRun.ANY: _check_any,
-    NeededRun.RUNNING: _check_running,
-    NeededRun.SHOWN: _check_shown,
-    NeededRun.INTERRUPTED: _check_interrupted,
+_CHECKS: Final[Mapping[RunRequirement, Callable[[RunSupervisor, ExecutiveCommand], None]]] = {
+    RunRequirement.NONE: _check_none,
+    RunRequirement.ANY: _check_any,
+    RunRequirement.RUNNING: _check_running,
+    RunRequirement.SHOWN: _check_shown,
+    RunRequirement.INTERRUPTED: _check_interrupted,
 }
 
 
@@ -219,8 +223,10 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         'path': command.path,
         'outcome': command.outcome,
         'behavior': command.behavior,
-        'arguments': {argument.name: excerpt(argument.value, LOGGED) for argument in command.arguments},
-        'inputs': {entry.key: f'{entry.type}: {excerpt(entry.text, LOGGED) or "..."}' for entry in command.inputs},
+        'arguments': {argument.name: truncate_middle(argument.value, LOGGED) for argument in command.arguments},
+        'inputs': {
+            entry.key: f'{entry.type}: {truncate_middle(entry.text, LOGGED) or "..."}' for entry in command.inputs
+        },
         'grantee': command.grantee,
         'text': command.text,
         'because': command.reason,
@@ -231,3 +237,155 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         if 0.0 <= getattr(command, name) < math.inf:
             fields[name] = round(float(getattr(command, name)), 3)
     return {name: value for name, value in fields.items() if value != '' and value != {}}
+
+
+# What each command of an operator does (flexbt_msgs/msg/ExecutiveCommand).
+
+
+def _start(given: CommandContext) -> CommandEffect:
+    request = _request(given, given.command.inputs, given.command.autonomy)
+    return lambda answer: given.runs.start(request, answer)
+
+
+def _switch(given: CommandContext) -> CommandEffect:
+    request = _request(given, (), given.run.snapshot.autonomy)
+    return lambda answer: given.run.switch(request, answer)
+
+
+def _request(given: CommandContext, inputs: Sequence[BlackboardEntry], autonomy: int) -> RunRequest:
+    command = given.command
+    arguments = [(argument.name, argument.value) for argument in command.arguments]
+    return run_request(given.library, command.behavior, arguments, inputs, autonomy, command.operator_id)
+
+
+def _stop(given: CommandContext) -> None:
+    reason = f'by {_operator(given)}' + (f': {given.command.reason}' if given.command.reason else '')
+    run = given.runs.run
+    if run is not None and given.command.run_id not in ('', run.snapshot.run_id):
+        given.report.log(ExecutiveLog.WARN, f'{_operator(given)} stops what runs, and has seen another run')
+    if run is None:
+        given.report.log(ExecutiveLog.INFO, f'the robot is stopped {reason}')
+    elif run.snapshot.is_stopping:
+        run.abort(f'aborted {reason}')
+    else:
+        run.stop(f'stopped {reason}')
+    given.runs.halt_robot()
+
+
+def _autonomy(given: CommandContext) -> CommandEffect | None:
+    level, path = checked_autonomy(given.command.autonomy), given.command.path
+    if given.runs.run is not None:
+        return _to_machine(lambda machine, answer: machine.set_autonomy(level, path, answer))(given)
+    if path:
+        raise CommandRefusedError(f'no behavior is running, so there is no state {path!r}')
+    given.runs.set_next_autonomy(level)
+    return None
+
+
+def _confirm(given: CommandContext) -> CommandEffect:
+    decision = given.command.decision_id
+    if given.input_requests.is_open(decision):
+        raise CommandRefusedError(f'decision {decision!r} asks for a value: answer it, or decline')
+    return lambda answer: given.run.confirm(decision, answer)
+
+
+def _force(given: CommandContext) -> CommandEffect:
+    command = given.command
+    return lambda answer: given.run.force(command.path, command.outcome, command.decision_id, answer)
+
+
+def _answer(given: CommandContext) -> None:
+    command = given.command
+    if len(command.inputs) != 1:
+        raise CommandRefusedError(f'ANSWER must carry one value in inputs, not {len(command.inputs)}')
+    given.input_requests.answer(command.decision_id, command.inputs[0], command.operator_id)
+
+
+def _decline(given: CommandContext) -> None:
+    command = given.command
+    given.input_requests.decline(command.decision_id, command.operator_id, command.reason)
+
+
+def _resume_run(given: CommandContext) -> CommandEffect:
+    run = given.interrupted
+    by = given.command.operator_id
+    request = run_request(given.library, run.behavior, run.arguments, run.inputs, run.autonomy, by)
+    request = replace(request, at=run.position())
+    return lambda answer: given.runs.start(request, answer, run_id=run.run_id)
+
+
+def _abort_run(given: CommandContext) -> None:
+    given.runs.abort(given.interrupted, f'interrupted, and aborted by {_operator(given)}')
+
+
+def _claim_authority(given: CommandContext) -> None:
+    given.authority.claim(given.command.operator_id)
+
+
+def _release_authority(given: CommandContext) -> None:
+    given.authority.release(given.command.operator_id)
+
+
+def _hand_over_authority(given: CommandContext) -> None:
+    given.authority.hand_over(given.command.operator_id, given.command.grantee)
+
+
+def _refuse_authority(given: CommandContext) -> None:
+    given.authority.refuse(given.command.operator_id, given.command.grantee)
+
+
+def _note(given: CommandContext) -> None:
+    command = given.command
+    given.report.note(command.operator_id, '\n'.join(escape_lines(command.text)), command.run_id)
+
+
+def _operator(given: CommandContext) -> str:
+    return f'operator {given.command.operator_id}' if given.command.operator_id else 'the operator'
+
+
+def _to_machine(send: Callable[[MachineRun, CommandReply], None]) -> Callable[[CommandContext], CommandEffect]:
+    """A command that the engine takes as it is."""
+    return lambda given: lambda answer: given.run.command(send, answer)
+
+
+def _at_path(send: Callable[[MachineRun, str, CommandReply], None]) -> Callable[[CommandContext], CommandEffect]:
+    """A command that the engine takes for a state or container."""
+
+    def apply(given: CommandContext) -> CommandEffect:
+        path = given.command.path
+        return _to_machine(lambda machine, answer: send(machine, path, answer))(given)
+
+    return apply
+
+
+COMMANDS: Final = (
+    CommandDefinition('START', _start, RunRequirement.NONE),
+    # Whoever sees that something goes wrong has to be able to stop it, whatever else they believe of the run.
+    CommandDefinition('STOP', _stop, RunRequirement.NONE, needs_authority=False, for_anybody=True),
+    CommandDefinition('AUTONOMY', _autonomy, RunRequirement.ANY),
+    CommandDefinition('CONFIRM', _confirm, fields=['decision_id']),
+    CommandDefinition('FORCE', _force, fields=['path', 'outcome']),
+    CommandDefinition('ANSWER', _answer, RunRequirement.SHOWN),
+    CommandDefinition('DECLINE', _decline, RunRequirement.SHOWN),
+    CommandDefinition('PAUSE', _to_machine(MachineRun.pause)),
+    CommandDefinition('RESUME', _to_machine(MachineRun.resume)),
+    CommandDefinition('REPEAT', _at_path(MachineRun.repeat), fields=['path']),
+    CommandDefinition('LOCK', _at_path(MachineRun.lock), fields=['path']),
+    CommandDefinition('UNLOCK', _at_path(MachineRun.unlock), fields=['path']),
+    CommandDefinition('SWITCH', _switch),
+    CommandDefinition('BREAKPOINT', _at_path(MachineRun.set_breakpoint), fields=['path']),
+    CommandDefinition('CLEAR_BREAKPOINT', _at_path(MachineRun.clear_breakpoint), fields=['path']),
+    # Those of the authority look after it by themselves.
+    CommandDefinition('CLAIM_AUTHORITY', _claim_authority, RunRequirement.NONE, needs_authority=False),
+    CommandDefinition('RELEASE_AUTHORITY', _release_authority, RunRequirement.NONE, needs_authority=False),
+    CommandDefinition(
+        'HAND_OVER_AUTHORITY', _hand_over_authority, RunRequirement.NONE, fields=['grantee'], needs_authority=False
+    ),
+    CommandDefinition(
+        'REFUSE_AUTHORITY', _refuse_authority, RunRequirement.NONE, fields=['grantee'], needs_authority=False
+    ),
+    CommandDefinition('RESUME_RUN', _resume_run, RunRequirement.INTERRUPTED),
+    CommandDefinition('ABORT_RUN', _abort_run, RunRequirement.INTERRUPTED),
+    CommandDefinition('NOTE', _note, RunRequirement.NONE, fields=['text'], needs_authority=False),
+)
+"""Every command that there is."""

@@ -11,9 +11,11 @@ from typing import Any, Final
 from builtin_interfaces.msg import Time
 
 from flexbt_common import names
-from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry, resolve_type, subject_fields, text_to_value, to_entry
+from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.decision_subject import subject_fields
+from flexbt_common.values.entries import from_entry, text_to_value, to_entry
+from flexbt_common.values.value_types import resolve_type
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, DecisionSubject, PendingDecision

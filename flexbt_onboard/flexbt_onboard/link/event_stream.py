@@ -15,8 +15,8 @@ from typing import Any, Final
 from builtin_interfaces.msg import Time
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.values import sendable
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import ExecutiveEvent, ExecutiveEvents
 
 EVENTS_OF_MESSAGE: Final = 50
@@ -35,7 +35,7 @@ class EventStream:
         self._runtime = runtime
         self._executive_id = executive_id
         self._publisher = runtime.node.create_publisher(
-            ExecutiveEvents, names.EXECUTIVE_EVENTS, names.latched(names.EVENTS_DEPTH)
+            ExecutiveEvents, names.EXECUTIVE_EVENTS, names.transient_local_qos(names.EVENTS_DEPTH)
         )
         self._lock = threading.Lock()
         self._waiting: deque[tuple[Time, str, Mapping[str, Any]]] = deque(maxlen=EVENTS_OF_MESSAGE)
@@ -75,10 +75,10 @@ class EventStream:
 
 
 def _message(stamp: Time, event: str, fields: Mapping[str, Any]) -> ExecutiveEvent:
-    """The message of an event of the event log; see :mod:`flexbt_onboard.event_log.event_log` for its fields."""
+    """The message of an event of the event log; see :mod:`flexbt_onboard.persistence.event_log` for its fields."""
 
     def text(name: str) -> str:
-        return sendable(str(fields.get(name, '')), TEXT_LENGTH)
+        return sanitize_for_message(str(fields.get(name, '')), TEXT_LENGTH)
 
     common: dict[str, Any] = {
         'stamp': stamp,

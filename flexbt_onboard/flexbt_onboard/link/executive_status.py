@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The status that the executive publishes: everything that an operator has to know, in one message."""
+"""The status of the executive: what is in the message, what of it may be shown yet, and when it is published."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Final
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, NamedTuple
 
 from geometry_msgs.msg import PoseStamped
+from rclpy.clock import Clock, ClockType
 
-from flexbt_common.values import subject_fields, time_of_nanoseconds
-from flexbt_core.state_machine import ROOT_PATH, Progress
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.decision_subject import subject_fields
+from flexbt_common.values.message_fields import time_of_nanoseconds
+from flexbt_core.clock.clock import Timer
+from flexbt_core.state_machine.model.definition import ROOT_PATH
+from flexbt_core.state_machine.model.state_host import Progress
 from flexbt_msgs.msg import (
     ActiveState,
     AutonomyLevel,
@@ -21,9 +28,10 @@ from flexbt_msgs.msg import (
     PendingDecision,
 )
 from flexbt_msgs.msg import Progress as ProgressMessage
-from flexbt_onboard.commands import Authority
-from flexbt_onboard.durability import InterruptedRun
-from flexbt_onboard.runs import ActiveLeaf, LastRun, RunDecision, RunPhase, RunSnapshot, ShownRun
+from flexbt_onboard.commands.authority import Authority
+from flexbt_onboard.persistence.run_journal import InterruptedRun
+from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunPhase, RunSnapshot
+from flexbt_onboard.runs.run_supervisor import LastRun, ShownRun
 
 _STATE_OF_PHASE: Final = {
     RunPhase.STARTING: ExecutiveStatus.STARTING,
@@ -129,3 +137,149 @@ def _decision(decision: RunDecision, gone: Sequence[str]) -> PendingDecision:
 
 def _levels(levels: Mapping[str, int]) -> list[AutonomyLevel]:
     return [AutonomyLevel(path=path, level=level) for path, level in sorted(levels.items()) if path != ROOT_PATH]
+
+
+# The status, and what else others are shown of a run: only what a crash cannot undo.
+
+
+class StatusPicture(NamedTuple):
+    """The status, and what its decisions are about."""
+
+    status: ExecutiveStatus
+    subjects: DecisionSubjects
+
+
+class ShownStatus:
+    """Shows a status when the journal has all that is in it. Used on the executor thread.
+
+    While the disk takes its time, what was shown before is shown again, so that the heartbeat goes on. ``make`` gives
+    the status of now, ``publish`` sends one, ``when_durable`` is that of the journal, and ``changed`` is told when what
+    is shown is not the newest any more.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        make: Callable[[], StatusPicture],
+        publish: Callable[[StatusPicture], None],
+        when_durable: Callable[[Callable[[], object]], None],
+        changed: Callable[[], None],
+    ) -> None:
+        """Must be called before anything happens: what was found in the journal is durable."""
+        self._picture = make()
+        self._runtime = runtime
+        self._make = make
+        self._publish = publish
+        self._when_durable = when_durable
+        self._changed = changed
+        self._to_show: deque[Callable[[], None]] = deque()
+        self._is_waiting = False
+        self._is_outdated = False
+
+    @property
+    def message(self) -> ExecutiveStatus:
+        """Return what is shown, or is going to be shown first."""
+        return self._picture.status
+
+    def show(self, publish: Callable[[], None]) -> None:
+        """Have ``publish`` called when the journal has all that has happened so far, in the order of these calls."""
+        self._to_show.append(publish)
+        self._when_durable(lambda: self._on_executor(self._show_next))
+
+    def refresh(self) -> None:
+        """Show the status of now as soon as that is possible, or that of before."""
+        if self._is_waiting:
+            self._is_outdated = True
+            self._publish(self._picture)
+            return
+        self._is_waiting = True
+        picture = self._make()
+        self.show(lambda: self._show(picture))
+
+    def _show_next(self) -> None:
+        # The first of them, whichever is told: what came before is durable as well.
+        self._to_show.popleft()()
+
+    def _on_executor(self, fn: Callable[[], None]) -> None:
+        if self._runtime.on_executor_thread:
+            fn()
+        else:
+            self._runtime.post(fn)
+
+    def _show(self, picture: StatusPicture) -> None:
+        self._is_waiting, self._picture = False, picture
+        self._publish(picture)
+        if self._is_outdated:
+            self._is_outdated = False
+            self._changed()
+
+
+# When the status goes out: at once on a change, as a heartbeat while nothing changes, and never too often.
+
+MAXIMUM_RATE: Final = 20.0
+"""Messages per second on average, at most."""
+
+BURST: Final = 4
+"""Messages that may go out at once after a quiet time, so that a command's answer and its effect are not held back."""
+
+
+class StatusPublisher:
+    """Calls ``send`` on the executor thread: soon after :meth:`changed`, and every ``period`` seconds of wall time.
+
+    Changes that come faster than the rate allows are put together.
+    """
+
+    def __init__(self, runtime: NodeRuntime, send: Callable[[], None], period: float) -> None:
+        self._runtime = runtime
+        self._send = send
+        self._lock = threading.Lock()
+        self._is_due = False
+        self._delay: Timer | None = None
+        self._credit = float(BURST)
+        self._credit_time = runtime.steady.now()
+        # Wall time: the heartbeat goes on while simulated time stands still or has not begun.
+        self._heartbeat = runtime.node.create_timer(
+            period, self._send_now, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def changed(self) -> None:
+        """Something in the status has changed; from any thread."""
+        with self._lock:
+            if self._is_due:
+                return
+            self._is_due = True
+        self._runtime.post(self._send_when_allowed)
+
+    def flush(self) -> None:
+        """Send now, if something has changed that was not sent; on the executor thread."""
+        if self._is_due:
+            self._send_now()
+
+    def _send_when_allowed(self) -> None:
+        if not self._is_due:
+            return
+        wait = (1.0 - self._refilled()) / MAXIMUM_RATE
+        if wait <= 0.0:
+            self._send_now()
+        elif self._delay is None:
+            self._delay = self._runtime.post_in(wait, self._delay_is_over)
+
+    def _delay_is_over(self) -> None:
+        self._delay = None
+        self._send_when_allowed()
+
+    def _send_now(self) -> None:
+        if self._delay is not None:
+            self._delay.cancel()
+            self._delay = None
+        with self._lock:
+            self._is_due = False  # before sending: what changes from here on is another message
+        self._credit = max(0.0, self._refilled() - 1.0)
+        self._heartbeat.reset()
+        self._send()
+
+    def _refilled(self) -> float:
+        now = self._runtime.steady.now()
+        self._credit = min(float(BURST), self._credit + (now - self._credit_time) * MAXIMUM_RATE)
+        self._credit_time = now
+        return self._credit

@@ -11,10 +11,10 @@ from typing import Final
 from builtin_interfaces.msg import Time
 
 from flexbt_common import names as table
-from flexbt_common.liveness import LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.clock import Timer
-from flexbt_core.values import sendable
+from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
+from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import ExecutiveLog, PeerStatus
 
 LATE_SECONDS: Final = 2.0
@@ -82,7 +82,7 @@ class PeersWatch:
                 age=watch.age,
                 ready=peer.ready,
                 expected=self._are_expected or peer.alive is not None,
-                problem=sendable(watch.problem) or self._absence(peer),
+                problem=sanitize_for_message(watch.problem) or self._absence(peer),
                 since=peer.since,
             )
             for peer, watch in zip(self._peers, self._watches, strict=True)

@@ -1,56 +1,57 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The onboard behavior executive: runs one behavior at a time, under an operator's supervision.
-
-It is put together here, and here only: each part gets what it needs, and none gets the whole. Everything happens on the
-executor thread, except where it says otherwise. A run has its own thread (:mod:`flexbt_onboard.runs`), so that the
-operator is answered whatever a behavior does.
-"""
+"""The onboard behavior executive, with its diagnostics: runs one behavior at a time, under an operator's
+supervision."""
 
 from __future__ import annotations
 
 import functools
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from flexbt_common.calls import ActionLinks, GoalAdmission, ServiceLinks
-from flexbt_common.cli import node_file
-from flexbt_common.lifecycle import SHUTTING_DOWN
-from flexbt_common.liveness import LivelinessToken, PresenceWatch
-from flexbt_common.runtime import GOES_ON, NodeRuntime, clock_health
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog
-from flexbt_onboard.behaviors import BehaviorLibrary, StateServices
-from flexbt_onboard.commands import (
-    COMMANDS,
-    Authority,
-    CommandLedger,
-    CommandRegistry,
-    InputRequests,
-    OperatorNames,
-)
-from flexbt_onboard.durability import RunJournal
-from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
-from flexbt_onboard.link import (
-    EventStream,
-    MotionStop,
-    OperatorLink,
-    PeersWatch,
-    Picture,
-    RobotPlan,
-    RobotPose,
-    ShownStatus,
-    StatusPublisher,
-    UserdataServer,
-    status_of,
-    subjects_of,
-)
-from flexbt_onboard.runs import BehaviorRun, OperatorWatch, RunDisplay, RunSupervisor, StopWatch
-from flexbt_onboard.synthesis import MachineStore, SearchSettings, SynthesisServer, Synthesizer, serve_flexbe
+from diagnostic_msgs.msg import DiagnosticStatus
 
-from .behavior_action import BehaviorActionServer
-from .diagnostics import Diagnostics
+from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.calls.goal_server import GoalAdmission
+from flexbt_common.calls.service_call import ServiceLinks
+from flexbt_common.files import node_file
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, DiagnosticsPublisher, diagnostic_status
+from flexbt_common.lifecycle.presence import PresenceWatch
+from flexbt_common.runtime.clock_watch import GOES_ON, clock_health
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.machine_behavior import MachineStore
+from flexbt_onboard.behaviors.run_context import StateServices
+from flexbt_onboard.commands.authority import Authority, OperatorNames
+from flexbt_onboard.commands.command_ledger import CommandLedger
+from flexbt_onboard.commands.command_registry import COMMANDS, CommandRegistry
+from flexbt_onboard.commands.input_requests import InputRequests
+from flexbt_onboard.errors import OnboardError
+from flexbt_onboard.link.console_link import ConsoleLink
+from flexbt_onboard.link.event_stream import EventStream
+from flexbt_onboard.link.executive_status import ShownStatus, StatusPicture, StatusPublisher, status_of, subjects_of
+from flexbt_onboard.link.peers import PeersWatch
+from flexbt_onboard.link.robot_state import RobotPlan, RobotPose
+from flexbt_onboard.persistence.event_log import EventLog
+from flexbt_onboard.persistence.reporter import Reporter, StorageProblems
+from flexbt_onboard.persistence.run_journal import RunJournal
+from flexbt_onboard.runs.behavior_run import BehaviorRun
+from flexbt_onboard.runs.motion_stop import MotionStop
+from flexbt_onboard.runs.run_supervisor import OperatorAbsenceWatch, RunSupervisor, StatusSink
+from flexbt_onboard.runs.stop_enforcer import StopEnforcer
+
+from .action_servers import BehaviorActionServer, UserdataServer
 from .executive_parameters import ExecutiveParameters
+from .synthesis_server import SynthesisServer, serve_flexbe
+from .synthesizer import SearchSettings, Synthesizer
+
+# The onboard behavior executive: runs one behavior at a time, under an operator's supervision.
+#
+# It is put together here, and here only: each part gets what it needs, and none gets the whole. Everything happens on
+# the executor thread, except where it says otherwise. A run has its own thread (:mod:`flexbt_onboard.runs`), so that
+# the operator is answered whatever a behavior does.
 
 JOURNAL_SECONDS: Final = 0.3
 """How long the last status waits for the journal."""
@@ -76,7 +77,7 @@ class Executive:
         node_name = runtime.node.get_fully_qualified_name()
 
         # What is told, and what is kept.
-        self._link = OperatorLink(runtime, self._id, parameters.heartbeat_period)
+        self._link = ConsoleLink(runtime, self._id, parameters.heartbeat_period)
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
         self._token = LivelinessToken(runtime)
         self._problems = problems = StorageProblems(self._link.log, self._storage_changed)
@@ -141,11 +142,11 @@ class Executive:
             self._admission,
             journal,
             report,
-            OperatorWatch(runtime, presence, report.operators),
-            StopWatch(
+            OperatorAbsenceWatch(runtime, presence, report.operators),
+            StopEnforcer(
                 runtime, motion_stop, parameters.stop_timeout, functools.partial(self._link.log, ExecutiveLog.WARN)
             ),
-            RunDisplay(self._publish_structure, self._status.changed, self._status.flush),
+            StatusSink(self._publish_structure, self._status.changed, self._status.flush),
             parameters.autonomy,
             parameters.monitoring,
         )
@@ -173,7 +174,7 @@ class Executive:
         SynthesisServer(runtime, synthesizer, self._admission, presence)
         serve_flexbe(runtime, synthesizer, self._admission)
 
-        def picture() -> Picture:
+        def picture() -> StatusPicture:
             run = self.runs.shown
             status = status_of(
                 run,
@@ -186,10 +187,10 @@ class Executive:
                 peers.gone(),
                 '; '.join(filter(None, [self._admission.refusal, problems.text, self._clock.problem])),
             )
-            return Picture(status, subjects_of(run, self._input_requests.subjects()))
+            return StatusPicture(status, subjects_of(run, self._input_requests.subjects()))
 
         self._shown = ShownStatus(runtime, picture, self._show, journal.when_durable, self._status.changed)
-        Diagnostics(runtime, lambda: self._shown.message, problems.texts)
+        ExecutiveDiagnostics(runtime, lambda: self._shown.message, problems.texts)
         runtime.on_fault(report.fault)
         misfits = runtime.node.qos_misfits
         misfits.on_found(functools.partial(report.log, ExecutiveLog.WARN))
@@ -281,7 +282,7 @@ class Executive:
             self.runs.run.ask_activities()
         self._actions.refresh()
 
-    def _show(self, picture: Picture) -> None:
+    def _show(self, picture: StatusPicture) -> None:
         if self._link.publish_subjects(picture.subjects):
             self._plan.judged(picture.subjects.subjects)
         self._link.publish_status(picture.status)
@@ -324,3 +325,79 @@ def open_executive(
     executive = runtime.call(lambda: Executive(runtime, parameters, found, refusal))
     runtime.on_close(executive.close)
     return executive
+
+
+# The executive on ``/diagnostics``: the behavior, the nodes that it depends on, and what is written to the disk.
+
+_STATES: Final = {
+    ExecutiveStatus.IDLE: 'idle',
+    ExecutiveStatus.STARTING: 'starting',
+    ExecutiveStatus.RUNNING: 'running',
+    ExecutiveStatus.PAUSED: 'paused',
+    ExecutiveStatus.STOPPING: 'stopping',
+    ExecutiveStatus.INTERRUPTED: 'interrupted',
+}
+
+
+class ExecutiveDiagnostics:
+    """Publishes three entries: the behavior, the nodes that it depends on, and what is written to the disk.
+
+    ``status`` gives the present status of the executive, ``problems`` what is wrong with event log and journal.
+    """
+
+    def __init__(
+        self, runtime: NodeRuntime, status: Callable[[], ExecutiveStatus], problems: Mapping[str, str]
+    ) -> None:
+        self._runtime = runtime
+        self._status = status
+        self._problems = problems
+        DiagnosticsPublisher(runtime, self._entries)
+
+    def _entries(self) -> list[DiagnosticStatus]:
+        status = self._status()
+        return [self._behavior(status), self._peers(status), self._storage()]
+
+    def _behavior(self, status: ExecutiveStatus) -> DiagnosticStatus:
+        state = _STATES.get(status.state, 'unknown')
+        what = f'{status.behavior} ended: {status.outcome}' if status.outcome else status.behavior
+        level, message = DiagnosticStatus.OK, ' '.join(filter(None, [state, what]))
+        if status.state == ExecutiveStatus.IDLE and status.outcome == 'error':
+            level, message = DiagnosticStatus.ERROR, f'{message}: {status.message}'
+        elif status.state == ExecutiveStatus.INTERRUPTED:
+            level = DiagnosticStatus.WARN
+        elif status.state == ExecutiveStatus.STOPPING and status.message:
+            level, message = DiagnosticStatus.ERROR, f'{message}: {status.message}'
+        elif status.decisions:
+            level = DiagnosticStatus.WARN
+            message += f'; waits for the operator: {", ".join(one.path for one in status.decisions)}'
+        values = {
+            'run': status.run_id,
+            'active states': ', '.join(one.path for one in status.active_states),
+            'decisions': str(len(status.decisions)),
+            'autonomy': str(status.autonomy),
+            'authority': status.authority,
+        }
+        return diagnostic_status(self._runtime, 'behavior', level, message, values)
+
+    def _peers(self, status: ExecutiveStatus) -> DiagnosticStatus:
+        gone = [one.name for one in status.peers if one.expected and not one.alive]
+        unready = [one.name for one in status.peers if one.alive and not one.ready]
+        level, message = DiagnosticStatus.OK, 'all ready'
+        if gone:
+            level, message = DiagnosticStatus.ERROR, f'not alive: {", ".join(gone)}'
+        elif unready:
+            level, message = DiagnosticStatus.WARN, f'not ready: {", ".join(unready)}'
+        return diagnostic_status(
+            self._runtime,
+            'nodes',
+            level,
+            message,
+            {one.name: 'not alive' if not one.alive else 'ready' if one.ready else 'not ready' for one in status.peers},
+        )
+
+    def _storage(self) -> DiagnosticStatus:
+        wrong = {name: text for name, text in self._problems.items() if text}
+        level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
+        return diagnostic_status(
+            self._runtime, 'event log and journal', level, '; '.join(wrong.values()) or 'written', wrong
+        )

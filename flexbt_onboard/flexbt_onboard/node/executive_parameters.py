@@ -12,17 +12,18 @@ from rclpy.node import Node
 from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common import names
-from flexbt_common.cli import USER_DIRECTORY
 from flexbt_common.errors import UnfitParameterError
-from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
+from flexbt_common.files import USER_DIRECTORY
+from flexbt_common.lifecycle.liveliness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.monitoring import declare_monitoring
-from flexbt_common.runtime import ParameterDeclarer
-from flexbt_core.monitors import Monitoring
-from flexbt_core.state_machine import STOP_TIMEOUT
-from flexbt_core.values import Place, load_places, shown
+from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_core.monitors.monitoring import Monitoring
+from flexbt_core.state_machine.engine.run import STOP_TIMEOUT
+from flexbt_core.values.places import Place, load_places
+from flexbt_core.values.text import short_repr
 from flexbt_onboard.errors import OnboardError
-from flexbt_onboard.event_log import EVENT_LOG_FILES, EVENT_LOG_SIZE
-from flexbt_onboard.link import MOTION_ACTIONS
+from flexbt_onboard.persistence.event_log import EVENT_LOG_FILES, EVENT_LOG_SIZE
+from flexbt_onboard.runs.motion_stop import MOTION_ACTIONS
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,7 @@ def _require_name(parameter: str, name: str) -> None:
         validate_topic_name(name)
     except InvalidTopicNameException:
         why = 'is not a name in ROS 2; write letters, digits and _, with / between parts that begin with a letter'
-        raise UnfitParameterError(parameter, f'{shown(name)} {why}') from None
+        raise UnfitParameterError(parameter, f'{short_repr(name)} {why}') from None
 
 
 def _places(file: str) -> dict[str, Place]:

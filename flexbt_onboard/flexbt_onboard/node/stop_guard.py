@@ -21,25 +21,21 @@ from typing import Any, Final
 from rclpy.event_handler import PublisherEventCallbacks
 
 from flexbt_common import names
-from flexbt_common.calls import ServiceLinks
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import (
-    COMPLAINT_SECONDS,
-    DeepNode,
-    NodeRuntime,
-    ParameterDeclarer,
-    Received,
-    ReceivedMessages,
-    RepeatedReports,
-    SenderRates,
-    run_node,
-)
-from flexbt_common.values import make_sendable
-from flexbt_core.clock import Timer
-from flexbt_core.values import one_line, sendable
+from flexbt_common.calls.service_call import ServiceLinks
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages
+from flexbt_common.runtime.node_log import RepeatedReports
+from flexbt_common.runtime.node_runtime import LargeQueueNode, NodeRuntime, run_node
+from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_common.runtime.sender_rates import SenderRates
+from flexbt_common.values.limits import sanitize_message
+from flexbt_core.clock.clock import Timer
+from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StopGuardStatus
-from flexbt_onboard.commands import COMMAND_LENGTHS
-from flexbt_onboard.link import CommandIntake, MotionStop, RobotPose
+from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS
+from flexbt_onboard.link.console_link import CommandIntake
+from flexbt_onboard.link.robot_state import RobotPose
+from flexbt_onboard.runs.motion_stop import MotionStop
 
 from .executive_parameters import MotionParameters, declare_motion
 
@@ -71,7 +67,7 @@ _OPEN_STOPS: Final = 32
 _KNOWN_STOPS: Final = 1024
 
 
-class GuardNode(DeepNode):
+class GuardNode(LargeQueueNode):
     """A node whose parameters are as it was started with, and have no services: to unpack a request for 200,000 of them
     takes seconds, in which a node hears no STOP.
     """
@@ -96,11 +92,11 @@ class StopGuard:
         self._is_reported = False  # that it holds the robot now
         self._newest: Received | None = None  # status of the executive
         node = runtime.node
-        self._status = node.create_publisher(StopGuardStatus, names.STOP_GUARD_STATUS, names.latched())
+        self._status = node.create_publisher(StopGuardStatus, names.STOP_GUARD_STATUS, names.transient_local_qos())
         self._stops = node.create_publisher(
             ExecutiveCommand,
             names.EXECUTIVE_STOP,
-            names.stop(),
+            names.stop_qos(),
             # An executive that has just come gets the STOP before an operator starts anything.
             event_callbacks=PublisherEventCallbacks(matched=lambda _: self._repeat()),
         )
@@ -115,7 +111,12 @@ class StopGuard:
         self._motion.prepare()
         self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
         self._statuses = ReceivedMessages(
-            node, ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched(STATUS_DEPTH), self._on_status, STATUS_BYTES
+            node,
+            ExecutiveStatus,
+            names.EXECUTIVE_STATUS,
+            names.transient_local_qos(STATUS_DEPTH),
+            self._on_status,
+            STATUS_BYTES,
         )
         CommandIntake(runtime, self._on_stop, functools.partial(_log, runtime), only_stops=True)
         LivelinessToken(runtime).set_ready(True)
@@ -252,16 +253,16 @@ class StopGuard:
             results=[CommandResult(command_id=one, code=CommandResult.APPLIED) for one in self._carried_out],
             going_on=going_on,
         )
-        make_sendable(status)
+        sanitize_message(status)
         self._status.publish(status)
 
 
 def _log(runtime: NodeRuntime, severity: int, text: str) -> None:
     logger = runtime.node.get_logger()
     if severity >= ExecutiveLog.ERROR:
-        logger.error(sendable(text))
+        logger.error(sanitize_for_message(text))
     else:
-        logger.warning(sendable(text))
+        logger.warning(sanitize_for_message(text))
 
 
 def open_stop_guard(runtime: NodeRuntime) -> StopGuard:

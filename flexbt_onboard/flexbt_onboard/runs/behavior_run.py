@@ -15,48 +15,27 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from flexbt_core.clock import WakeEvent
+from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.errors import FlexbtError
-from flexbt_core.monitors import Monitoring
-from flexbt_core.skills import claims
-from flexbt_core.state_machine import (
-    ERROR,
-    EXIT_TIMEOUT,
-    ROOT_PATH,
-    STOP_TIMEOUT,
-    Answer,
-    Calling,
-    MachineDefinition,
-    MachineError,
-    MachineRun,
-    StateDefinition,
-    position_of,
-    reasons_against,
-    start_at,
-    state_skill,
-    switch_machine,
-)
+from flexbt_core.monitors.monitoring import Monitoring
+from flexbt_core.skills.observation import claims
+from flexbt_core.state_machine.engine.engine import RunningCallback
+from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine.resume import position_of, reasons_against, start_at, switch_machine
+from flexbt_core.state_machine.engine.run import STOP_TIMEOUT, MachineRun
+from flexbt_core.state_machine.model.definition import ERROR, ROOT_PATH, MachineDefinition, StateDefinition
+from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, state_skill
+from flexbt_core.state_machine.model.userdata import MachineError
 from flexbt_msgs.msg import ExecutiveLog
-from flexbt_onboard.behaviors import (
-    READY_SECONDS,
-    Behavior,
-    RunContext,
-    RunGoals,
-    RunRequest,
-    StateServices,
-    build,
-    checked_inputs,
-    structure_message,
-)
-from flexbt_onboard.durability import Decided
+from flexbt_onboard.behaviors.behavior import Behavior
+from flexbt_onboard.behaviors.run_building import RunRequest, build, checked_inputs, structure_message
+from flexbt_onboard.behaviors.run_context import READY_SECONDS, RunContext, RunGoals, StateServices
 from flexbt_onboard.errors import ParameterError
+from flexbt_onboard.persistence.run_journal import Decided
 
-from .activity_poll import ActivityPoll, not_paused_lines
-from .callback_watch import CallbackWatch, HeldUp
-from .machine_observer import MachineObserver
-from .run_monitors import RunMonitors
-from .run_observer import BehaviorRunObserver
-from .run_snapshot import RunEnd, RunSnapshot, SnapshotSource, decision_number
+from .blocked_callback_watchdog import BlockedCallback, BlockedCallbackWatchdog
+from .run_observers import BehaviorRunObserver, MachineObserver, RunMonitors
+from .run_snapshot import ActivityPoll, RunEnd, RunSnapshot, SnapshotSource, decision_number, not_paused_lines
 
 _HAS_ENDED: Final = 'the run has ended'
 
@@ -93,11 +72,13 @@ class BehaviorRun:
         self._has_changed = False
         self._activities = ActivityPoll()
         self._decided: list[Decided] = []  # to be told when it is journaled
-        self._switches: deque[tuple[RunRequest, Answer]] = deque()
+        self._switches: deque[tuple[RunRequest, CommandReply]] = deque()
         self._has_ended = False
         self._stopped_at = 0.0
-        self._building: Calling | None = None
-        self._watch = CallbackWatch(services.runtime.steady, self._calling, self._held_up, self._no_longer_held_up)
+        self._building: RunningCallback | None = None
+        self._watch = BlockedCallbackWatchdog(
+            services.runtime.steady, self._calling, self._held_up, self._no_longer_held_up
+        )
         # While it does not answer, the executive is late for those who drive for it, and they keep the robot at rest.
         self._loop = services.runtime.health.loop(f'the run of {request.entry.name}', self._where)
         self._machine: MachineRun | None = None
@@ -183,7 +164,7 @@ class BehaviorRun:
         """A node that behaviors need has come or gone, or has become ready."""
         self._wake_event.set()
 
-    def confirm(self, decision: str, answer: Answer) -> None:
+    def confirm(self, decision: str, answer: CommandReply) -> None:
         """Let what a decision asks for happen."""
         number = decision_number(self.run_id, decision)
         if number is None:
@@ -191,7 +172,7 @@ class BehaviorRun:
         else:
             self.command(lambda machine, once: machine.confirm(number, once), answer)
 
-    def force(self, path: str, outcome: str, decision: str, answer: Answer) -> None:
+    def force(self, path: str, outcome: str, decision: str, answer: CommandReply) -> None:
         """Leave a state by an outcome; ``decision`` is the one that this overrides, or ''."""
         number = decision_number(self.run_id, decision) if decision else ''
         if number is None:
@@ -199,7 +180,7 @@ class BehaviorRun:
         else:
             self.command(lambda machine, once: machine.force(path, outcome, number, once), answer)
 
-    def command(self, send: Callable[[MachineRun, Answer], None], answer: Answer) -> None:
+    def command(self, send: Callable[[MachineRun, CommandReply], None], answer: CommandReply) -> None:
         """Give the machine a command; ``answer`` is told once, on any thread, when its effect can be seen."""
         machine = self._machine
         if machine is None:
@@ -207,7 +188,7 @@ class BehaviorRun:
         else:
             send(machine, lambda reason: self._decide(answer, reason))
 
-    def switch(self, request: RunRequest, answer: Answer) -> None:
+    def switch(self, request: RunRequest, answer: CommandReply) -> None:
         """Go on with another behavior, keeping the active states; it is built on the thread of the run.
 
         The run stays as durable as it was, and keeps its levels of autonomy.
@@ -220,7 +201,7 @@ class BehaviorRun:
             answer(_HAS_ENDED)
         self._wake_event.set()
 
-    def _decide(self, answer: Answer, reason: str | None) -> None:
+    def _decide(self, answer: CommandReply, reason: str | None) -> None:
         if threading.current_thread() is self._thread:
             self._decided.append((answer, reason))
             self._commit()
@@ -351,13 +332,13 @@ class BehaviorRun:
         self._publish(has_begun=True)
 
     def _define(self, request: RunRequest) -> tuple[Behavior, MachineDefinition]:
-        self._building = Calling('', 'create')
+        self._building = RunningCallback('', 'create')
         try:
             return build(request)
         finally:
             self._building = None
 
-    def _switch(self, machine: MachineRun, wanted: RunRequest, answer: Answer) -> None:
+    def _switch(self, machine: MachineRun, wanted: RunRequest, answer: CommandReply) -> None:
         request = replace(wanted, autonomy=self._request.autonomy, is_durable=self._request.is_durable)
         try:
             behavior, definition = self._define(request)
@@ -421,7 +402,7 @@ class BehaviorRun:
                 self._escaped(machine, error)
         return ERROR, 'it could not be ended in order; see the log'
 
-    def _calling(self) -> Calling | None:
+    def _calling(self) -> RunningCallback | None:
         machine = self._machine
         return self._building or (machine.calling if machine is not None else None)
 
@@ -429,14 +410,14 @@ class BehaviorRun:
         calling = self._calling()
         return f'in {calling.callback}() of {calling.path or "the behavior"}' if calling is not None else ''
 
-    def _held_up(self, held: HeldUp) -> None:
+    def _held_up(self, held: BlockedCallback) -> None:
         if self._machine is None:
             return  # it is being built, and the status says so
         # The executive's own word, without a path: the state may have said why it wants what it wants.
         text = f'{held}, and holds up the behavior: no command has an effect until it returns'
         self._observer.log(ExecutiveLog.WARN, '', text)
 
-    def _no_longer_held_up(self, held: HeldUp) -> None:
+    def _no_longer_held_up(self, held: BlockedCallback) -> None:
         if self._machine is None:
             return
         text = f'{held.who} has returned from {held.callback}() after {held.seconds:.1f} s'

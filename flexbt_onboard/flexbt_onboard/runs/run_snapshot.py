@@ -1,28 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What others see of a run: one immutable value, made on the thread of the run and read on any."""
+"""What others see of a run: one immutable value, made on the thread of the run, which polls its states for it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_common.runtime import RosClock
-from flexbt_common.values import subject_message
-from flexbt_core.state_machine import (
-    ROOT_PATH,
-    Decision,
-    DecisionKind,
-    HeldBack,
-    LeafRun,
-    MachineRun,
-    Progress,
-    is_inside,
-)
-from flexbt_core.values import sendable
+from flexbt_common.runtime.ros_clock import RosClock
+from flexbt_common.values.decision_subject import subject_message
+from flexbt_core.state_machine.engine.leaf import LeafRun
+from flexbt_core.state_machine.engine.region import BlockedTransition
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Decision, DecisionKind
+from flexbt_core.state_machine.model.definition import ROOT_PATH, is_inside
+from flexbt_core.state_machine.model.state_host import Progress
+from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import DecisionSubject
-from flexbt_onboard.behaviors import OperatorGone, RunGoals
+from flexbt_onboard.behaviors.behavior import OperatorGone
+from flexbt_onboard.behaviors.run_context import RunGoals
 
 _MOST_LINES: Final = 20
 _LONGEST_LINE: Final = 200
@@ -36,7 +33,7 @@ _PAUSE_RAISED: Final = ('not_paused() raised; see the log',)
 
 _NOT_ENTERED: Final = ('is entered when the run is resumed',)
 
-Event = tuple[str, Mapping[str, Any]]
+EventEntry = tuple[str, Mapping[str, Any]]
 """An event of the event log, and its fields."""
 
 
@@ -155,13 +152,13 @@ class SnapshotSource:
         """A state was left: when it is seen again it was entered anew, even if no time has passed."""
         self._entered_at.pop(path, None)
 
-    def take(self, before: RunSnapshot) -> tuple[dict[str, Any], list[Event]]:
+    def take(self, before: RunSnapshot) -> tuple[dict[str, Any], list[EventEntry]]:
         """What the machine says of the fields of a snapshot, and what is new in it as events.
 
         What has not changed since the snapshot ``before`` keeps its time stamp.
         """
         machine, known = self.machine, {leaf.path: leaf for leaf in before.active}
-        events: list[Event] = []
+        events: list[EventEntry] = []
         active = []
         held_back = machine.held_back
         leaves = machine.active_states()
@@ -204,9 +201,9 @@ class SnapshotSource:
             leaf = replace(leaf, not_paused=_shown(None if own is None else [*own, *goals], _PAUSE_RAISED))
         return leaf
 
-    def _decisions(self, known: dict[str, RunDecision]) -> tuple[tuple[RunDecision, ...], list[Event]]:
+    def _decisions(self, known: dict[str, RunDecision]) -> tuple[tuple[RunDecision, ...], list[EventEntry]]:
         decisions: list[RunDecision] = []
-        events: list[Event] = []
+        events: list[EventEntry] = []
         for decision in self.machine.decisions:
             shown = known.pop(decision_id(self._run_id, decision.id), None)
             if shown is None:
@@ -266,9 +263,11 @@ def _waiting(decision: RunDecision) -> dict[str, Any]:
     }
 
 
-def _line(held_back: HeldBack, path: str) -> str:
+def _line(held_back: BlockedTransition, path: str) -> str:
     who = '' if held_back.path == path else f'{held_back.path}: '
-    return sendable(f"{who}'{held_back.outcome}' waits for the unlock of {', '.join(held_back.locked)}", _LONGEST_LINE)
+    return sanitize_for_message(
+        f"{who}'{held_back.outcome}' waits for the unlock of {', '.join(held_back.locked)}", _LONGEST_LINE
+    )
 
 
 def _shown(lines: list[str] | None, raised: tuple[str, ...]) -> tuple[str, ...]:
@@ -276,4 +275,49 @@ def _shown(lines: list[str] | None, raised: tuple[str, ...]) -> tuple[str, ...]:
         return raised
     if len(lines) > _MOST_LINES:
         lines[_MOST_LINES:] = [f'... {len(lines) - _MOST_LINES} more']
-    return tuple(sendable(line, _LONGEST_LINE) for line in lines)
+    return tuple(sanitize_for_message(line, _LONGEST_LINE) for line in lines)
+
+
+# When the active states of a run are asked what they are doing, which calls their code.
+
+
+class ActivityPoll:
+    """Asked for from any thread; the states are asked on the thread of the run."""
+
+    def __init__(self) -> None:
+        self._has_changed = False
+        self._is_requested = False
+        self._is_untold = False  # what was found when it was requested, and nothing had changed
+
+    def changed(self) -> None:
+        """What states are doing may be another thing now, which is to be shown."""
+        self._has_changed = True
+
+    def request(self) -> None:
+        """The next status is to have what the states are doing then."""
+        self._is_requested = True
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the states are to be asked."""
+        return self._has_changed or self._is_requested
+
+    def ask(self, source: SnapshotSource, before: tuple[ActiveLeaf, ...]) -> tuple[tuple[ActiveLeaf, ...], bool]:
+        """The active states with what they say now, and whether that is to be shown at once.
+
+        What is another thing each time that it is asked for, such as a time, is no event: the next status has it.
+        """
+        has_changed, self._has_changed, self._is_requested = self._has_changed, False, False
+        active = source.asked(before)
+        self._is_untold = self._is_untold or active != before
+        is_shown = has_changed and self._is_untold
+        self._is_untold = self._is_untold and not is_shown
+        return active, is_shown
+
+
+def not_paused_lines(before: Sequence[ActiveLeaf], now: Sequence[ActiveLeaf]) -> Iterator[str]:
+    """For operators: what goes on although its state is paused, where that is new."""
+    known = {leaf.path: leaf.not_paused for leaf in before}
+    for leaf in now:
+        if leaf.not_paused and leaf.not_paused != known.get(leaf.path):
+            yield f'state {leaf.path} is paused, and yet goes on: {"; ".join(leaf.not_paused)}'

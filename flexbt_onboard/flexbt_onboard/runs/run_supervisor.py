@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Starts, watches and ends runs, one at a time; what others see of them is a value."""
+"""Start, supervise and end runs, one at a time, also when no operator has been there for some time."""
 
 from __future__ import annotations
 
@@ -7,23 +7,28 @@ import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from flexbt_common.calls import GoalAdmission
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import LONG_TEXT
-from flexbt_core.monitors import Monitoring
-from flexbt_core.state_machine import PREEMPTED, Answer
-from flexbt_core.values import sendable
+from flexbt_common.calls.goal_server import GoalAdmission
+from flexbt_common.lifecycle.presence import PresenceWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import LONG_TEXT
+from flexbt_core.clock.clock import Timer
+from flexbt_core.monitors.monitoring import Monitoring
+from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.definition import PREEMPTED
+from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import BehaviorStructure
-from flexbt_onboard.behaviors import RunRequest, StateServices
-from flexbt_onboard.durability import InterruptedRun, RunJournal
+from flexbt_onboard.behaviors.behavior import OperatorGone
+from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.behaviors.run_context import StateServices
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.event_log import Reporter
+from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.persistence.run_journal import InterruptedRun, RunJournal
 
 from .behavior_run import BehaviorRun
-from .operator_watch import OperatorWatch
-from .run_recorder import RunRecorder
+from .run_observers import RunRecorder
 from .run_snapshot import RunEnd, RunSnapshot
-from .stop_watch import StopWatch
+from .stop_enforcer import StopEnforcer
 
 Ended = Callable[[RunEnd], None]
 
@@ -44,7 +49,7 @@ ShownRun = RunSnapshot | InterruptedRun | LastRun
 
 
 @dataclass(frozen=True)
-class RunDisplay:
+class StatusSink:
     """Where operators see the run.
 
     ``publish_structure`` sends the structure of a run, before the next status; both when the journal has all that has
@@ -73,9 +78,9 @@ class RunSupervisor:
         admission: GoalAdmission,
         journal: RunJournal,
         report: Reporter,
-        operators: OperatorWatch,
-        stops: StopWatch,
-        display: RunDisplay,
+        operators: OperatorAbsenceWatch,
+        stops: StopEnforcer,
+        display: StatusSink,
         autonomy: int,
         monitoring: Monitoring,
     ) -> None:
@@ -115,7 +120,7 @@ class RunSupervisor:
         self._display.changed()
 
     def start(
-        self, request: RunRequest, answer: Answer, ended: Ended = _nobody, run_id: str | None = None
+        self, request: RunRequest, answer: CommandReply, ended: Ended = _nobody, run_id: str | None = None
     ) -> BehaviorRun:
         """Begin a run; ``answer`` gets None when the behavior is built, or the reason why it cannot be.
 
@@ -139,7 +144,7 @@ class RunSupervisor:
                 'resume or abort it first'
             )
         run_id = run_id or uuid.uuid4().hex
-        owner = _Owner(self, self._runtime, self._display, answer, ended)
+        owner = _Listener(self, self._runtime, self._display, answer, ended)
         recorder = RunRecorder(run_id, request.entry.name, answer, self._journal, self._report, owner)
         self._stops.begins()
         owner.run = self.run = BehaviorRun(
@@ -165,7 +170,7 @@ class RunSupervisor:
         self._report.run_ended(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
         self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
 
-    def began(self, run: BehaviorRun, structure: BehaviorStructure, answer: Answer) -> None:
+    def began(self, run: BehaviorRun, structure: BehaviorStructure, answer: CommandReply) -> None:
         """The behavior of a run is built."""
         # The structure first: a status that names its run can be drawn at once.
         self._display.publish_structure(structure)
@@ -195,17 +200,17 @@ class RunSupervisor:
         self._show_last(last.run_id, last.behavior, outcome, message)
 
     def _show_last(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
-        self._last = LastRun(self._last.autonomy, run_id, behavior, outcome, sendable(message, LONG_TEXT))
+        self._last = LastRun(self._last.autonomy, run_id, behavior, outcome, sanitize_for_message(message, LONG_TEXT))
         self._display.changed()
 
 
-class _Owner:
+class _Listener:
     """Who has started a run: the supervisor, for a command or a program. Called on the thread of the run."""
 
     run: BehaviorRun
 
     def __init__(
-        self, supervisor: RunSupervisor, runtime: NodeRuntime, display: RunDisplay, answer: Answer, ended: Ended
+        self, supervisor: RunSupervisor, runtime: NodeRuntime, display: StatusSink, answer: CommandReply, ended: Ended
     ) -> None:
         self._supervisor = supervisor
         self._post = runtime.post
@@ -215,11 +220,11 @@ class _Owner:
         self.run_changed = display.changed
 
     def run_began(self, structure: BehaviorStructure) -> None:
-        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+        """See :class:`RunListener`."""
         self._post(lambda: self._supervisor.began(self.run, structure, self._answer))
 
     def run_refused(self, reason: str) -> None:
-        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+        """See :class:`RunListener`."""
 
         def tell() -> None:
             self._supervisor.ended(self.run, '', reason)  # no outcome: it has not run
@@ -228,18 +233,75 @@ class _Owner:
         self._post(tell)
 
     def run_switched(self, structure: BehaviorStructure) -> None:
-        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+        """See :class:`RunListener`."""
         self._post(lambda: self._supervisor.switched(self.run, structure))
 
     def run_stopping(self) -> None:
-        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+        """See :class:`RunListener`."""
         self._post(lambda: self._supervisor.stopping(self.run))
 
     def run_ended(self, end: RunEnd) -> None:
-        """See :class:`flexbt_onboard.runs.run_recorder.RunOwner`."""
+        """See :class:`RunListener`."""
 
         def tell() -> None:
             self._supervisor.ended(self.run, end.outcome, end.message)
             self._ended(end)
 
         self._post(tell)
+
+
+# What happens to a run when no operator has been there for some time: what its behavior wants then.
+
+
+class OperatorAbsenceWatch:
+    """Watches whether any console is there. Used on the executor thread only.
+
+    ``presence`` tells who is there. ``tell`` gets a line for the operator, and whether it is a warning. A run that
+    goes on anyway tells nothing of it: programs that ask and go would fill the log.
+    """
+
+    def __init__(self, runtime: NodeRuntime, presence: PresenceWatch, tell: Callable[[str, bool], None]) -> None:
+        self._runtime = runtime
+        self._tell = tell
+        self._run: BehaviorRun | None = None
+        self._timer: Timer | None = None
+        self._presence = presence
+        self._was_there = False
+        presence.add_listener(self._changed)
+
+    def watch_over(self, run: BehaviorRun | None) -> None:
+        """A run begins, or has ended (None). The time without an operator counts from its beginning on."""
+        self._run = run
+        self._set_timer()
+
+    def _changed(self) -> None:
+        is_there = bool(self._presence.present)
+        if is_there is self._was_there:
+            return
+        self._was_there = is_there
+        if self._run is not None and self._run.snapshot.operator_gone is not OperatorGone.CONTINUE:
+            self._tell('an operator is there' if is_there else 'no operator is there any more', not is_there)
+        self._set_timer()
+
+    def _set_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        run = self._run
+        if run is None or self._presence.present or run.snapshot.operator_gone is OperatorGone.CONTINUE:
+            return
+        seconds = run.snapshot.operator_gone_after
+        self._timer = self._runtime.post_in(seconds, lambda: self._time_is_over(run))
+
+    def _time_is_over(self, run: BehaviorRun) -> None:
+        if run is not self._run or self._presence.present:
+            return
+        self._timer = None
+        shown = run.snapshot
+        why = f'no operator was there for {shown.operator_gone_after:g} s'
+        if shown.operator_gone is OperatorGone.STOP:
+            self._tell(f'{why}: behavior {shown.behavior!r} is stopped', True)
+            run.stop(why)
+        else:
+            self._tell(f'{why}: behavior {shown.behavior!r} is paused until an operator resumes it', True)
+            run.command(MachineRun.pause, lambda _reason: None)  # when it is paused already, so much the better

@@ -11,12 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_common.liveness import PresenceToken
-from flexbt_common.runtime import NodeRuntime, reports_writers
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_common.lifecycle.presence import PresenceToken
+from flexbt_common.middleware.received_messages import reports_writers
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.commands.authority import REQUESTS
-from flexbt_onboard.node import ExecutiveParameters
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.waiting import wait_until

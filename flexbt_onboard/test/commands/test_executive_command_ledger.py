@@ -12,14 +12,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.clock import SteadyClock
-from flexbt_core.state_machine import Answer
+from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.state_machine.engine.operator_commands import CommandReply
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand
-from flexbt_onboard.commands import COMMAND_LENGTHS, COMMANDS, OPEN_COMMANDS, REPORT_TIME, CommandLedger
-from flexbt_onboard.commands.command_registry import command_fields
-from flexbt_onboard.durability import RunJournal
+from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS
+from flexbt_onboard.commands.command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandLedger
+from flexbt_onboard.commands.command_registry import COMMANDS, command_fields
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.event_log import EventLog, Reporter
+from flexbt_onboard.persistence.event_log import EventLog
+from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.persistence.run_journal import RunJournal
 
 STOP, START = ExecutiveCommand.STOP, ExecutiveCommand.START
 
@@ -29,7 +31,7 @@ class Books:
 
     def __init__(self, remembered: int = 4096, directory: str = '') -> None:
         self.effects: list[str] = []
-        self.later: list[Answer] = []
+        self.later: list[CommandReply] = []
         self.changes = 0
         self.time = 100.0
         self.told: list[str] = []
@@ -57,7 +59,7 @@ class Books:
     def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
         return {}
 
-    def apply(self, command: ExecutiveCommand, answer: Answer, writer: bytes) -> bool:
+    def apply(self, command: ExecutiveCommand, answer: CommandReply, writer: bytes) -> bool:
         if command.kind == ExecutiveCommand.REPEAT:
             raise CommandRefusedError('no')
         if command.kind == ExecutiveCommand.LOCK:

@@ -13,9 +13,12 @@ import pytest
 from rclpy.action import ActionClient
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime, reports_writers
-from flexbt_common.values import to_entry
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_common.middleware.received_messages import reports_writers
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import (
     BehaviorArgument,
@@ -27,8 +30,7 @@ from flexbt_msgs.msg import (
     PendingDecision,
 )
 from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS, OPEN_REQUESTS
-from flexbt_onboard.link import CommandIntake
-from flexbt_onboard.link.command_intake import COMMAND_BURST, COMMAND_RATE
+from flexbt_onboard.link.console_link import COMMAND_BURST, COMMAND_RATE, CommandIntake
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 

@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 

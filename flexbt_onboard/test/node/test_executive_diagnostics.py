@@ -9,9 +9,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.node import ExecutiveParameters
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 

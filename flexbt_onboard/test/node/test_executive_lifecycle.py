@@ -15,20 +15,22 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus
-from flexbt_common.cli import node_file
-from flexbt_common.lifecycle import ManagedNode
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.files import node_file
+from flexbt_common.lifecycle.managed_node import ManagedNode
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.behaviors import BehaviorLibrary
-from flexbt_onboard.durability import journal
-from flexbt_onboard.node import Executive, UnconfiguredExecutive, declare_parameters, open_executive
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.node.executive import Executive, open_executive
+from flexbt_onboard.node.executive_parameters import declare_parameters
+from flexbt_onboard.node.onboard_executive import UnconfiguredExecutive
+from flexbt_onboard.persistence import journal
+from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
 from flexbt_testing.nodes.executive_bench import behavior_of, entry_of
-from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.nodes.operator import Operator
-from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.waiting import DEADLINE, wait_until
 

@@ -27,12 +27,17 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Empty
 
 from flexbt_common import names
-from flexbt_common.cli import USER_DIRECTORY
-from flexbt_common.lifecycle import NodeScope
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import GOES_ON, NodeRuntime, clock_watch, reports_writers
+from flexbt_common.files import USER_DIRECTORY
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.lifecycle.managed_node import NodeScope
+from flexbt_common.middleware.received_messages import reports_writers
+from flexbt_common.runtime import clock_watch
+from flexbt_common.runtime.clock_watch import GOES_ON
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import (
     BehaviorList,
     BehaviorStructure,
@@ -43,8 +48,9 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
     PlaceList,
 )
-from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher
-from flexbt_onboard.node import ExecutiveParameters, declare_parameters
+from flexbt_onboard.link.console_link import ConsoleLink
+from flexbt_onboard.link.executive_status import BURST, MAXIMUM_RATE, StatusPublisher
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
@@ -230,7 +236,10 @@ def test_a_late_console_has_the_whole_picture(make_bench: Make, tmp_path: Path) 
                 (PlaceList, names.PLACES),
             ):
                 late.node.create_subscription(
-                    type, topic, lambda message, topic=topic: seen.setdefault(topic, message), names.latched(50)
+                    type,
+                    topic,
+                    lambda message, topic=topic: seen.setdefault(topic, message),
+                    names.transient_local_qos(50),
                 )
 
         late.call(subscribe)
@@ -262,7 +271,7 @@ def test_a_late_console_gets_the_latest_transitions_and_the_commands_of_all_oper
 
         late.call(
             lambda: late.node.create_subscription(
-                ExecutiveEvents, names.EXECUTIVE_EVENTS, batches.append, names.latched(names.EVENTS_DEPTH)
+                ExecutiveEvents, names.EXECUTIVE_EVENTS, batches.append, names.transient_local_qos(names.EVENTS_DEPTH)
             )
         )
         # START, three times a FORCE with its transition, NOTE, and the FORCE that is refused
@@ -533,8 +542,10 @@ def test_parameters_are_described_and_have_their_defaults() -> None:
 
 BEHAVIORS = """
 import pathlib
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 
 class Hold(EventState):
     def __init__(self):
@@ -573,9 +584,11 @@ def test_the_process_lists_a_broken_behavior_runs_another_and_ends_in_order(tmp_
 
         def link() -> Any:
             node = console.node
-            node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, statuses.append, names.latched())
-            node.create_subscription(BehaviorList, names.EXECUTIVE_BEHAVIORS, lists.append, names.latched())
-            return node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
+            node.create_subscription(
+                ExecutiveStatus, names.EXECUTIVE_STATUS, statuses.append, names.transient_local_qos()
+            )
+            node.create_subscription(BehaviorList, names.EXECUTIVE_BEHAVIORS, lists.append, names.transient_local_qos())
+            return node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
 
         commands = console.call(link)
         wait_until(lambda: statuses and lists and commands.get_subscription_count(), 'link up')
@@ -606,9 +619,9 @@ def test_who_logs_while_the_executive_ends_is_not_disturbed() -> None:
     with NodeRuntime.open('node') as runtime:
         for _ in range(5):
             scope = NodeScope(runtime)
-            link = runtime.call(partial(OperatorLink, scope, 'id', 1.0))
+            link = runtime.call(partial(ConsoleLink, scope, 'id', 1.0))
 
-            def log(link: OperatorLink = link) -> None:
+            def log(link: ConsoleLink = link) -> None:
                 try:
                     while not is_over.is_set():
                         link.log(ExecutiveLog.DEBUG, 'still here')

@@ -7,9 +7,9 @@ import functools
 import threading
 from contextlib import ExitStack
 
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime
-from flexbt_onboard.link import PeersWatch
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_onboard.link.peers import PeersWatch
 from flexbt_testing.waiting import wait_until
 
 

@@ -14,9 +14,13 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry, subject_message
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.decision_subject import subject_message
+from flexbt_common.values.entries import from_entry
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import (
     BlackboardEntry,
@@ -26,7 +30,7 @@ from flexbt_msgs.msg import (
     PendingDecision,
     RobotPlan,
 )
-from flexbt_onboard.node import ExecutiveParameters
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -105,7 +109,7 @@ def late_reader(type: type[Any], topic: str) -> Iterator[list[Any]]:
     """What somebody gets who subscribes now."""
     heard: list[Any] = []
     with NodeRuntime.open('late_console') as late:
-        late.call(lambda: late.node.create_subscription(type, topic, heard.append, names.latched()))
+        late.call(lambda: late.node.create_subscription(type, topic, heard.append, names.transient_local_qos()))
         yield heard
 
 

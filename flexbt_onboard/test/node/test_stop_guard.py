@@ -13,12 +13,12 @@ from nav2_msgs.action import FollowPath
 from rclpy.exceptions import ParameterImmutableException
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus, StopGuardStatus
 from flexbt_onboard.node import stop_guard
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.waiting import wait_until
 
 
@@ -39,11 +39,11 @@ class World:
     def _open(self) -> None:
         node = self.runtime.node
         node.create_subscription(
-            StopGuardStatus, names.STOP_GUARD_STATUS, self.statuses.append, names.latched(depth=100)
+            StopGuardStatus, names.STOP_GUARD_STATUS, self.statuses.append, names.transient_local_qos(depth=100)
         )
         node.create_subscription(Twist, names.CMD_VEL, self.zeros.append, 100)
-        self._stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop())
-        self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched())
+        self._stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop_qos())
+        self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos())
 
     def wait_connected(self) -> None:
         wait_until(lambda: self.statuses and self._stops.get_subscription_count(), 'the guard')
@@ -53,7 +53,7 @@ class World:
         """Hear of STOPs: whoever does is an executive for the guard."""
         self.runtime.call(
             lambda: self.runtime.node.create_subscription(
-                ExecutiveCommand, names.EXECUTIVE_STOP, self.heard.append, names.stop()
+                ExecutiveCommand, names.EXECUTIVE_STOP, self.heard.append, names.stop_qos()
             )
         )
 

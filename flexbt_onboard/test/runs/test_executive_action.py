@@ -11,12 +11,13 @@ import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry, to_entry
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry, to_entry
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_testing.nodes.executive_bench import ExecutiveBench
 from flexbt_testing.waiting import wait_until
 

@@ -10,7 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter, ParameterValue, parameter_text
+from flexbt_onboard.behaviors.behavior import (
+    Behavior,
+    BehaviorManifest,
+    BehaviorParameter,
+    ParameterValue,
+    parameter_text,
+)
 from flexbt_onboard.errors import ManifestError, ParameterError
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_onboard.behaviors import BehaviorLibrary
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.errors import BrokenBehaviorError, ParameterError, UnknownBehaviorError
 
 GOOD = """
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 
 class Good(Behavior):
     manifest = BehaviorManifest('{name}', 'what it does', 'its author', [BehaviorParameter('speed', 0.5, 'm/s')])
@@ -143,8 +143,8 @@ def test_a_package_with_two_behaviors_of_one_name_is_told_so(install: Install) -
 
 
 SOURCE = """
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest
-from flexbt_onboard.behaviors import BehaviorEntry
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
 
 class Foreign(Behavior):
     def __init__(self, name):

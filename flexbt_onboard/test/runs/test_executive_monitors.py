@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 
 from flexbt_common.errors import UnfitParameterError
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.monitors import Monitoring, read_requirements
-from flexbt_core.skills import Skill
-from flexbt_core.state_machine import ConcurrencyContainer, EventState, OperatableStateMachine
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.monitors.monitoring import Monitoring
+from flexbt_core.monitors.requirement_text import read_requirements
+from flexbt_core.skills.skill import Skill
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-from flexbt_onboard.node import ExecutiveParameters, declare_parameters
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters, declare_parameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 

@@ -17,15 +17,19 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, GoalStatus, ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime, participant_of
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.middleware.received_messages import guid_prefix_of
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.link import MOTION_ACTIONS, MotionStop, motion_stop
-from flexbt_onboard.runs import StopWatch, stop_watch
+from flexbt_onboard.runs import motion_stop, stop_enforcer
+from flexbt_onboard.runs.motion_stop import MOTION_ACTIONS, MotionStop
+from flexbt_onboard.runs.stop_enforcer import StopEnforcer
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.waiting import wait_until
 
 FRONT = 'navigate_to_pose'
@@ -155,7 +159,7 @@ def test_a_cancel_that_waits_for_its_server_does_not_end_what_begins_then(robot:
         stop = runtime.call(
             lambda: MotionStop(runtime, links, PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False)
         )
-        watch = StopWatch(runtime, stop, 1.0, pytest.fail)
+        watch = StopEnforcer(runtime, stop, 1.0, pytest.fail)
         wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
 
         def stop_and_start() -> None:
@@ -179,11 +183,11 @@ def test_a_stop_while_the_time_of_the_one_before_runs_out_lasts_as_long(
                 runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
             )
         )
-        watch = StopWatch(runtime, stop, 1.0, pytest.fail)
+        watch = StopEnforcer(runtime, stop, 1.0, pytest.fail)
 
         def stop_twice() -> None:
             with monkeypatch.context() as brief:
-                brief.setattr(stop_watch, 'HALT_SECONDS', 0.05)
+                brief.setattr(stop_enforcer, 'HALT_SECONDS', 0.05)
                 watch.halt_robot(is_running=False)
             time.sleep(0.2)  # its time is over, and what follows from that comes after this
             watch.halt_robot(is_running=False)
@@ -241,7 +245,7 @@ def test_what_a_server_has_said_of_its_goals_goes_with_it(monkeypatch: pytest.Mo
                 PoseStamped,
                 MOTION_ACTIONS,
                 names.CMD_VEL,
-                lambda writer: participant_of(writer) in ended,
+                lambda writer: guid_prefix_of(writer) in ended,
                 stamped=False,
             )
         )
@@ -251,7 +255,7 @@ def test_what_a_server_has_said_of_its_goals_goes_with_it(monkeypatch: pytest.Mo
             return sorted(runtime.call(lambda: stop.going_on).values())
 
         told: list[str] = []
-        watch = StopWatch(runtime, stop, 1.0, told.append)
+        watch = StopEnforcer(runtime, stop, 1.0, told.append)
 
         with NodeRuntime.open('robot') as robot:
             spin = ScriptedActionServer(robot, Spin, names.SPIN)
@@ -266,7 +270,7 @@ def test_what_a_server_has_said_of_its_goals_goes_with_it(monkeypatch: pytest.Mo
             status = runtime.node.resolve_topic_name(f'{names.SPIN}/_action/status')
             wait_until(lambda: runtime.call(lambda: runtime.node.count_publishers(status)) == 2, 'the next server')
             assert goes_on() == ['spin (of /robot)']
-            ended.append(participant_of(publisher_of(runtime, status, 'robot')))
+            ended.append(guid_prefix_of(publisher_of(runtime, status, 'robot')))
             assert not goes_on()
             ended.clear()
             assert goes_on()

@@ -8,11 +8,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from flexbt_common.liveness import PresenceToken
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_common.lifecycle.presence import PresenceToken
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest, OperatorGone
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, OperatorGone
 from flexbt_testing.nodes.executive_bench import ExecutiveBench
 
 AFTER = 0.6

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import Severity
-from flexbt_onboard.behaviors import RunContext, StateServices, current_run
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_onboard.behaviors.run_context import RunContext, StateServices, current_run
 from flexbt_onboard.errors import OnboardError
 
 

@@ -10,18 +10,18 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.values import check_limits, to_entry
-from flexbt_core.state_machine import (
-    Autonomy,
-    EventState,
-    MachineDefinition,
-    MachineRun,
-    OperatableStateMachine,
-    read_machine,
-)
+from flexbt_common.values.entries import to_entry
+from flexbt_common.values.limits import check_limits
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter, state_services
-from flexbt_onboard.runs import BehaviorRun
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors.run_context import state_services
+from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, wait_until
 

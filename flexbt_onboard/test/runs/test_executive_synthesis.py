@@ -16,17 +16,17 @@ from typing import Any, Final
 import pytest
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks, ServiceLinks, service_outcome
-from flexbt_common.liveness import PresenceToken
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import MACHINE_TEXT
-from flexbt_core.state_machine import OperatableStateMachine
+from flexbt_common.calls.action_call import ActionCall, ActionLinks
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.lifecycle.presence import PresenceToken
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import MACHINE_TEXT
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.node import ExecutiveParameters
-from flexbt_onboard.synthesis import MachineStore
-from flexbt_onboard.synthesis.machine_store import MOST_MACHINES
-from flexbt_onboard.synthesis.search_process import SearchProcess
+from flexbt_onboard.behaviors.machine_behavior import MOST_MACHINES, MachineStore
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.node.synthesizer import SearchProcess
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -158,7 +158,7 @@ while not os.path.exists({str(until)!r}):
 print({answer!r}, flush=True)
 """
     monkeypatch.setattr(
-        'flexbt_onboard.synthesis.synthesizer._installed_command', lambda: [sys.executable, '-S', '-c', program]
+        'flexbt_onboard.node.synthesizer._installed_command', lambda: [sys.executable, '-S', '-c', program]
     )
 
 
@@ -181,7 +181,7 @@ def test_a_search_that_nobody_wants_any_more_makes_room(
     bench: SynthesisBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slow_search(monkeypatch, tmp_path / 'go')
-    monkeypatch.setattr('flexbt_onboard.synthesis.synthesis_server.GONE_SECONDS', 0.1)
+    monkeypatch.setattr('flexbt_onboard.node.synthesis_server.GONE_SECONDS', 0.1)
     with NodeRuntime.open('other') as other:
         PresenceToken(other, 'bob')
         bench.wait_for(lambda _status: 'bob' in bench.executive._presence.present, 'there')
@@ -258,7 +258,7 @@ CASES = {
 @pytest.mark.parametrize('case', CASES)
 def test_a_search_that_fails_ends_with_a_reason(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     program, reason = CASES[case]
-    monkeypatch.setattr('flexbt_onboard.synthesis.search_process._GRACE', 0.1)
+    monkeypatch.setattr('flexbt_onboard.node.synthesizer._GRACE', 0.1)
     done: Future[tuple[Any, str]] = Future()
     command = [sys.executable, '-S', '-c', program]
     seconds = 0.1 if case == 'it hangs' else DEADLINE

@@ -12,9 +12,10 @@ import pytest
 from geometry_msgs.msg import Point
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks
-from flexbt_common.values import from_entry
-from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_common.calls.action_call import ActionCall, ActionLinks
+from flexbt_common.values.entries import from_entry
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import GetUserdata
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of

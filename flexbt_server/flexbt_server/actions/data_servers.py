@@ -1,23 +1,123 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The actions ``bt_get_data`` and ``bt_set_data``: blackboards, read and written from outside."""
+"""The actions ``BtLoad``, ``BtGetData`` and ``BtSetData``: load trees, read and write blackboards."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from flexbt_common import names
-from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import Encoding
-from flexbt_core.behavior_tree import BlackboardError
-from flexbt_core.clock import WorkThread
+from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding
+from flexbt_core.behavior_tree.model.errors import BlackboardError
+from flexbt_core.clock.work_thread import WorkThread
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import sendable
-from flexbt_msgs.action import BtGetData, BtSetData
-from flexbt_server.goals import MESSAGE_LIMIT
-from flexbt_server.trees import Blackboards, entries_of, write_all
+from flexbt_core.values.text import sanitize_for_message
+from flexbt_msgs.action import BtGetData, BtLoad, BtSetData
+from flexbt_msgs.msg import BtLoadError, BtLoadReport
+from flexbt_server.trees.blackboards import Blackboards, entries_of, write_all
+from flexbt_server.trees.tree_store import FileReport, TreeStore
+
+from .tree_goals import MESSAGE_LIMIT
+
+LoadResult = BtLoad.Result
+
+MOST_LOADS: Final = 100
+"""Goals that wait for their turn at most."""
+
+ERRORS_SHOWN: Final = 20
+"""Errors of one file that travel with the result; a hostile file has more than anyone reads."""
+
+
+class LoadServer:
+    """Serves BtLoad. Files are read on the thread of ``reader``, one goal after the other."""
+
+    def __init__(self, runtime: NodeRuntime, store: TreeStore, reader: WorkThread, admission: GoalAdmission) -> None:
+        self._runtime = runtime
+        self._store = store
+        self._reader = reader
+        # A goal that is to be canceled ends at the next file.
+        GoalServer(
+            runtime,
+            BtLoad,
+            names.BT_LOADER,
+            self._serve,
+            refused=_refused_load,
+            most=MOST_LOADS,
+            admission=admission,
+        )
+
+    def _serve(self, goal: ServedGoal) -> None:
+        request = goal.request
+        total = len(request.files) + bool(request.xml)
+        if not total:
+            goal.abort(BtLoad.Result(code=LoadResult.FAILURE, message='the goal names no file and has no XML text'))
+            return
+
+        def progress(file: str, count: int) -> bool:
+            feedback = BtLoad.Feedback(file=file, done=count, total=total)
+            self._runtime.post(lambda: goal.publish_feedback(feedback))
+            return not goal.cancel_requested
+
+        def work() -> None:
+            try:
+                reports = self._store.load(request.files, request.xml, progress)
+            except BaseException as error:
+                fault = error
+                self._runtime.post(lambda: self._abort(goal, fault))
+            else:
+                for notice in filter(None, [report.notice for report in reports]):
+                    self._runtime.node.get_logger().warning(notice)
+                self._runtime.post(lambda: _finish(goal, reports))
+
+        self._reader.submit(work, f'goal of {names.BT_LOADER}: its trees were not read')
+
+    def _abort(self, goal: ServedGoal, fault: BaseException) -> None:
+        """A fault of ours goes to the client as well."""
+        self._runtime.report_fault(fault, f'goal of {names.BT_LOADER}')
+        goal.abort(BtLoad.Result(code=LoadResult.ERROR, message=f'fault in the BT server: {fault!r}'))
+
+
+def _refused_load(why: str) -> Any:
+    return LoadResult(code=LoadResult.FAILURE, message=f'nothing was loaded: {why}')
+
+
+def _finish(goal: ServedGoal, reports: list[FileReport]) -> None:
+    messages = [_message(report) for report in reports]
+    refused = [report for report in reports if report.code == BtLoadReport.REFUSED]
+    if refused:
+        first = str(refused[0].errors[0])
+        count = sum(len(report.errors) for report in refused)
+        message = first if count == 1 else f'{first} (and {count - 1} more errors)'
+        goal.abort(BtLoad.Result(code=LoadResult.FAILURE, message=f'nothing was loaded: {message}', reports=messages))
+    elif all(report.code in (BtLoadReport.LOADED, BtLoadReport.UNCHANGED) for report in reports):
+        notice = '; '.join(filter(None, [report.notice for report in reports]))
+        goal.succeed(BtLoad.Result(code=LoadResult.SUCCESS, message=sanitize_for_message(notice), reports=messages))
+    else:
+        goal.canceled(BtLoad.Result(code=LoadResult.CANCELED, message='canceled; nothing was loaded', reports=messages))
+
+
+def _message(report: FileReport) -> BtLoadReport:
+    return BtLoadReport(
+        file=report.file,
+        code=report.code,
+        trees=list(report.trees),
+        errors=[
+            BtLoadError(
+                file=report.file,
+                line=error.line,
+                column=error.column,
+                node=error.node,
+                message=sanitize_for_message(error.message),
+            )
+            for error in report.errors[:ERRORS_SHOWN]
+        ],
+    )
+
+
+# The actions ``bt_get_data`` and ``bt_set_data``: blackboards, read and written from outside.
 
 
 class DataServers:
@@ -47,7 +147,7 @@ class DataServers:
                 action,
                 name,
                 self._serve(action, answer),
-                refused=functools.partial(_refused, action),
+                refused=functools.partial(_refused_data, action),
                 admission=admission,
                 cancelable=False,
             )
@@ -60,7 +160,7 @@ class DataServers:
                 except BaseException as error:  # a fault of ours goes to the client as well
                     fault = error
                     self._runtime.post(lambda: self._runtime.report_fault(fault, 'a goal for a blackboard'))
-                    message = sendable(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
+                    message = sanitize_for_message(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
                     result = action.Result(code=action.Result.ERROR, message=message)
                 self._runtime.post(lambda: end(result))
 
@@ -82,7 +182,9 @@ class DataServers:
         where = f'blackboard {request.blackboard!r}' if request.blackboard else 'the shared blackboard'
         problems = [f'{where} has no value for {key!r}' for key in missing] + problems
         code = BtGetData.Result.FAILURE if problems else BtGetData.Result.SUCCESS
-        return BtGetData.Result(code=code, message=sendable('; '.join(problems), MESSAGE_LIMIT), entries=entries)
+        return BtGetData.Result(
+            code=code, message=sanitize_for_message('; '.join(problems), MESSAGE_LIMIT), entries=entries
+        )
 
     def _set(self, request: Any) -> Any:
         try:
@@ -91,11 +193,11 @@ class DataServers:
             values = self._boards.receive(request.blackboard, request.entries)
             write_all(self._boards.get(request.blackboard), values)
         except (FlexbtError, BlackboardError) as error:
-            message = sendable(f'nothing was written: {error}', MESSAGE_LIMIT)
+            message = sanitize_for_message(f'nothing was written: {error}', MESSAGE_LIMIT)
             return BtSetData.Result(code=BtSetData.Result.FAILURE, message=message)
         self._runtime.post(lambda: self._on_write(request.blackboard))
         return BtSetData.Result(code=BtSetData.Result.SUCCESS)
 
 
-def _refused(action: Any, why: str) -> Any:
+def _refused_data(action: Any, why: str) -> Any:
     return action.Result(code=action.Result.FAILURE, message=why)

@@ -1,25 +1,36 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The action ``bt_executor``: a tree, its inputs and its outputs are what the goal names."""
+"""The action ``BtExecute`` with its feedback and results, and the service that pauses and resumes running trees."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
+from rclpy.task import Future
 
 from flexbt_common import names
-from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime import ClockHealth, NodeRuntime, clock_health
-from flexbt_core.behavior_tree import Tree
+from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime.clock_watch import ClockHealth, clock_health
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import duration_message
+from flexbt_core.behavior_tree.engine.tick_control import TickCommand
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.action import BtExecute
-from flexbt_server.goals import RunningTree, Speed, TreeGoal, TreeGoals
-from flexbt_server.runs import RunOutcome
-from flexbt_server.trees import POSE_STAMPED, POSES, Blackboards, Value
+from flexbt_msgs.srv import ControlTree
+from flexbt_server.runs.tree_run import RunOutcome
+from flexbt_server.trees.blackboards import Blackboards, Value, entries_of
+from flexbt_server.trees.ros_ports import POSE_STAMPED, POSES
 
-from .run_messages import feedback_of, result_of
+from .progress import MOST_COUNTED, Speed, distance_along, recoveries, seconds_left
+from .tree_goals import MESSAGE_LIMIT, RunningTree, TreeGoal, TreeGoals
 
-Result = BtExecute.Result
+ExecuteResult = BtExecute.Result
 
 MOST_RUNS: Final = 200
 """Goals that are worked on at a time: each tree that runs has a thread."""
@@ -89,4 +100,120 @@ class _ExecuteGoal(TreeGoal):
 
 
 def _refused(why: str) -> Any:
-    return Result(code=Result.ERROR, message=why)
+    return ExecuteResult(code=ExecuteResult.ERROR, message=why)
+
+
+# What clients of ``bt_executor`` are told of a run: feedback while it goes on, the result at its end.
+
+REASON_LIMIT: Final = 1000
+"""Characters of a reason for people: a leaf may give any text."""
+
+
+def feedback_of(
+    run_id: str,
+    tree: Tree,
+    board: Blackboard,
+    pose: Any,
+    speed: float,
+    seconds: float,
+    not_ended: Sequence[str],
+    clock_problem: str,
+) -> Any:
+    """The feedback message of a run. ``pose``: the latest of the robot, a PoseStamped; ``speed`` in m/s; ``seconds``
+    since the acceptance; ``not_ended``: canceled goals that go on; ``clock_problem``: what is wrong with the time.
+    """
+    distance = distance_along(board.get_or('path', None), pose)
+    poses = _poses_ahead(board)
+    return BtExecute.Feedback(
+        active_nodes=tree.active_nodes(),
+        current_location=pose,
+        execution_time=duration_message(max(0.0, seconds)),
+        number_of_recoveries=recoveries(board),
+        distance_remaining=distance,
+        time_remaining=seconds_left(distance, speed) or -1.0,
+        poses_remaining=min(len(poses), MOST_COUNTED) if poses else -1,
+        goal=poses[-1] if poses else PoseStamped(),
+        run_id=run_id,
+        not_ended=not_ended,
+        clock_problem=clock_problem,
+    )
+
+
+def _poses_ahead(board: Blackboard) -> list[PoseStamped]:
+    """Where the robot has still to go, by Nav2's names of the keys."""
+    goal, goals = board.get_or('goal', None), board.get_or('goals', None)
+    poses = goals if isinstance(goals, list) else [goal]
+    return [pose for pose in poses if isinstance(pose, PoseStamped)]
+
+
+def result_of(
+    request: Any, outcome: RunOutcome, board: Blackboard, notice: str, seconds: float, not_ended: Sequence[str]
+) -> Any:
+    """The result message for a goal. An output that cannot be sent makes it an ERROR.
+
+    ``notice`` is for the case that the run did not succeed; ``seconds`` since the acceptance; ``not_ended``: canceled
+    goals that go on.
+    """
+    encoding = Encoding.BINARY if request.output_encoding == BtExecute.Goal.BINARY else Encoding.TEXT
+    entries, missing, problems = entries_of(board, request.outputs, encoding)
+    code = ExecuteResult.ERROR if problems else outcome.code
+    remarks = [outcome.message, *problems, '' if code == ExecuteResult.SUCCESS else notice]
+    return ExecuteResult(
+        code=code,
+        message=sanitize_for_message('; '.join(filter(None, remarks)), MESSAGE_LIMIT),
+        failed_node=sanitize_for_message(outcome.failed_node, MESSAGE_LIMIT),
+        reasons=[sanitize_for_message(reason, REASON_LIMIT) for reason in outcome.reasons],
+        error_code=outcome.error_code,
+        outputs=entries,
+        missing_outputs=missing,
+        execution_time=duration_message(max(0.0, seconds)),
+        not_ended=not_ended,
+    )
+
+
+# The service ``control_tree``: pauses, resumes and steps running trees.
+
+_COMMANDS: Final = {
+    ControlTree.Request.PAUSE: TickCommand.PAUSE,
+    ControlTree.Request.RESUME: TickCommand.RESUME,
+    ControlTree.Request.STEP: TickCommand.STEP,
+}
+
+
+class ControlServer:
+    """Serves ControlTree, for any number of clients.
+
+    Every request is answered when the command has had its effect, or can have none any more.
+    """
+
+    def __init__(self, runtime: NodeRuntime, goals: TreeGoals) -> None:
+        self._runtime = runtime
+        self._goals = goals
+        runtime.node.create_service(ControlTree, names.CONTROL_TREE, self._serve)
+
+    async def _serve(self, request: Any, response: Any) -> Any:
+        response.message = await self._obey(request, response)
+        response.success = not response.message
+        return response
+
+    async def _obey(self, request: Any, response: Any) -> str:
+        """'' when the command has had its effect; otherwise why not."""
+        command = _COMMANDS.get(request.command)
+        if command is None:
+            known = ', '.join(f'{number} ({known.name})' for number, known in _COMMANDS.items())
+            return f'command {request.command} is unknown; known commands: {known}'
+        answered = Future(executor=self._runtime.node.executor)
+        try:
+            check_limits(request)
+            run = self._goals.control(
+                request.run_id,
+                command,
+                request.owner,
+                lambda reason: self._runtime.post(lambda: answered.set_result(reason)),
+            )
+        except FlexbtError as error:
+            return str(error)
+        refusal = str(await answered)
+        if command is not TickCommand.RESUME and not refusal:
+            response.not_paused = [sanitize_for_message(line) for line in run.not_paused]
+        return refusal

@@ -10,7 +10,7 @@ import json
 import math
 from typing import Any, Final, NoReturn
 
-from flexbt_core.values import load_json
+from flexbt_core.values.json_data import load_json
 
 _NAMES: Final = {
     type(None): 'null',

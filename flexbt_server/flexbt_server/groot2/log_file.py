@@ -1,27 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Log files that Groot2 opens (``.btlog``): written without loss, and read.
-
-A file is: ``BTCPP4-FileLogger2``; one byte, 1; the length of the XML of the tree, 4 bytes; that XML; the time of the
-beginning since the epoch in µs, 8 bytes; and for each transition 9 bytes, as in a recording (:mod:`.protocol`). Source:
-FileLogger2 of BehaviorTree.CPP 4.10, which loses transitions at the end of a run.
-"""
+"""Log files for Groot2 (``.btlog``), written without loss and read, and the buffers that logs are read from."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree import NodeStatus, Tree, TreeLoadError, log_reader
-from flexbt_core.behavior_tree.engine import node_path
-from flexbt_core.behavior_tree.model import Source
-from flexbt_core.behavior_tree.xml import Element, parse
-from flexbt_core.values import open_private, open_regular
+from flexbt_core.behavior_tree.engine.node import node_path
+from flexbt_core.behavior_tree.engine.observers import Log, log_reader
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.errors import Source, TreeLoadError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.xml.parser import Element, parse
+from flexbt_core.values.text_files import open_private, open_regular
 
 from . import protocol
-from .log_buffer import LogBuffer
-from .tree_document import tree_document
+from .protocol import tree_document
+
+# Log files that Groot2 opens (``.btlog``): written without loss, and read.
+#
+# A file is: ``BTCPP4-FileLogger2``; one byte, 1; the length of the XML of the tree, 4 bytes; that XML; the time of the
+# beginning since the epoch in µs, 8 bytes; and for each transition 9 bytes, as in a recording (:mod:`.protocol`).
+# Source: FileLogger2 of BehaviorTree.CPP 4.10, which loses transitions at the end of a run.
 
 SUFFIX: Final = '.btlog'
 _MAGIC: Final = b'BTCPP4-FileLogger2'
@@ -31,7 +33,7 @@ _TIME: Final = struct.Struct('<q')
 _MAX_XML: Final = 1 << 28
 _MAX_DEPTH: Final = 10_000
 
-Step = Callable[[], None]
+LogStep = Callable[[], None]
 
 
 class LogError(Exception):
@@ -56,7 +58,7 @@ class LogWriter:
         start: int,
         epoch: float,
         *,
-        write: Callable[[Step], str | None] = lambda step: step(),
+        write: Callable[[LogStep], str | None] = lambda step: step(),
         on_error: Callable[[str], None],
     ) -> None:
         """Begins the file. ``log`` is timed; ``start`` is the time of the beginning on its clock, ns, and ``epoch``
@@ -82,7 +84,7 @@ class LogWriter:
         if marks and not self._takes_no_more:
             self._hand_over(lambda: self._store('r+b', self._records(marks)))
 
-    def _hand_over(self, step: Step) -> None:
+    def _hand_over(self, step: LogStep) -> None:
         refusal = self._write(step)
         if refusal:
             self._end(refusal)
@@ -135,7 +137,7 @@ class LoggedNode(NamedTuple):
     type: str
 
 
-class Transition(NamedTuple):
+class LoggedTransition(NamedTuple):
     """``time`` is since the beginning of the log, s; ``before`` is IDLE for the first transition of a node."""
 
     time: float
@@ -144,17 +146,17 @@ class Transition(NamedTuple):
     after: NodeStatus
 
 
-class Log(NamedTuple):
+class LogContent(NamedTuple):
     """The content of a log file. ``epoch`` is its beginning since 1970, s; ``left_over`` are bytes at its end that are
     no whole transition, or that are none at all."""
 
     nodes: dict[int, LoggedNode]
     epoch: float
-    transitions: list[Transition]
+    transitions: list[LoggedTransition]
     left_over: int
 
 
-def read_log(path: Path) -> Log:
+def read_log(path: Path) -> LogContent:
     """Reads a log file, also one that is still being written, or was cut off. Raises LogError and OSError."""
     with open(path, 'rb', opener=open_regular) as file:
         data = file.read()
@@ -175,10 +177,10 @@ def read_log(path: Path) -> Log:
         raise LogError(f'{path}: the description of the tree cannot be read: {error}') from error
     (epoch,) = _TIME.unpack_from(data, end - _TIME.size)
     transitions, read = _transitions(data, end)
-    return Log(dict(_nodes(root)), epoch / 1e6, transitions, len(data) - read)
+    return LogContent(dict(_nodes(root)), epoch / 1e6, transitions, len(data) - read)
 
 
-def _transitions(data: bytes, position: int) -> tuple[list[Transition], int]:
+def _transitions(data: bytes, position: int) -> tuple[list[LoggedTransition], int]:
     transitions = []
     statuses: dict[int, NodeStatus] = {}
     while position + protocol.RECORD_BYTES <= len(data):
@@ -186,7 +188,7 @@ def _transitions(data: bytes, position: int) -> tuple[list[Transition], int]:
         if number > max(NodeStatus):
             break
         status = NodeStatus(number)
-        transitions.append(Transition(microseconds / 1e6, uid, statuses.get(uid, NodeStatus.IDLE), status))
+        transitions.append(LoggedTransition(microseconds / 1e6, uid, statuses.get(uid, NodeStatus.IDLE), status))
         statuses[uid] = status
         position += protocol.RECORD_BYTES
     return transitions, position
@@ -209,3 +211,48 @@ def _nodes(root: Element) -> Iterator[tuple[int, LoggedNode]]:
             name = element.attributes.get('name', type)
             path = element.attributes.get('_fullpath') or node_path(scope, type, name, uid)
             yield uid, LoggedNode(path, type)
+
+
+# Logs of a tree (see ``observers``) that are read later, maybe by another thread, and that know the times.
+
+
+class LogBuffer:
+    """A log. While it is ``timed``, each mark is followed by the complement of the time of writing it, by ``now`` (ns).
+
+    One thread writes; any may take.
+    """
+
+    def __init__(self, now: Callable[[], int], *, timed: bool = False) -> None:
+        self.timed = timed
+        self._marks: list[int] = []
+        add = self._marks.append
+
+        def append(mark: int, /) -> None:
+            add(mark)
+            if self.timed:
+                add(~now())
+
+        self.append = append
+
+    def __len__(self) -> int:
+        return len(self._marks)
+
+    def take(self) -> list[int]:
+        """What was written since the last call."""
+        count = len(self._marks)  # the tree may go on meanwhile
+        marks = self._marks[:count]
+        del self._marks[:count]
+        return marks
+
+
+class TeeLog:
+    """Writes every mark to several logs."""
+
+    def __init__(self, logs: Sequence[Log]) -> None:
+        appends = tuple(log.append for log in logs)
+
+        def append(mark: int, /) -> None:
+            for append in appends:
+                append(mark)
+
+        self.append = append

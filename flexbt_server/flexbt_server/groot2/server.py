@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The server that Groot2 connects to. It shows one tree at a time: see :class:`Groot2Server`."""
+"""The server that Groot2 connects to. It shows one tree at a time, and needs no ROS::
+
+with Groot2Server(1667) as groot2:
+    with groot2.watch(tree):
+        tree.tick_while_running(wait)
+"""
 
 from __future__ import annotations
 
@@ -13,11 +18,14 @@ from typing import Final
 
 import zmq
 
-from flexbt_core.behavior_tree import JsonTypes, StatusLog, StatusObserver, Tree
+from flexbt_core.behavior_tree.engine.node import StatusObserver
+from flexbt_core.behavior_tree.engine.observers import StatusLog
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 
 from . import protocol
 from .json_requests import RequestError, parse
-from .log_buffer import LogBuffer
+from .log_file import LogBuffer
 from .protocol import RequestType
 from .watched_tree import WatchedTree, clock
 
@@ -159,9 +167,9 @@ class Groot2Server:
                 self._shown = self._running[-1]
             self._mute()
 
-    def watch(self, tree: Tree) -> Watch:
+    def watch(self, tree: Tree) -> WatchHandle:
         """Shows a tree, for a program that has no other observer: a context manager."""
-        return Watch(self, tree)
+        return WatchHandle(self, tree)
 
     def _mute(self) -> None:
         for watched in self._running:
@@ -248,7 +256,7 @@ _WITH_CONTENT: Final[dict[int, Callable[[WatchedTree, bytes], bytes | None]]] = 
 }
 
 
-class Watch:
+class WatchHandle:
     """Shows a tree while the context is open. The tree is observed for that (:meth:`Tree.observe`)."""
 
     def __init__(self, server: Groot2Server, tree: Tree) -> None:
@@ -257,7 +265,7 @@ class Watch:
         self._watched: WatchedTree | None = None
         self._observers: tuple[StatusObserver, ...] | None = None
 
-    def __enter__(self) -> Watch:
+    def __enter__(self) -> WatchHandle:
         log = LogBuffer(clock)
         self._watched = self._server.add(self._tree, log)
         if self._watched is not None:

@@ -1,19 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Leaves that reach ROS: bases for one's own, and the one that runs a behavior."""
 
-from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_type
+from flexbt_server.trees.ros_ports import DURATION, PATH, POSE_STAMPED, POSES, message_type
 
 from .action_leaf import ACTION_PORTS, BASE, SERVER_PORTS, ActionLeaf, error_code_of
 from .behavior_leaf import ExecuteBehavior
-from .called_servers import called_servers, subscribed_topics
-from .ending_goals import EndingGoals
-from .leaf_services import LeafServices
-from .pose_leaf import PoseLeaf
-from .robot_frames import RobotFrames
+from .leaf_services import LeafServices, RobotFrames
 from .service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf, ServiceNode, ServiceSyncAction
-from .topic_cache import SubscribedTopic, TopicCache, TopicCaches
-from .topic_leaf import TopicCondition
-from .trigger_services import TriggerServices
+from .topic_cache import SubscribedTopic
+from .topic_leaf import PoseLeaf, TopicCondition
 
 __all__ = [
     'ACTION_PORTS',
@@ -25,7 +20,6 @@ __all__ = [
     'SERVER_PORTS',
     'SERVICE_PORTS',
     'ActionLeaf',
-    'EndingGoals',
     'ExecuteBehavior',
     'LeafServices',
     'PoseLeaf',
@@ -35,12 +29,7 @@ __all__ = [
     'ServiceNode',
     'ServiceSyncAction',
     'SubscribedTopic',
-    'TopicCache',
-    'TopicCaches',
     'TopicCondition',
-    'TriggerServices',
-    'called_servers',
     'error_code_of',
     'message_type',
-    'subscribed_topics',
 ]

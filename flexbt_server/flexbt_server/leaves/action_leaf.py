@@ -23,22 +23,16 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
-from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
-from flexbt_core.behavior_tree import (
-    NodeConfig,
-    NodeStatus,
-    Port,
-    PortError,
-    StatefulAction,
-    UnfinishedWork,
-    input_port,
-    output_port,
-)
-from flexbt_core.behavior_tree.model import STRING, UINT16, UNSIGNED
-from flexbt_core.clock import Clock, Timer
+from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_core.behavior_tree.engine.context import UnfinishedWork
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.model.errors import PortError
+from flexbt_core.behavior_tree.model.ports import STRING, UINT16, UNSIGNED, Port, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.clock import Clock, Timer
 
-from .ending_goals import EndingGoal
-from .leaf_services import LeafServices
+from .leaf_services import EndingGoal, LeafServices
 
 SERVER_PORTS: Final[dict[str, Port]] = {
     'server_name': input_port(STRING, optional=True, description="name of the server, if not the node's default"),

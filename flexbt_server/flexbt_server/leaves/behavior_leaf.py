@@ -6,14 +6,16 @@ from __future__ import annotations
 from typing import Any, Final
 
 from flexbt_common import names
-from flexbt_common.calls import GoalOutcome
-from flexbt_common.values import Encoding
-from flexbt_core.behavior_tree import BlackboardError, Example, NodeStatus, inout_port, input_port, output_port
-from flexbt_core.behavior_tree.model import KEYS, STRING, UNSIGNED, separated
+from flexbt_common.calls.action_call import GoalOutcome
+from flexbt_common.values.entries import Encoding
+from flexbt_core.behavior_tree.model.errors import BlackboardError
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import KEYS, STRING, UNSIGNED, inout_port, input_port, output_port, separated
+from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs import action
 from flexbt_msgs.msg import BehaviorArgument
-from flexbt_server.trees import entries_of, read_values, write_all
+from flexbt_server.trees.blackboards import entries_of, read_values, write_all
 
 from .action_leaf import ACTION_PORTS, ActionLeaf
 

@@ -1,21 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the BT server gives to the leaves of its trees: their way to ROS."""
+"""What the BT server offers to the leaves of its trees: connections, frames of the robot, requests, and goals that
+end."""
 
 from __future__ import annotations
 
+import queue
+import threading
 import time
+import weakref
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from typing import Final
+from itertools import islice
+from typing import Any, Final
 
-from flexbt_common.calls import ActionLinks, ServiceLinks
-from flexbt_common.liveness import STARTED
-from flexbt_common.runtime import NodeRuntime
-from flexbt_server.trees import TreeStore
+from geometry_msgs.msg import PoseStamped
+from std_srvs.srv import Trigger
 
-from .ending_goals import EndingGoals
-from .robot_frames import RobotFrames
-from .topic_cache import TopicCaches
-from .trigger_services import TriggerServices
+from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.calls.service_call import ServiceLinks
+from flexbt_common.errors import TransformError
+from flexbt_common.lifecycle.liveliness import STARTED
+from flexbt_common.runtime.node_runtime import CALL_SECONDS, NodeRuntime
+from flexbt_common.transform_listener import TransformListener
+from flexbt_core.clock.clock import Clock, Timer
+from flexbt_server.trees.tree_store import TreeStore
+
+from .topic_cache import TopicCache, TopicCaches
 
 MOST_TOLD: Final = 1_000
 """Things that people are told once: trees may have any names."""
@@ -59,3 +69,242 @@ class LeafServices:
         if message not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(message)
             self.runtime.node.get_logger().warning(message)
+
+
+# Where the robot is, and poses in other frames, for the leaves of a server.
+
+FIRST_TIMEOUT: Final = 0.5
+TRANSFORM_TOLERANCE: Final = 0.1
+"""How long a leaf waits for a transform, s of wall time: as in Nav2, but the first one of a server, since the node
+begins to hear tf then. It must not be so long that the thread of the tree counts as one that hangs."""
+
+
+class RobotFrames:
+    """The pose of the robot, by the topic of the pose or by tf, and poses in other frames, by tf. From any thread.
+
+    ``global_frame`` and ``robot_base_frame`` are those that are meant where a node names none.
+    """
+
+    def __init__(self, runtime: NodeRuntime, pose: TopicCache, global_frame: str, robot_base_frame: str) -> None:
+        self._runtime = runtime
+        self._pose = pose
+        self._timeout = FIRST_TIMEOUT
+        self.global_frame = global_frame
+        self.robot_base_frame = robot_base_frame
+
+    def robot_pose(self, frame: str = '', base: str = '') -> PoseStamped:
+        """Where the frame ``base`` of the robot is in ``frame``.
+
+        The topic of the pose tells it of the robot's base, also in other frames as far as tf knows them; where nothing
+        was published there, and for other frames of the robot, tf does.
+
+        Raises:
+            TransformError: it is not known.
+        """
+        base = base or self.robot_base_frame
+        pose = self._pose.latest if base == self.robot_base_frame else None
+        if pose is None:
+            pose = PoseStamped()
+            pose.header.frame_id = base
+            pose.pose.orientation.w = 1.0
+            try:
+                return self.pose_in(pose, frame or self.global_frame)
+            except TransformError as error:
+                if base != self.robot_base_frame:
+                    raise
+                raise TransformError(self._pose.without_message(str(error))) from None
+        return self.pose_in(pose, frame or self.global_frame)
+
+    def pose_in(self, pose: PoseStamped, frame: str) -> PoseStamped:
+        """``pose`` in ``frame``. One without a frame is in the global frame.
+
+        Raises:
+            TransformError: no transform between the frames is known, now or in a moment.
+        """
+        source = pose.header.frame_id or self.global_frame
+        if source == frame:
+            return pose
+        asked = PoseStamped(pose=pose.pose)
+        asked.header.frame_id = source  # without a stamp: by the newest transforms, as Nav2 asks for them
+        answers: queue.SimpleQueue[PoseStamped | TransformError] = queue.SimpleQueue()
+        timeout = self._timeout
+        self._runtime.post(
+            lambda: TransformListener.of(self._runtime).transform_pose(asked, frame, answers.put, answers.put, timeout)
+        )
+        try:
+            answer = answers.get(timeout=timeout + CALL_SECONDS)
+        except queue.Empty:
+            raise TransformError(f'the node did not look for the transform of {source!r} to {frame!r}') from None
+        self._timeout = TRANSFORM_TOLERANCE
+        if isinstance(answer, TransformError):
+            raise answer
+        answer.header.stamp = pose.header.stamp
+        return answer
+
+
+# The goals that leaves have canceled, and that are not known to have ended: a server may ignore its cancels.
+
+_MOST_TOLD: Final = 16
+
+
+@dataclass(frozen=True, eq=False)
+class EndingGoal:
+    """A goal of the action ``action`` that was canceled, and of which ``resources`` are the actuators. ``server`` is
+    the action's full name, which trees may give in other ways, too; ``since`` is on the steady clock, ``time_of_day``
+    for people."""
+
+    action: str
+    server: str
+    resources: frozenset[str]
+    since: float
+    time_of_day: str
+
+    @property
+    def description(self) -> str:
+        """What goes on, for a person."""
+        return f'canceling the goal of {self.action}'
+
+
+class EndingGoals:
+    """Those of all trees of a server. From any thread.
+
+    A tree is over when its time to halt is; what its goals do is not: as long as one may move an actuator, no other
+    goal for that actuator, or for the same server, is sent, by whatever tree.
+
+    ``warn(message)`` is told when a goal has not ended ``patience`` seconds after its cancel, and when it has after
+    that; ``resolve(action)`` gives the full name of an action.
+    """
+
+    def __init__(
+        self, steady: Clock, patience: float, warn: Callable[[str], None], resolve: Callable[[str], str]
+    ) -> None:
+        self._steady = steady
+        self._patience = patience
+        self._warn = warn
+        self._resolve = resolve
+        self._alarms: dict[EndingGoal, Timer] = {}
+        self._overdue: set[EndingGoal] = set()
+        self._waiting: set[Callable[[], None]] = set()
+        self._lock = threading.Lock()
+
+    def add(self, action: str, resources: Collection[str]) -> EndingGoal:
+        """A goal was canceled; it is given to :meth:`remove` when it is known to have ended."""
+        goal = EndingGoal(
+            action, self._resolve(action), frozenset(resources), self._steady.now(), time.strftime('%H:%M:%S')
+        )
+        with self._lock:
+            self._alarms[goal] = self._steady.call_at(goal.since + self._patience, lambda: self._late(goal))
+        return goal
+
+    def remove(self, goal: EndingGoal) -> None:
+        """The goal has ended: who waits looks again."""
+        with self._lock:
+            self._alarms.pop(goal).cancel()
+            was_overdue = goal in self._overdue
+            self._overdue.discard(goal)
+            waiting = tuple(self._waiting)
+        if was_overdue:
+            self._warn(f'{goal.action}: the goal has ended {self._steady.now() - goal.since:.1f} s after its cancel')
+        for wake in waiting:
+            wake()
+
+    def overdue(self, given_up: Collection[str] = ()) -> list[str]:
+        """What goes on although its server had its time to end it, and what to do, for a person; the 16 oldest.
+
+        ``given_up``: descriptions of goals that a tree has waited for in vain, which counts as well.
+        """
+        with self._lock:
+            late = (goal for goal in self._alarms if goal in self._overdue or goal.description in given_up)
+            goals = list(islice(late, _MOST_TOLD))
+        return [
+            f'{goal.action}: its server has not ended the goal canceled at {goal.time_of_day}: '
+            f'{"the robot may move; STOP keeps it at rest," if goal.resources else "what it does goes on;"} restart a '
+            'server that hangs'
+            for goal in goals
+        ]
+
+    def in_the_way_of(self, action: str, resources: Collection[str]) -> tuple[str, ...]:
+        """What has to end before a goal for this action with these actuators is sent."""
+        if not self._alarms:
+            return ()
+        server = self._resolve(action)
+        with self._lock:
+            return tuple(
+                goal.description
+                for goal in self._alarms
+                if goal.server == server or not goal.resources.isdisjoint(resources)
+            )
+
+    def wait(self, wake: Callable[[], None]) -> None:
+        """Call ``wake()`` whenever a goal has ended, until :meth:`stop_waiting`."""
+        with self._lock:
+            self._waiting.add(wake)
+
+    def stop_waiting(self, wake: Callable[[], None]) -> None:
+        """Harmless when it does not wait."""
+        with self._lock:
+            self._waiting.discard(wake)
+
+    def _late(self, goal: EndingGoal) -> None:
+        with self._lock:
+            if goal not in self._alarms:
+                return
+            self._overdue.add(goal)
+        held = ', '.join(sorted(goal.resources))
+        self._warn(
+            f'{goal.action}: its server has not ended the goal {self._patience:g} s after its cancel, so what it does '
+            f'goes on. It is asked again and again; no other goal is sent to it{f" or to {held}" if held else ""} '
+            'before. To stop the robot: STOP at the executive; restart the server if it hangs'
+        )
+
+
+# Services of the type std_srvs/Trigger by which nodes of running trees take requests.
+
+Handler = Callable[[], bool]
+
+
+MOST_SERVICES: Final = 100
+"""Services that are kept although no tree takes their requests now."""
+
+
+class TriggerServices:
+    """The services of a server, by name; they are kept for the trees that come later.
+
+    A service calls every handler that was offered under its name, as long as the object to which it belongs exists. It
+    succeeds when one of them gives True.
+    """
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._handlers: dict[str, list[weakref.WeakMethod[Handler]]] = {}
+        self._services: dict[str, Any] = {}
+
+    def offer(self, name: str, handler: Handler) -> None:
+        """Calls ``handler``, a bound method, on each request to the service ``name``. From any thread."""
+        reference = weakref.WeakMethod(handler)
+        self._runtime.call(lambda: self._add(name, reference))
+
+    def _add(self, name: str, reference: weakref.WeakMethod[Handler]) -> None:
+        name = self._runtime.node.resolve_service_name(name)
+        if name not in self._handlers:
+            self._forget_unused()
+            self._handlers[name] = []
+            self._services[name] = self._runtime.node.create_service(
+                Trigger, name, lambda _, response: self._answer(name, response)
+            )
+        self._handlers[name] = [known for known in self._handlers[name] if known() is not None] + [reference]
+
+    def _forget_unused(self) -> None:
+        unused = [name for name, handlers in self._handlers.items() if not any(handler() for handler in handlers)]
+        for name in unused[: max(0, len(self._handlers) + 1 - MOST_SERVICES)]:
+            del self._handlers[name]
+            self._runtime.node.destroy_service(self._services.pop(name))
+
+    def _answer(self, name: str, response: Any) -> Any:
+        handlers = [handler for reference in self._handlers[name] if (handler := reference()) is not None]
+        # Each of them is asked, whatever the others say.
+        taken = [handler() for handler in handlers]
+        response.success = any(taken)
+        if not response.success:
+            response.message = 'no running tree has a node that takes this request now'
+        return response

@@ -12,21 +12,14 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
-from flexbt_common.calls import ServiceCall
-from flexbt_core.behavior_tree import (
-    Condition,
-    NodeConfig,
-    NodeStatus,
-    Port,
-    StatefulAction,
-    SyncAction,
-    TickAbandoned,
-    input_port,
-)
-from flexbt_core.behavior_tree.engine import LeafNode
-from flexbt_core.behavior_tree.model import STRING, UNSIGNED, PortError
-from flexbt_core.clock import WakeEvent
-from flexbt_core.skills import Skill
+from flexbt_common.calls.service_call import ServiceCall
+from flexbt_core.behavior_tree.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.model.errors import PortError, TickAbandoned
+from flexbt_core.behavior_tree.model.ports import STRING, UNSIGNED, Port, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.skills.skill import Skill
 
 from .leaf_services import LeafServices
 

@@ -15,8 +15,11 @@ from rclpy.action.server import RCLError
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import QoSProfile
 
-from flexbt_common.runtime import LatestMessage, NodeRuntime, WeakLruCache, qos_misfit
-from flexbt_core.behavior_tree import TreeContext, TreeNode
+from flexbt_common.middleware.received_messages import LatestMessage
+from flexbt_common.runtime.node_runtime import NodeRuntime, qos_misfit
+from flexbt_common.runtime.weak_lru_cache import WeakLruCache
+from flexbt_core.behavior_tree.engine.context import TreeContext
+from flexbt_core.behavior_tree.engine.node import TreeNode
 
 MOST_TOPICS: Final = 100
 """Topics that are heard although no tree needs them now."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that read a topic."""
+"""Bases of leaves that read a topic, and of leaves about poses: when something is unknown, they fail with the
+reason."""
 
 from __future__ import annotations
 
@@ -7,12 +8,17 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile
 
-from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, Port, input_port
-from flexbt_core.behavior_tree.model import STRING
+from flexbt_common.errors import TransformError
+from flexbt_core.behavior_tree.engine.leaf import Condition, LeafNode
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.model.errors import PortError
+from flexbt_core.behavior_tree.model.ports import STRING, Port, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
 
-from .leaf_services import LeafServices
+from .leaf_services import LeafServices, RobotFrames
 from .topic_cache import SubscribedTopic, TopicCache
 
 
@@ -61,3 +67,49 @@ class TopicCondition(Condition):
         if message is None:
             return self.fail(self._cache.without_message('no message yet'))
         return self.fail('the condition does not hold')
+
+
+# What leaves about poses, paths and goals have in common: what is not known is no error, they fail with the reason.
+
+
+class PoseLeaf(LeafNode):
+    """A leaf that fails while an input is not on the blackboard, and while a transform is not known.
+
+    To be named before the base SyncAction or Condition.
+    """
+
+    __slots__ = ('_is_informed',)
+
+    @abstractmethod
+    def evaluate(self) -> NodeStatus:
+        """The tick. May raise PortError and TransformError."""
+
+    @property
+    def is_informed(self) -> bool:
+        return self._is_informed
+
+    def tick(self) -> NodeStatus:
+        self._is_informed = True
+        try:
+            return self.evaluate()
+        except PortError as error:
+            return self.fail(str(error))
+        except TransformError as error:
+            self._is_informed = False
+            return self.fail(f'no pose is known there: {error}')
+
+    @property
+    def frames(self) -> RobotFrames:
+        """Where the robot is, and poses in other frames."""
+        services: LeafServices = self.services
+        return services.frames
+
+    def robot_pose(self, frame: str | None = None) -> PoseStamped:
+        """Where the robot is, by the ports ``robot_base_frame`` and, unless a frame is given, ``global_frame``.
+
+        Raises:
+            TransformError: it is not known.
+        """
+        if frame is None:
+            frame = str(self.get_input_or('global_frame', ''))
+        return self.frames.robot_pose(frame, str(self.get_input_or('robot_base_frame', '')))

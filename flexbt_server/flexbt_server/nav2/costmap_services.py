@@ -12,24 +12,19 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_core.behavior_tree import (
-    Example,
-    NodeConfig,
-    NodeStatus,
-    Port,
-    PortError,
-    input_port,
-    output_port,
-)
-from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED, list_of
-from flexbt_core.skills import ConditionSensor, Predicate, Skill
-from flexbt_server.leaves import PATH, POSE_STAMPED, POSES, SERVICE_PORTS, ServiceCondition, ServiceLeaf, ServiceNode
-from flexbt_server.trees import WAYPOINT_STATUSES
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.model.errors import PortError
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, STRING, UNSIGNED, Port, input_port, list_of, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.skills.literals import ConditionSensor, Predicate
+from flexbt_core.skills.skill import Skill
+from flexbt_server.leaves.service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf, ServiceNode
+from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, WAYPOINT_STATUSES
 
-from .interface_fields import set_ports
+from .branches import SKIPPED, mark, set_ports
 from .motion_actions import VALID, count_recovery
 from .path_tracking import yaw_of
-from .waypoint_statuses import SKIPPED, mark
 
 _OCCUPIED: Final = Predicate('occupied', {'pose': 'pose'}, ConditionSensor('CheckPoseOccupancy', {'pose': '{$pose}'}))
 

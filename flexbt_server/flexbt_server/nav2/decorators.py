@@ -14,10 +14,16 @@ from nav_msgs.msg import Goals, Odometry
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_core.behavior_tree import Decorator, Example, NodeConfig, NodeStatus, input_port, output_port
-from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
-from flexbt_core.behavior_tree.nodes.nav2 import pause_resume as nav2_pause
-from flexbt_server.leaves import POSE_STAMPED, POSES, LeafServices, SubscribedTopic, TopicCache
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.nav2 import controls as nav2_pause
+from flexbt_core.behavior_tree.nodes.nav2 import decorators as nav2_motion
+from flexbt_server.leaves.leaf_services import LeafServices
+from flexbt_server.leaves.topic_cache import SubscribedTopic, TopicCache
+from flexbt_server.trees.ros_ports import POSE_STAMPED, POSES
 
 from .path_tracking import position_of
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_server.trees import TrackingFeedback
+from flexbt_server.trees.ros_ports import TrackingFeedback
 
 SEARCH_AHEAD: Final = 3.0
 """How far along the path from where it was last the robot is looked for, m: a path may come by a place twice."""
@@ -55,7 +55,7 @@ class PathTracker:
             robot_pose=pose,
             distance_to_goal=math.dist(here, self._points[-1]),
             speed=speed,
-            remaining_path_length=length_of(self._points[nearest:]) - along,
+            remaining_path_length=path_length(self._points[nearest:]) - along,
         )
 
 
@@ -123,7 +123,7 @@ def yaw_of(pose: Any) -> float:
     )
 
 
-def length_of(points: Sequence[tuple[float, float]]) -> float:
+def path_length(points: Sequence[tuple[float, float]]) -> float:
     """Length of the way through these points."""
     return sum(itertools.starmap(math.dist, itertools.pairwise(points)))
 

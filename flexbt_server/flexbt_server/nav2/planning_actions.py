@@ -16,14 +16,15 @@ from nav2_msgs import action
 from nav_msgs.msg import Path
 
 from flexbt_common import names
-from flexbt_common.calls import GoalOutcome
-from flexbt_common.values import duration_message, seconds_of, set_poses
-from flexbt_core.behavior_tree import Example, NodeStatus, input_port, output_port
-from flexbt_core.behavior_tree.model import BOOL, DOUBLE, INT, STRING, UINT16, UNSIGNED
-from flexbt_server.leaves import ACTION_PORTS, DURATION, PATH, POSE_STAMPED, POSES, ActionLeaf
-from flexbt_server.trees import ROUTE
+from flexbt_common.calls.action_call import GoalOutcome
+from flexbt_common.values.message_fields import duration_message, seconds_of, set_poses
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, INT, STRING, UINT16, UNSIGNED, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_server.leaves.action_leaf import ACTION_PORTS, ActionLeaf
+from flexbt_server.trees.ros_ports import DURATION, PATH, POSE_STAMPED, POSES, ROUTE
 
-from .interface_fields import set_ports
+from .branches import set_ports
 
 _START: Final = input_port(POSE_STAMPED, optional=True, description="where it begins, instead of the robot's pose")
 

@@ -9,13 +9,17 @@ from typing import Any, Final
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
-from flexbt_core.behavior_tree import Condition, Example, NodeConfig, NodeStatus, SyncAction, input_port, output_port
-from flexbt_core.behavior_tree.model import DOUBLE, STRING
-from flexbt_core.skills import ConditionSensor, Predicate, Skill
-from flexbt_server.leaves import PATH, POSE_STAMPED, PoseLeaf
-from flexbt_server.trees import TRACKING_FEEDBACK
+from flexbt_core.behavior_tree.engine.leaf import Condition, SyncAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.skills.literals import ConditionSensor, Predicate
+from flexbt_core.skills.skill import Skill
+from flexbt_server.leaves.topic_leaf import PoseLeaf
+from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, TRACKING_FEEDBACK
 
-from .path_tracking import NearestPose, length_of, position_of
+from .path_tracking import NearestPose, path_length, position_of
 
 AT: Final = Predicate('at', {'goal': 'pose'}, ConditionSensor('GoalReached', {'goal': '{$goal}'}), exclusive='goal')
 """The robot is at a pose, which the blackboard has by the name of the object."""
@@ -166,7 +170,7 @@ class IsGoalNearby(PoseLeaf, Condition):
             return self.fail('the path is empty')
         pose = self.robot_pose(path.header.frame_id)
         nearest = self._nearest.index(path, pose, float(self.get_input('max_robot_pose_search_dist')))
-        left = length_of(self._nearest.points[nearest:])
+        left = path_length(self._nearest.points[nearest:])
         if left < self.get_input('proximity_threshold'):
             return NodeStatus.SUCCESS
         return self.fail(f'{left:.2f} m of the path are left')

@@ -5,15 +5,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from flexbt_core.behavior_tree import NodeRegistry
-from flexbt_core.behavior_tree.nodes.nav2 import Nav2Branch, register_branches
-from flexbt_server.leaves import ExecuteBehavior
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.nodes.nav2.registration import Nav2Branch, register_branches
+from flexbt_server.leaves.behavior_leaf import ExecuteBehavior
 
 from . import (
     costmap_services,
     decorators,
-    goal_leaves,
-    mission_actions,
     motion_actions,
     path_leaves,
     planning_actions,
@@ -25,11 +23,9 @@ from . import (
 FAMILIES: Final = (
     planning_actions,
     motion_actions,
-    mission_actions,
     costmap_services,
     services,
     path_leaves,
-    goal_leaves,
     pose_leaves,
     topic_leaves,
     decorators,

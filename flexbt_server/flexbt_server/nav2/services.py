@@ -10,11 +10,13 @@ from nav2_msgs import srv
 from std_srvs.srv import Empty
 
 from flexbt_common import names
-from flexbt_core.behavior_tree import Example, NodeStatus, input_port
-from flexbt_core.behavior_tree.model import BOOL
-from flexbt_server.leaves import SERVER_PORTS, SERVICE_PORTS, ServiceLeaf, ServiceSyncAction
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import BOOL, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_server.leaves.action_leaf import SERVER_PORTS
+from flexbt_server.leaves.service_leaf import SERVICE_PORTS, ServiceLeaf, ServiceSyncAction
 
-from .interface_fields import set_ports
+from .branches import set_ports
 
 
 class CancelAction(ServiceSyncAction):

@@ -11,23 +11,18 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import seconds_of
-from flexbt_core.behavior_tree import (
-    Condition,
-    Example,
-    NodeConfig,
-    NodeStatus,
-    Port,
-    StatefulAction,
-    SyncAction,
-    WithDefault,
-    input_port,
-    output_port,
-)
-from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED
-from flexbt_core.skills import ConditionSensor, Predicate, Skill
-from flexbt_server.leaves import LeafServices, SubscribedTopic, TopicCache, TopicCondition
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.model.outcomes import Example, WithDefault
+from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, STRING, UNSIGNED, Port, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.skills.literals import ConditionSensor, Predicate
+from flexbt_core.skills.skill import Skill
+from flexbt_server.leaves.leaf_services import LeafServices
+from flexbt_server.leaves.topic_cache import SubscribedTopic, TopicCache
+from flexbt_server.leaves.topic_leaf import TopicCondition
 
 _BATTERY_LOW: Final = Predicate(
     'battery_low', {'min_battery': 'limit'}, ConditionSensor('IsBatteryLow', {'min_battery': '$min_battery'})
@@ -40,7 +35,7 @@ class _BatteryCondition(TopicCondition):
     message_type = BatteryState
     default_topic = '/battery_status'
     topic_port = 'battery_topic'
-    qos = names.unacknowledged(1)
+    qos = names.best_effort_qos(1)
     ports = {'battery_topic': input_port(STRING, default=default_topic, description='topic, sensor_msgs/BatteryState')}
 
 
@@ -199,7 +194,9 @@ class _Selector(SyncAction):
 
     @classmethod
     def subscribes_to(cls) -> Sequence[SubscribedTopic]:
-        return [SubscribedTopic(String, str(cls.ports['topic_name'].default), 'topic_name', names.latched())]
+        return [
+            SubscribedTopic(String, str(cls.ports['topic_name'].default), 'topic_name', names.transient_local_qos())
+        ]
 
     def tick(self) -> NodeStatus:
         if self._cache is None:

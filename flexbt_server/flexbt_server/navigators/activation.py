@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The activation of bt_navigator, which is over when the servers are there that its default trees call.
-
-In Nav2 the lifecycle manager brings planner and controller up before bt_navigator, and the nodes of the default tree
-wait for their servers. As there, it does not matter later whether they are still there: goals tell.
-"""
+"""The activation of ``bt_navigator``, which ends when the servers are there that its default trees call."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from rclpy.action.server import RCLError
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.clock import Timer
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree.model.definition import NodeDefinition
+from flexbt_core.clock.clock import Timer
+from flexbt_server.leaves.action_leaf import ActionLeaf
+from flexbt_server.leaves.service_leaf import ServiceNode
+from flexbt_server.leaves.topic_cache import SubscribedTopic, SubscribesToTopics
+
+# The activation of bt_navigator, which is over when the servers are there that its default trees call.
+#
+# In Nav2 the lifecycle manager brings planner and controller up before bt_navigator, and the nodes of the default tree
+# wait for their servers. As there, it does not matter later whether they are still there: goals tell.
 
 ACTIVATION_SECONDS: Final = 60.0
 """How long the servers are waited for, s of wall time. What is not there then may never come: goals tell."""
@@ -75,3 +80,45 @@ class Activation:
             return bool(node.count_services(node.resolve_service_name(service)))
         except RCLError:
             return False  # no server can have that name
+
+
+# The servers that a tree calls, and the topics that it subscribes to, as far as its XML tells.
+
+
+def called_servers(nodes: Iterable[NodeDefinition]) -> dict[str, str]:
+    """The servers of the action and service leaves among ``nodes``: names of services that are in the graph when they
+    are there, and what trees call them.
+
+    A server whose name comes from the blackboard, which only the run knows, is not among them.
+    """
+    found = {}
+    for node in nodes:
+        leaf = node.manifest.node_class
+        if issubclass(leaf, ActionLeaf):
+            name = _name(node, 'server_name', leaf.default_server)
+            found[f'{name}/_action/send_goal'] = name
+        elif issubclass(leaf, ServiceNode):
+            name = _name(node, 'service_name', leaf.default_service)
+            found[name] = name
+    return {service: name for service, name in found.items() if name}
+
+
+def subscribed_topics(nodes: Iterable[NodeDefinition]) -> Iterator[SubscribedTopic]:
+    """The topics that ``nodes`` subscribe to, by their names in the tree.
+
+    One whose name comes from the blackboard, which only the run knows, is not among them.
+    """
+    for node in nodes:
+        leaf = node.manifest.node_class
+        for topic in leaf.subscribes_to() if issubclass(leaf, SubscribesToTopics) else ():
+            name = _name(node, topic.port, topic.name)
+            if name:
+                yield topic._replace(name=name)
+
+
+def _name(node: NodeDefinition, port: str, default: str) -> str:
+    """What a leaf calls, or subscribes to; '' when the blackboard has it."""
+    given = node.values.get(port)
+    if given is None:
+        return default
+    return '' if given.key is not None else given.text or default

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_common import names
-from flexbt_common.cli import home_path
-from flexbt_common.runtime import ParameterDeclarer
-from flexbt_core.values import hint, shown
+from flexbt_common.files import home_path
+from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_server.errors import ServerParameterError
 
 NAVIGATORS: Final = (names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS)
@@ -75,8 +75,10 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
     )
     for name in served:
         if name not in NAVIGATORS:
-            actions = f'{", ".join(NAVIGATORS)}{hint(name, NAVIGATORS)}'
-            raise ServerParameterError(f"parameter 'navigators': {shown(name)} is not served; write one of {actions}")
+            actions = f'{", ".join(NAVIGATORS)}{did_you_mean(name, NAVIGATORS)}'
+            raise ServerParameterError(
+                f"parameter 'navigators': {short_repr(name)} is not served; write one of {actions}"
+            )
     trees = {
         name: declare.fixed.text(
             parameter,

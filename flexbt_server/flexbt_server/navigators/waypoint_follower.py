@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The action ``follow_waypoints``: poses one after the other, each a goal of ``navigate_to_pose``.
-
-A newer goal takes over: the robot drives on to its first waypoint without a stop. At each waypoint the robot may do
-something (Nav2's waypoint task executors, :mod:`.waypoint_tasks`).
-"""
+"""The action ``follow_waypoints``: poses in turn, each a goal of ``navigate_to_pose``, and the task at each
+waypoint."""
 
 from __future__ import annotations
 
@@ -11,26 +8,26 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from nav2_msgs.action import FollowWaypoints, NavigateToPose
+from std_msgs.msg import Empty
 
 from flexbt_common import names
-from flexbt_common.calls import (
-    ActionCall,
-    ActionServerLink,
-    GoalAdmission,
-    GoalOutcome,
-    GoalServer,
-    GoalStatus,
-    ServedGoal,
-)
-from flexbt_common.runtime import NodeRuntime
-from flexbt_server.nav2 import missed
+from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
+from flexbt_server.nav2.branches import missed
 
-from .waypoint_tasks import WaypointTask
+from .parameters import InputParameters
 
-Result = FollowWaypoints.Result
+# The action ``follow_waypoints``: poses one after the other, each a goal of ``navigate_to_pose``.
+#
+# A newer goal takes over: the robot drives on to its first waypoint without a stop. At each waypoint the robot may do
+# something (Nav2's waypoint task executors, :mod:`.waypoint_tasks`).
+
+FollowWaypointsResult = FollowWaypoints.Result
 
 MOST_MISSED: Final = 1000
 """Missed waypoints that a result tells of, the last ones: a goal may have thousands of millions of loops."""
@@ -161,12 +158,17 @@ class _Tour:
             self._reached = True
             self._settings.task.begin(self._task_ended)
         else:
-            code = getattr(outcome.result, 'error_code', 0) or Result.UNKNOWN
+            code = getattr(outcome.result, 'error_code', 0) or FollowWaypointsResult.UNKNOWN
             self._miss('was not reached', outcome.reason, code, 'STOP_ON_MISSED_WAYPOINT')
 
     def _task_ended(self, why: str) -> None:
         if why:
-            self._miss('was reached and its task failed', why, Result.TASK_EXECUTOR_FAILED, 'TASK_EXECUTOR_FAILED')
+            self._miss(
+                'was reached and its task failed',
+                why,
+                FollowWaypointsResult.TASK_EXECUTOR_FAILED,
+                'TASK_EXECUTOR_FAILED',
+            )
         else:
             self._go_on()
 
@@ -202,5 +204,70 @@ class _Tour:
 
 def _result(why: str, code: str, those_missed: Iterable[Any] = ()) -> Any:
     """``code`` is the name of the error code, where the action has it; Jazzy's has UNKNOWN only."""
-    error_code = getattr(Result, code, Result.UNKNOWN) if why else Result.NONE
-    return Result(error_code=error_code, error_msg=why, missed_waypoints=list(those_missed))
+    error_code = (
+        getattr(FollowWaypointsResult, code, FollowWaypointsResult.UNKNOWN) if why else FollowWaypointsResult.NONE
+    )
+    return FollowWaypointsResult(error_code=error_code, error_msg=why, missed_waypoints=list(those_missed))
+
+
+# What is done at each waypoint of follow_waypoints: Nav2's waypoint task executors.
+
+
+class WaypointTask(Protocol):
+    """Used on the executor thread; once at a time."""
+
+    def begin(self, on_end: Callable[[str], None]) -> None:
+        """Begin; ``on_end`` is called on the executor thread with why the task has failed, or ''."""
+
+    def cancel(self) -> None:
+        """End without a word. Harmless if nothing has begun."""
+
+
+class WaitAtWaypoint:
+    """``wait_at_waypoint``: lets some time pass, s of the clock of the node."""
+
+    def __init__(self, runtime: NodeRuntime, pause: float) -> None:
+        self._runtime = runtime
+        self._pause = pause
+        self._timer: Timer | None = None
+
+    def begin(self, on_end: Callable[[str], None]) -> None:
+        """See WaypointTask."""
+        if not self._pause:
+            on_end('')
+            return
+        clock = self._runtime.clock
+        self._timer = clock.call_at(clock.now() + self._pause, lambda: on_end(''))
+
+    def cancel(self) -> None:
+        """See WaypointTask."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+class InputAtWaypoint:
+    """``input_at_waypoint``: waits for a message on a topic, and fails when none comes in time."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: InputParameters) -> None:
+        self._parameters = parameters
+        self._timeout = WaitAtWaypoint(runtime, parameters.timeout)
+        self._on_end: Callable[[str], None] | None = None
+        runtime.node.create_subscription(Empty, parameters.topic, lambda _: self._end(''), names.INPUT_DEPTH)
+
+    def begin(self, on_end: Callable[[str], None]) -> None:
+        """See WaypointTask."""
+        self._on_end = on_end
+        why = f'nothing has come on {self._parameters.topic} within {self._parameters.timeout:g} s'
+        self._timeout.begin(lambda _: self._end(why))
+
+    def cancel(self) -> None:
+        """See WaypointTask."""
+        self._timeout.cancel()
+        self._on_end = None
+
+    def _end(self, why: str) -> None:
+        on_end = self._on_end
+        if on_end is not None:
+            self.cancel()
+            on_end(why)

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A log file (``.btlog``) of each run, in a directory of which the newest files are kept.
-
-A file has the nodes with which it begins: a run that gets others goes on in another file.
-"""
+"""Watchers of runs: log files for Groot2 (``.btlog``), Nav2's topic ``behavior_tree_log``, and live views in Groot2."""
 
 from __future__ import annotations
 
@@ -11,16 +8,29 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.behavior_tree import Tree
-from flexbt_core.clock import LateWork, WorkThread
+from nav2_msgs.msg import BehaviorTreeLog, BehaviorTreeStatusChange
+
+from flexbt_common import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree.engine.observers import log_reader
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.work_thread import LateWork, WorkThread
 from flexbt_server.errors import ServerParameterError
-from flexbt_server.groot2 import SUFFIX, LogBuffer, LogWriter
+from flexbt_server.groot2.log_file import SUFFIX, LogBuffer, LogWriter
 
-from .run_watchers import RunWatch
-from .tree_observer import TreeObserver
+from .run_watchers import RunWatch, TreeObserver
+
+if TYPE_CHECKING:
+    from flexbt_server.groot2.server import Groot2Server
+    from flexbt_server.groot2.watched_tree import WatchedTree
+
+# A log file (``.btlog``) of each run, in a directory of which the newest files are kept.
+#
+# A file has the nodes with which it begins: a run that gets others goes on in another file.
 
 _OURS: Final = re.compile(rf'\d{{8}}T\d{{6}}\.\d{{6}}Z_.*_[0-9a-f]{{8}}{re.escape(SUFFIX)}')
 _UNFIT: Final = re.compile(r'[^\w.-]')
@@ -130,3 +140,129 @@ class _RunLog:
 
     def ended(self) -> None:
         self.ticked()
+
+
+# The topic ``behavior_tree_log`` of Nav2: the changes of statuses in each round of a tick.
+#
+# (Nav2 publishes them between two ticks only, and so never those by which a tree ends.) While nobody subscribes, no
+# message is made.
+
+MOST_CHANGES: Final = 1000
+"""Changes of one message."""
+
+LoggedChange = tuple[int, int, int]
+"""The uid of a node, and its status before and after."""
+
+
+class TreeLogs:
+    """Publishes the log of every run."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._publisher: Any = runtime.call(
+            lambda: runtime.node.create_publisher(BehaviorTreeLog, names.BEHAVIOR_TREE_LOG, 10)
+        )
+
+    def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
+        """Watches one run."""
+        return _TreeLog(self)
+
+    def publish(self, names_of: dict[int, str], changes: list[LoggedChange]) -> None:
+        """Send changes that have just been, from any thread. A tree runs on, watched or not."""
+        if not self._publisher.get_subscription_count():
+            return
+        now = self._runtime.clock.stamp()
+        log = [
+            BehaviorTreeStatusChange(
+                timestamp=now,
+                node_name=names_of[uid],
+                uid=uid,
+                previous_status=NodeStatus(before).name,
+                current_status=NodeStatus(after).name,
+            )
+            for uid, before, after in changes
+        ]
+        try:
+            for first in range(0, len(log), MOST_CHANGES):
+                self._publisher.publish(BehaviorTreeLog(timestamp=now, event_log=log[first : first + MOST_CHANGES]))
+        except Exception as error:
+            self._runtime.report_fault(error, f'the topic {names.BEHAVIOR_TREE_LOG}')
+
+
+class _TreeLog:
+    """The log of one run."""
+
+    def __init__(self, logs: TreeLogs) -> None:
+        self.log = LogBuffer(time.monotonic_ns)
+        self._logs = logs
+
+    def started(self, tree: Tree) -> None:
+        self._names = {node.uid: node.name for node in tree.nodes}
+        self._reader = log_reader(tree.nodes, lambda uid, before, after: (uid, before, after))
+
+    def expanded(self, tree: Tree) -> None:
+        self.ticked()
+        self.started(tree)
+
+    def ticked(self) -> None:
+        marks = self.log.take()
+        if marks:
+            self._logs.publish(self._names, self._reader.read(marks))
+
+    def ended(self) -> None:
+        self.ticked()
+
+
+# Shows the runs of the server to Groot2; see :class:`Groot2Server`.
+
+
+class Groot2Runs:
+    """Opens the port, and closes it with the node."""
+
+    def __init__(self, runtime: NodeRuntime, port: int, address: str, only: str, types: JsonTypes) -> None:
+        """``only``: the ID of the tree that is shown, '' for the newest; ``types`` of what is on blackboards.
+
+        Raises:
+            ServerParameterError: the port cannot be opened.
+        """
+        try:
+            # Only who wants it needs pyzmq.
+            from flexbt_server.groot2.server import Groot2Server
+        except ImportError as error:
+            raise ServerParameterError(
+                f"parameter 'groot2_port': {error.name} is missing; install python3-zmq and python3-msgpack"
+            ) from error
+        try:
+            self._server = Groot2Server(port, address, only=only, types=types)
+        except OSError as error:
+            raise ServerParameterError(f"parameter 'groot2_port': {error.strerror}") from error
+        runtime.on_close(self._server.close)
+
+    def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
+        """Watches one run."""
+        return _Groot2Run(self._server, shown)
+
+
+class _Groot2Run:
+    def __init__(self, server: Groot2Server, shown: TreeObserver) -> None:
+        self.log = LogBuffer(time.perf_counter_ns)
+        self._server = server
+        self._shown = shown
+        self._watched: WatchedTree | None = None
+
+    def started(self, tree: Tree) -> None:
+        self._watched = self._server.add(tree, self.log, self._shown.paused)
+
+    def expanded(self, tree: Tree) -> None:
+        if self._watched is not None:
+            self._watched = self._server.expanded(self._watched, self._shown.paused)
+
+    def ticked(self) -> None:
+        if self._watched is not None:
+            self._watched.settle()
+        else:
+            self.log.take()
+
+    def ended(self) -> None:
+        if self._watched is not None:
+            self._server.remove(self._watched)

@@ -1,15 +1,40 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who watches a run beside the clients of the server: what its parameters ask for. If nothing, it costs nothing."""
+"""The observer of a run, and which watchers the parameters ask for. Without watchers a run pays nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Protocol
 
-from flexbt_core.behavior_tree import Log, Tree
-from flexbt_server.groot2 import TeeLog
+from flexbt_core.behavior_tree.engine.observers import Log
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_server.groot2.log_file import TeeLog
 
-from .tree_observer import TreeObserver
+
+class TreeObserver(Protocol):
+    """Hears of a run, on the thread of the run; of the end of one that is aborted, on another."""
+
+    def started(self, tree: Tree) -> None:
+        """The nodes exist; the first tick is next."""
+
+    def expanded(self, tree: Tree) -> None:
+        """Leaves have had trees made below them: the nodes are others, and so are uids, from the next mark on."""
+
+    @property
+    def log(self) -> Log | None:
+        """Where the tree is to log changes of statuses, if anywhere."""
+
+    def ticked(self) -> None:
+        """A round of a tick is over."""
+
+    def paused(self, is_paused: bool) -> None:
+        """The tree is not ticked from now on, or is again."""
+
+    def ended(self) -> None:
+        """Nothing follows."""
+
+
+# Who watches a run beside the clients of the server: what its parameters ask for. If nothing, it costs nothing.
 
 
 class RunWatch(Protocol):

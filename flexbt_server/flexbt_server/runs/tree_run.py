@@ -1,41 +1,40 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One run of a tree, in a thread of its own: a leaf that blocks holds up its own tree and nothing else.
-
-The thread sleeps until a leaf wakes the tree, until a time that a node has asked for, or until the next tick that the
-least rate demands.
-"""
+"""One run of a tree on its own thread, and its outcome. A leaf that blocks delays only its own tree."""
 
 from __future__ import annotations
 
 import math
+import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final, Generic, TypeVar
 
-from flexbt_common.runtime import Health
-from flexbt_core.behavior_tree import (
-    BehaviorTreeError,
-    Blackboard,
-    NodeStatus,
-    StatusLog,
-    TickAbandoned,
-    TickCommand,
-    TickControl,
-    Tree,
-    TreeKey,
-    TreeLibrary,
-)
-from flexbt_core.clock import Clock, WakeEvent
-from flexbt_core.monitors import Findings, Monitoring, TreeMonitor, Violation, violation_text
+from flexbt_common.runtime.health import Health
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.observers import StatusLog
+from flexbt_core.behavior_tree.engine.tick_control import TickCommand, TickControl
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, TickAbandoned
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.clock import Clock
+from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.monitors.monitoring import Findings, Monitoring, violation_text
+from flexbt_core.monitors.properties import Violation
+from flexbt_core.monitors.tree_monitor import TreeMonitor
 from flexbt_msgs.action import BtExecute
-from flexbt_server.trees import NO_RECOVERIES, RECOVERIES_KEY, Value, write_all
+from flexbt_server.trees.blackboards import NO_RECOVERIES, RECOVERIES_KEY, Value, write_all
 
-from .node_on_stack import node_on_stack
-from .overruns import Overruns
-from .run_outcome import RunOutcome, outcome_after, outcome_of, outcome_of_tree
-from .tree_observer import TreeObserver
+from .run_watchers import TreeObserver
+
+# One run of a tree, in a thread of its own: a leaf that blocks holds up its own tree and nothing else.
+#
+# The thread sleeps until a leaf wakes the tree, until a time that a node has asked for, or until the next tick that the
+# least rate demands.
 
 _GRACE: Final = 0.2
 """How much longer than its time to halt a run has to say itself what has not halted, s."""
@@ -112,7 +111,7 @@ class TreeRun(Generic[Client]):
         self._on_end = on_end
         self._on_warning = on_warning
         self._silent_until = -math.inf
-        self._overruns = Overruns(key, self._tick_period, on_warning)
+        self._overruns = TickOverrunWarner(key, self._tick_period, on_warning)
         self._waited = 0.0
         self._monitoring = monitoring
         self._on_violation = on_violation
@@ -180,7 +179,7 @@ class TreeRun(Generic[Client]):
         self._wake_event.set()
 
     def control(self, command: TickCommand, answer: Callable[[str], None]) -> None:
-        """Pause, resume or step; from any thread. See :class:`flexbt_core.behavior_tree.TickControl`."""
+        """Pause, resume or step; from any thread. See :class:`TickControl`."""
         self._control.command(command, answer)
 
     @property
@@ -389,3 +388,109 @@ class TreeRun(Generic[Client]):
 
 def _where(path: str) -> str:
     return f'[{path}] does not return' if path else 'the run does not come to its end'
+
+
+# How a run has ended: what the client is told, whatever a tree or a leaf does.
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """How a run has ended; ``code`` is a constant of BtExecute.Result.
+
+    ``message`` names ``failed_node``, where there is one, as ``PATH: reason`` or ``[PATH]``.
+    ``error_code`` is the lowest that a leaf of the run has left, as in Nav2; 0 for none.
+    """
+
+    code: int
+    message: str = ''
+    failed_node: str = ''
+    reasons: tuple[str, ...] = ()
+    error_code: int = 0
+
+
+def outcome_of_tree(tree: Tree, status: NodeStatus) -> RunOutcome:
+    """What the status means with which a tree has completed."""
+    if status is NodeStatus.SUCCESS:
+        return RunOutcome(BtExecute.Result.SUCCESS)
+    if status is NodeStatus.SKIPPED:
+        return RunOutcome(BtExecute.Result.FAILURE, 'the tree was skipped: no node had anything to do')
+    failure = tree.failure
+    assert failure is not None  # the engine gives one for every FAILURE
+    return RunOutcome(BtExecute.Result.FAILURE, str(failure.steps[0]), failure.path, tuple(failure.lines()))
+
+
+def outcome_after(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
+    """Take a step of halting; gives the outcome. A leaf that raises makes it an ERROR, and its error is told after what
+    the run has ended by: the failed node stays the one that was first.
+    """
+    try:
+        step()
+    except NodeExecutionError as error:
+        halting = _error(error)
+        return replace(
+            outcome if outcome.failed_node else halting,
+            code=BtExecute.Result.ERROR,
+            message='; '.join(filter(None, (outcome.message, f'while halting: {halting.message}'))),
+        )
+    return outcome
+
+
+def _error(error: NodeExecutionError) -> RunOutcome:
+    message = '; '.join((str(error), *getattr(error, '__notes__', ())))
+    return RunOutcome(BtExecute.Result.ERROR, message, error.node_path, tuple(error.trace.lines()))
+
+
+def outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
+    """What a step of a run gives, or the ERROR that it raises: whoever gave the goal has to hear of it."""
+    try:
+        return step()
+    except NodeExecutionError as error:
+        return _error(error)
+    except BehaviorTreeError as error:
+        return RunOutcome(BtExecute.Result.ERROR, str(error))
+    except BaseException:  # a fault of ours
+        return RunOutcome(BtExecute.Result.ERROR, f'fault in the BT server: {traceback.format_exc()}')
+
+
+# Ticks that take longer than there is time for.
+
+
+class TickOverrunWarner:
+    """Tells of ticks that take too long, once a second at most."""
+
+    def __init__(self, key: TreeKey, period: float, tell: Callable[[str], None]) -> None:
+        self._tree = key.id
+        self._period = period
+        self._tell = tell
+        self._count = 0
+        self._longest = 0.0
+        self._silent_until = -math.inf
+
+    def note(self, began: float, ended: float) -> None:
+        """A tick took from ``began`` to ``ended``, s."""
+        took = ended - began
+        if took <= self._period:
+            return
+        self._count += 1
+        self._longest = max(self._longest, took)
+        if ended < self._silent_until:
+            return
+        self._tell(
+            f'tree [{self._tree}]: {self._count} ticks took longer than the period of {self._period:.3f} s '
+            f'(parameter tick_rate), the longest {self._longest:.3f} s; no leaf should block'
+        )
+        self._count, self._longest, self._silent_until = 0, 0.0, ended + 1.0
+
+
+# Where a thread that ticks a tree is: in the code of which node.
+
+
+def node_on_stack(thread: threading.Thread) -> TreeNode | None:
+    """The innermost node whose methods are on the stack of ``thread``; None when there is none."""
+    frame = sys._current_frames().get(thread.ident or 0)
+    while frame is not None:
+        owner = frame.f_locals.get('self')
+        if isinstance(owner, TreeNode):
+            return owner
+        frame = frame.f_back
+    return None

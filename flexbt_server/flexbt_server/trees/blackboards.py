@@ -9,10 +9,14 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from flexbt_common.errors import LimitExceededError, UnknownTypeError
-from flexbt_common.runtime import WeakLruCache
-from flexbt_common.values import MESSAGE, Encoding, from_entry, resolve_type, to_entry
-from flexbt_core.behavior_tree import Blackboard, BlackboardError, PortType
-from flexbt_core.behavior_tree.model import port_types
+from flexbt_common.runtime.weak_lru_cache import WeakLruCache
+from flexbt_common.values.entries import Encoding, from_entry, to_entry
+from flexbt_common.values.limits import MESSAGE
+from flexbt_common.values.value_types import resolve_type
+from flexbt_core.behavior_tree.model import ports
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.errors import BlackboardError
+from flexbt_core.behavior_tree.model.ports import PortType
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.msg import BlackboardEntry
 
@@ -28,12 +32,12 @@ Value = tuple[str, Any, PortType | None]
 NO_RECOVERIES: Final[Value] = (RECOVERIES_KEY, 0, None)
 
 _INTEGERS: Final = {
-    'int8': port_types.INT8,
-    'int16': port_types.INT16,
-    'uint8': port_types.UINT8,
-    'uint16': port_types.UINT16,
-    'uint32': port_types.UNSIGNED,
-    'uint64': port_types.UINT64,
+    'int8': ports.INT8,
+    'int16': ports.INT16,
+    'uint8': ports.UINT8,
+    'uint16': ports.UINT16,
+    'uint32': ports.UNSIGNED,
+    'uint64': ports.UINT64,
 }
 """Integers that keep their size on the blackboard. int32 and int64 are what people write for any integer: an entry
 gets the type of the ports that use it."""

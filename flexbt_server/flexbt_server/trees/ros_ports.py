@@ -1,26 +1,67 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Port types for ROS messages, and the texts by which XML may give them.
-
-The ``;`` forms are those of Nav2: a pose is ``stamp in ns; frame; x; y; z; qx; qy; qz; qw``. Any message may be written
-as ``json:{...}``, with the fields that differ from their defaults.
-"""
+"""Port types for ROS messages: their text in XML, their JSON, and stand-ins for messages of Nav2's main branch."""
 
 from __future__ import annotations
 
+import functools
+import json
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, Final
 
+import nav2_msgs.msg
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.msg import Route
 from nav_msgs.msg import Path
+from std_msgs.msg import Header
 
-from flexbt_common.values import message_type_name, text_to_value, time_of_nanoseconds
-from flexbt_core.behavior_tree import ConversionError, PortType
+from flexbt_common.errors import UnknownTypeError
+from flexbt_common.values.entries import text_to_value, value_to_text
+from flexbt_common.values.message_fields import time_of_nanoseconds
+from flexbt_common.values.value_types import ValueType, message_type_name, resolve_type
+from flexbt_core.behavior_tree.model.blackboard_json import JsonObject, JsonTypes
+from flexbt_core.behavior_tree.model.errors import ConversionError
+from flexbt_core.behavior_tree.model.ports import PortType
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import shown
+from flexbt_core.values.text import short_repr
 
-from .nav2_values import TrackingFeedback
+
+@dataclass
+class _TrackingFeedback:
+    """How the robot is on its path; lengths in m, the speed in m/s."""
+
+    header: Header = field(default_factory=Header)
+    position_tracking_error: float = 0.0
+    """Distance from the path, m; positive to the left of it."""
+    heading_tracking_error: float = 0.0
+    """Angle from the direction of the path to that of the robot, rad, -pi to pi."""
+    current_path_index: int = 0
+    robot_pose: PoseStamped = field(default_factory=PoseStamped)
+    distance_to_goal: float = 0.0
+    speed: float = 0.0
+    remaining_path_length: float = 0.0
+
+
+@dataclass
+class _WaypointStatus:
+    """What became of a waypoint."""
+
+    waypoint_status: int = 0
+    waypoint_index: int = 0
+    waypoint_pose: PoseStamped = field(default_factory=PoseStamped)
+    error_code: int = 0
+    error_msg: str = ''
+
+
+TrackingFeedback: Final[Any] = getattr(nav2_msgs.msg, 'TrackingFeedback', _TrackingFeedback)
+WaypointStatus: Final[Any] = getattr(nav2_msgs.msg, 'WaypointStatus', _WaypointStatus)
+
+
+# Port types for ROS messages, and the texts by which XML may give them.
+#
+# The ``;`` forms are those of Nav2: a pose is ``stamp in ns; frame; x; y; z; qx; qy; qz; qw``. Any message may be
+# written as ``json:{...}``, with the fields that differ from their defaults.
 
 _POSE_FIELDS: Final = 9
 _PATH_HEADER_FIELDS: Final = 2
@@ -37,11 +78,13 @@ def message_type(message: type[Any], from_pieces: Callable[[list[str]], Any] | N
             except FlexbtError as error:
                 raise ConversionError(str(error)) from error
         if from_pieces is None:
-            raise ConversionError(f'{shown(text)} is not a {name}; write json:{{...}}, or use a blackboard key {{key}}')
+            raise ConversionError(
+                f'{short_repr(text)} is not a {name}; write json:{{...}}, or use a blackboard key {{key}}'
+            )
         try:
             return from_pieces([piece.strip() for piece in text.split(';')])
         except ValueError as error:
-            raise ConversionError(f'{shown(text)} is not a {name}: {error}') from error
+            raise ConversionError(f'{short_repr(text)} is not a {name}: {error}') from error
 
     return PortType(name, message, 'object', from_text)
 
@@ -80,7 +123,7 @@ def _poses_from_text(text: str) -> list[PoseStamped]:
     try:
         return _poses(text.split(';')) if text else []
     except ValueError as error:
-        raise ConversionError(f'{shown(text)} is not a list of poses: {error}') from error
+        raise ConversionError(f'{short_repr(text)} is not a list of poses: {error}') from error
 
 
 POSE_STAMPED: Final = message_type(PoseStamped, _pose)
@@ -90,3 +133,64 @@ POSES: Final = PortType('geometry_msgs/msg/PoseStamped[]', list, 'object', _pose
 ROUTE: Final = message_type(Route)
 TRACKING_FEEDBACK: Final = PortType('nav2_msgs/msg/TrackingFeedback', TrackingFeedback)
 WAYPOINT_STATUSES: Final = PortType('nav2_msgs/msg/WaypointStatus[]', list)
+
+
+# ROS messages in the JSON of blackboards: any installed message, under its name.
+
+
+class RosJsonTypes(JsonTypes):
+    """Every message, and the classes of ``others``.
+
+    The fields of a message are those of :func:`value_to_text`, which loses nothing.
+    """
+
+    def __init__(self, others: JsonTypes | None = None) -> None:
+        super().__init__()
+        self._others = others if others is not None else JsonTypes()
+
+    def of_class(self, python_type: type[Any]) -> JsonObject | None:
+        if hasattr(python_type, 'get_fields_and_field_types'):
+            return _message(message_type_name(python_type))
+        return super().of_class(python_type) or self._others.of_class(python_type)
+
+    def of_name(self, name: str) -> JsonObject | None:
+        resolved = _resolved(name)
+        if resolved is not None and resolved.message is not None and not resolved.is_array:
+            return _message(resolved.name)
+        return super().of_name(name) or self._others.of_name(name)
+
+    def port_type(self, name: str) -> PortType | None:
+        known = super().port_type(name) or self._others.port_type(name)
+        if known is None:
+            resolved = _resolved(name)
+            if resolved is not None and resolved.is_array:
+                known = PortType(resolved.name, list)
+        return known
+
+
+def _resolved(name: str) -> ValueType | None:
+    try:
+        return resolve_type(name)
+    except UnknownTypeError:
+        return None
+
+
+@functools.cache
+def _message(name: str) -> JsonObject:
+    message = resolve_type(name).message
+    assert message is not None
+
+    def to_json(value: Any) -> dict[str, Any]:
+        try:
+            fields: dict[str, Any] = json.loads(value_to_text(value, name))
+        except FlexbtError as error:
+            raise ConversionError(str(error)) from error
+        return fields
+
+    def from_json(fields: dict[str, Any]) -> Any:
+        try:
+            return text_to_value(json.dumps(fields), name)
+        except FlexbtError as error:
+            raise ConversionError(str(error)) from error
+
+    return JsonObject(name, message_type(message), to_json, from_json)

@@ -13,8 +13,8 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Final, NamedTuple
 
 from flexbt_common.errors import ResourceError
-from flexbt_core.behavior_tree import TreeDocument, TreeLibrary
-from flexbt_core.behavior_tree.script import CompiledScript
+from flexbt_core.behavior_tree.model.definition import TreeDocument, TreeLibrary
+from flexbt_core.behavior_tree.script.interpreter import CompiledScript
 
 MEGABYTE: Final = 1_000_000
 
@@ -27,14 +27,14 @@ _RESERVE: Final = 64 * MEGABYTE
 """Address space that is left to the rest of the process while a document is read, bytes."""
 
 
-class Weight(NamedTuple):
+class TreeSize(NamedTuple):
     """What a document takes, in bytes, and the IDs of the trees that it has as sub-trees."""
 
     size: int
     parts: frozenset[str]
 
 
-def weigh(document: TreeDocument, length: int) -> Weight:
+def tree_size(document: TreeDocument, length: int) -> TreeSize:
     """Return the weight of a document that was read from ``length`` bytes of XML."""
     values = count = 0
     parts: set[str] = set()
@@ -48,7 +48,7 @@ def weigh(document: TreeDocument, length: int) -> Weight:
             if node.tree_id is not None:
                 parts.add(node.tree_id)
     size = _NODE * count + _VALUE * values + _SCRIPT_CHARACTER * sum(map(len, scripts)) + _TEXT_CHARACTER * length
-    return Weight(size, frozenset(parts))
+    return TreeSize(size, frozenset(parts))
 
 
 def check_room(name: str, content: bytes) -> None:
@@ -81,7 +81,7 @@ class TreeMemory:
     def __init__(self, most: int) -> None:
         """``most``: bytes that all of them may take."""
         self._most = most
-        self._weights: dict[str, Weight] = {}
+        self._weights: dict[str, TreeSize] = {}
         self._used: dict[str, None] = {}  # the least recently used first
         self._pinned: frozenset[str] = frozenset()
 
@@ -95,7 +95,7 @@ class TreeMemory:
         """Keep what is loaded now, whatever comes."""
         self._pinned = frozenset(self._weights)
 
-    def put(self, weights: Mapping[str, Weight], dropped: Iterable[str]) -> None:
+    def put(self, weights: Mapping[str, TreeSize], dropped: Iterable[str]) -> None:
         """Note that these documents are loaded, and that others are not any more."""
         for name in dropped:
             self._weights.pop(name, None)
@@ -103,7 +103,7 @@ class TreeMemory:
         self._weights.update(weights)
         self.use(weights)
 
-    def to_drop(self, library: TreeLibrary, weights: Mapping[str, Weight], kept: Collection[str]) -> list[str]:
+    def to_drop(self, library: TreeLibrary, weights: Mapping[str, TreeSize], kept: Collection[str]) -> list[str]:
         """Return the documents of a library that make room for those of ``weights``: the least recently used ones that
         are not ``kept``, pinned, or part of what stays.
 

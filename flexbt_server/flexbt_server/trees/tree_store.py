@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The trees that the server has loaded: all of a request is taken, or nothing of it.
-
-Files are read on a worker thread of its own, one request after the other; the library that goals see is exchanged
-as a whole.
-"""
+"""The store of loaded trees: a request is loaded as a whole or not at all. Changed files are noticed and read again."""
 
 from __future__ import annotations
 
 import hashlib
+import posixpath
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,21 +13,21 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from flexbt_common.errors import ResourceError
-from flexbt_core.behavior_tree import (
-    LoadError,
-    NodeDefinition,
-    NodeRegistry,
-    TreeDocument,
-    TreeKey,
-    TreeLibrary,
-    TreeLoadError,
-    load_xml,
-)
+from flexbt_common.files import resolve_file
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDocument, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import LoadError, TreeLoadError
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.values.text_files import open_regular
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.errors import UnknownTreeError
 
-from .tree_files import Reading, Source, TreeFiles
-from .tree_memory import MOST_LOADED, TreeMemory, Weight, check_room, no_room, weigh
+from .tree_memory import MOST_LOADED, TreeMemory, TreeSize, check_room, no_room, tree_size
+
+# The trees that the server has loaded: all of a request is taken, or nothing of it.
+#
+# Files are read on a worker thread of its own, one request after the other; the library that goals see is exchanged
+# as a whole.
 
 XML_TEXT: Final = '<xml>'
 """Name, in reports, of XML text that came with a goal."""
@@ -78,14 +75,14 @@ class FoundTree(NamedTuple):
 class _Loaded(NamedTuple):
     """What a document in use was read from; ``text`` is None for a file."""
 
-    sources: Mapping[str, Source]
+    sources: Mapping[str, SourceFile]
     text: bytes | None
 
 
 class _Refusal(NamedTuple):
     """An edit that was refused, and the files as they were then."""
 
-    sources: Mapping[str, Source]
+    sources: Mapping[str, SourceFile]
     reason: str
 
 
@@ -156,11 +153,11 @@ class TreeStore:
         ``progress(file, done)`` is told before each file and stops the load, with nothing loaded, by returning False.
         One report per file in the order of the request, that of the text last.
         """
-        readings = {file: Reading(self._files, file) for file in files}
+        readings = {file: FileReading(self._files, file) for file in files}
         requests = [(file, readings[file]) for file in files]
         if xml:
             name = f'{_TEXT_PREFIX}{hashlib.sha256(xml.encode()).hexdigest()[:8]}>'
-            requests.append((XML_TEXT, Reading(self._files, name, xml.encode())))
+            requests.append((XML_TEXT, FileReading(self._files, name, xml.encode())))
         with self._lock:
             return self._load(requests, progress, newest=True)
 
@@ -178,7 +175,7 @@ class TreeStore:
             notices: list[str] = []
             file = name if is_file else self._dropped_file(name)
             if file and file not in self._loaded:
-                reports = self._load([(file, Reading(self._files, file))], None, newest=True)
+                reports = self._load([(file, FileReading(self._files, file))], None, newest=True)
                 reasons = _errors_of(reports)
                 if reasons:
                     raise UnknownTreeError(f'tree file refused: {reasons}')
@@ -244,7 +241,7 @@ class TreeStore:
             return ''
         refused = self._refused.get(outdated)
         if refused is None or not self._files.are_current(refused.sources):
-            readings = [Reading(self._files, name, self._loaded[name].text) for name in outdated]
+            readings = [FileReading(self._files, name, self._loaded[name].text) for name in outdated]
             reports = self._load([(reading.name, reading) for reading in readings], None, newest=False)
             reasons = _errors_of(reports)
             if not reasons:
@@ -264,7 +261,7 @@ class TreeStore:
         return f'there is no tree {name!r}; load its file with BtLoad, or name the file. Known trees: {known}'
 
     def _load(
-        self, requests: Sequence[tuple[str, Reading]], progress: Callable[[str, int], bool] | None, newest: bool
+        self, requests: Sequence[tuple[str, FileReading]], progress: Callable[[str, int], bool] | None, newest: bool
     ) -> list[FileReport]:
         """Loads all or nothing. ``newest``: their trees become the newest of their names; otherwise they keep their
         places."""
@@ -279,7 +276,7 @@ class TreeStore:
         self._take(reports, documents, [reading for _, reading in requests], newest)
         return reports
 
-    def _read(self, report: FileReport, reading: Reading, documents: list[TreeDocument], newest: bool) -> None:
+    def _read(self, report: FileReport, reading: FileReading, documents: list[TreeDocument], newest: bool) -> None:
         name = reading.name
         known = self._loaded.get(name)
         try:
@@ -317,7 +314,7 @@ class TreeStore:
         self,
         reports: list[FileReport],
         documents: list[TreeDocument],
-        readings: Sequence[Reading],
+        readings: Sequence[FileReading],
         newest: bool,
     ) -> None:
         if any(report.code == BtLoadReport.REFUSED for report in reports):
@@ -325,7 +322,7 @@ class TreeStore:
         forgotten: set[str] = set()
         if documents:
             lengths = {reading.name: reading.length for reading in readings if reading.length}
-            weights = {one.file: weigh(one, lengths[one.file]) for one in documents if one.file in lengths}
+            weights = {one.file: tree_size(one, lengths[one.file]) for one in documents if one.file in lengths}
             try:
                 forgotten = self._replaced_texts(documents)
                 library = self._library.stage(documents, without=forgotten, in_place=not newest)
@@ -351,7 +348,9 @@ class TreeStore:
                 report.code = BtLoadReport.LOADED
         self._on_loaded(node for document in documents for tree in document.trees.values() for node in tree.nodes())
 
-    def _to_drop(self, library: TreeLibrary, weights: Mapping[str, Weight], readings: Sequence[Reading]) -> list[str]:
+    def _to_drop(
+        self, library: TreeLibrary, weights: Mapping[str, TreeSize], readings: Sequence[FileReading]
+    ) -> list[str]:
         """The documents that make room for new ones. Raises ResourceError when there are not enough of them."""
         in_use = {file for part in self._in_use for file in part.documents}
         return self._memory.to_drop(library, weights, in_use.union(reading.name for reading in readings))
@@ -412,3 +411,126 @@ def _trees_behind(library: TreeLibrary, key: TreeKey) -> list[TreeKey]:
 def _errors_of(reports: Sequence[FileReport]) -> str:
     """Why a load was refused; '' when it was not."""
     return '; '.join(str(error) for report in reports for error in report.errors)
+
+
+# The files that a document is made of: read from where they may be, and checked again at the cost of a stat.
+
+FileStamp = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file, or a text, as it was read. ``stamp`` tells one state of the file from another; None for a text.
+
+    A file that could not be read has no ``path``.
+    """
+
+    digest: bytes
+    path: Path | None
+    stamp: FileStamp | None
+
+
+UNREADABLE = SourceFile(b'', None, None)
+
+
+class TreeFiles:
+    """Package shares and allowed directories, read up to ``max_size`` bytes a file."""
+
+    def __init__(self, allowed: Sequence[Path], max_size: int) -> None:
+        self._allowed = tuple(allowed)
+        self._max_size = max_size
+
+    def read(self, name: str) -> tuple[bytes, SourceFile]:
+        """Content and state of a file. Raises ResourceError or OSError."""
+        path = resolve_file(name, self._allowed)
+        stamp = _stamp(path)
+        with open(path, 'rb', opener=open_regular) as file:
+            # One byte more than may be read: the reader refuses it as too long, with its place.
+            content = file.read(self._max_size + 1)
+        return content, SourceFile(hashlib.sha256(content).digest(), path, stamp)
+
+    def are_current(self, sources: Mapping[str, SourceFile]) -> bool:
+        """Whether all of these files are as they were, by their stamps: a stat for each."""
+        return all(self._is_current(name, source) for name, source in sources.items())
+
+    def _is_current(self, name: str, source: SourceFile) -> bool:
+        if source.path is not None:
+            return _stamp_now(source.path) == source.stamp
+        if source is not UNREADABLE:
+            return True  # a text
+        try:
+            resolve_file(name, self._allowed)
+        except ResourceError:
+            return True
+        return False
+
+
+class FileReading:
+    """Reads what one document is made of, each file once. ``sources`` are those that it was made of: the file itself,
+    or ``text``, and what it includes; ``length`` is that of all of it, in bytes, each as often as it is included."""
+
+    def __init__(self, files: TreeFiles, name: str, text: bytes | None = None) -> None:
+        self._files = files
+        self._known: dict[str, tuple[bytes, SourceFile]] = {}
+        if text is not None:
+            self._known[name] = text, SourceFile(hashlib.sha256(text).digest(), None, None)
+        self.name = name
+        self.text = text
+        self.sources: dict[str, SourceFile] = {}
+        self.length = 0
+
+    def main(self) -> bytes:
+        """The document itself. Raises ResourceError or OSError."""
+        return self._content(self.name)
+
+    def include(self, path: str, package: str | None, including: str) -> tuple[str, bytes]:
+        """An :data:`IncludeResolver`."""
+        if package:
+            name = f'{package}/{path}'
+        elif path.startswith('/') or including.startswith('<'):
+            name = path
+        else:
+            name = posixpath.normpath(f'{including.rpartition("/")[0]}/{path}')
+        try:
+            return name, self._content(name)
+        except ResourceError as error:
+            raise OSError(str(error).removeprefix(f'{name}: ')) from error
+
+    def is_same(self, sources: Mapping[str, SourceFile]) -> bool:
+        """Whether these sources have the same content still; then they are those of this reading."""
+        found = {name: self._state(name) for name in sources}
+        if any(found[name].digest != source.digest for name, source in sources.items()):
+            return False
+        self.sources = found
+        return True
+
+    def _content(self, name: str) -> bytes:
+        self.sources[name] = UNREADABLE
+        content, self.sources[name] = self._read(name)
+        self.length += len(content)
+        return content
+
+    def _read(self, name: str) -> tuple[bytes, SourceFile]:
+        known = self._known.get(name)
+        if known is None:
+            known = self._known[name] = self._files.read(name)
+        return known
+
+    def _state(self, name: str) -> SourceFile:
+        try:
+            return self._read(name)[1]
+        except (ResourceError, OSError):
+            return UNREADABLE
+
+
+def _stamp(path: Path) -> FileStamp:
+    status = path.stat()
+    # The time of the last change of anything cannot be set back, as that of the content can.
+    return status.st_ctime_ns, status.st_mtime_ns, status.st_size
+
+
+def _stamp_now(path: Path) -> FileStamp | None:
+    try:
+        return _stamp(path)
+    except OSError:
+        return None

@@ -24,13 +24,18 @@ from typing import Any
 
 import zmq
 
-from flexbt_core.behavior_tree import StatusLog, Tree, TreeLibrary, load_xml
-from flexbt_core.clock import SteadyClock
-from flexbt_server.groot2 import Groot2Server, LogBuffer, LogWriter, TeeLog, protocol
+from flexbt_core.behavior_tree.engine.observers import StatusLog
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import SteadyClock
+from flexbt_server.groot2 import protocol
+from flexbt_server.groot2.log_file import LogBuffer, LogWriter, TeeLog
+from flexbt_server.groot2.server import Groot2Server
 from flexbt_server.groot2.watched_tree import clock
 from flexbt_testing.behavior_trees.scripted_nodes import LETTERS, Act, Cond, Deco, Script, Sync, registry
 from flexbt_testing.behavior_trees.wheel import _attributes_by_name
-from flexbt_testing.system.python_process import python_process
+from flexbt_testing.system.python_processes import python_process
 from flexbt_testing.waiting import DEADLINE
 
 _PRELOADED = (
@@ -38,7 +43,7 @@ _PRELOADED = (
     'flexbt_server.groot2',
     'flexbt_testing.behavior_trees.scripted_nodes',
     'flexbt_testing.behavior_trees.wheel',
-    'flexbt_testing.system.python_process',
+    'flexbt_testing.system.python_processes',
     'zmq',
 )
 

@@ -17,13 +17,20 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import Blackboard, ExpandingAction, NodeStatus, StatusLog, Tree, TreeLibrary, load_xml
-from flexbt_core.clock import ManualClock
-from flexbt_server.groot2 import Groot2Server, LogBuffer, LogWriter, WatchedTree, read_log
+from flexbt_core.behavior_tree.engine.leaf import ExpandingAction
+from flexbt_core.behavior_tree.engine.observers import StatusLog
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_server.groot2.log_file import LogBuffer, LogWriter, read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
-from flexbt_server.groot2.watched_tree import RECORDED, clock
+from flexbt_server.groot2.server import Groot2Server
+from flexbt_server.groot2.watched_tree import RECORDED, WatchedTree, clock
 from flexbt_testing.behavior_trees.scripted_nodes import registry
-from flexbt_testing.system.free_ports import free_pair
+from flexbt_testing.system.processes import free_pair
 from flexbt_testing.waiting import DEADLINE
 
 DOCUMENT = """<root BTCPP_format="4"><BehaviorTree ID="One"><Sequence><Script code="x := 1"/><AlwaysSuccess/>

@@ -20,10 +20,10 @@ import msgpack
 import pytest
 from groot2_host import Host
 
-from flexbt_server.groot2 import LogError, read_log
+from flexbt_server.groot2.log_file import LogError, read_log
 from flexbt_server.groot2.protocol import RequestType
 from flexbt_testing.behavior_trees import wheel as bt_wheel
-from flexbt_testing.system.free_ports import free_pair
+from flexbt_testing.system.processes import free_pair
 from flexbt_testing.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(not bt_wheel.available(), reason='behaviortreepy is not installed')

@@ -17,17 +17,17 @@ import pytest
 import zmq
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
+from flexbt_server.bt_server import BtServer
 from flexbt_server.errors import ServerParameterError
-from flexbt_server.groot2 import LogWriter, read_log
+from flexbt_server.groot2.log_file import LogWriter, read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
-from flexbt_server.node import BtServer
 from flexbt_server.runs import run_logs
-from flexbt_testing.nodes.server_world import World, open_world, pose
-from flexbt_testing.system.free_ports import free_pair
+from flexbt_testing.nodes.server_world import ServerWorld, open_server_world, pose_stamped
+from flexbt_testing.system.processes import free_pair
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtExecute.Result
@@ -37,13 +37,16 @@ BODY = '<Sequence><Script code="x := 1"/><AlwaysSuccess name="stop here"/><Sleep
 class Groot2:
     """A client, and the BT server that it is connected to."""
 
-    def __init__(self, context: zmq.Context[Any], port: int, world: World) -> None:
+    def __init__(self, context: zmq.Context[Any], port: int, world: ServerWorld) -> None:
         client = self.client = world.client
         self.server = world.server_runtime
         self.paused: list[bool] = []
         client.runtime.call(
             lambda: client.runtime.node.create_subscription(
-                TreeStatus, names.TREE_STATUS, lambda status: self.paused.append(status.paused), names.latched(16)
+                TreeStatus,
+                names.TREE_STATUS,
+                lambda status: self.paused.append(status.paused),
+                names.transient_local_qos(16),
             )
         )
         self._requests = context.socket(zmq.REQ)
@@ -65,7 +68,7 @@ class Groot2:
 @pytest.fixture
 def groot2() -> Iterator[Groot2]:
     port = free_pair()
-    with open_world(groot2_port=port) as world, zmq.Context() as context:
+    with open_server_world(groot2_port=port) as world, zmq.Context() as context:
         world.client.load_tree(BODY)
         yield Groot2(context, port, world)
         context.destroy(linger=0)
@@ -75,7 +78,7 @@ def test_a_breakpoint_holds_a_run_up_until_it_is_unlocked(groot2: Groot2) -> Non
     assert groot2.client.execute().wait().status is GoalStatus.SUCCEEDED
     assert b'_uid="4"' in groot2.ask(RequestType.FULL_TREE)[1]
     groot2.hook(3)
-    goal = groot2.client.execute(goals=[pose(1, 2)])
+    goal = groot2.client.execute(goals=[pose_stamped(1, 2)])
     groot2.held()
     statuses = groot2.ask(RequestType.STATUS)[1]
     assert statuses[2::3] == bytes((1, 2, 0, 0))
@@ -131,7 +134,7 @@ def test_every_run_has_a_log_file(tmp_path: Path) -> None:
     directory = tmp_path / 'logs'
     directory.mkdir()
     (directory / 'mine.btlog').write_text('mine')
-    with open_world(btlog_directory=str(directory), btlog_keep=2) as world:
+    with open_server_world(btlog_directory=str(directory), btlog_keep=2) as world:
         world.client.load_tree(BODY, 'Logged')
         for _ in range(3):
             assert world.client.execute('Logged').wait().status is GoalStatus.SUCCEEDED
@@ -171,7 +174,7 @@ def test_a_disk_that_hangs_is_told_and_holds_up_no_tree(
         told += capfd.readouterr().err
         return text in told
 
-    with open_world(btlog_directory=str(tmp_path)) as world:
+    with open_server_world(btlog_directory=str(tmp_path)) as world:
         world.client.load_tree('<Repeat num_cycles="20"><Sleep msec="1"/></Repeat>', 'Long')
         for _ in range(2):
             assert world.client.execute('Long').wait().status is GoalStatus.SUCCEEDED

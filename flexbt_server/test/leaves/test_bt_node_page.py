@@ -14,9 +14,14 @@ from types import ModuleType
 
 import pytest
 
-from flexbt_core.behavior_tree import Blackboard, Tree, TreeLibrary, TreeNode, load_xml, nodes
-from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree import nodes
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
 from flexbt_server import leaves, nav2
 from flexbt_server.node_types import node_registry
 

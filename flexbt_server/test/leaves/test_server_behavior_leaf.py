@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.nodes.server_world import World, open_world
+from flexbt_testing.nodes.server_world import ServerWorld, open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
@@ -31,8 +31,8 @@ class Executive:
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    with open_world(tick_rate=50.0) as opened:
+def world() -> Iterator[ServerWorld]:
+    with open_server_world(tick_rate=50.0) as opened:
         yield opened
 
 
@@ -42,7 +42,7 @@ def executive() -> Iterator[Executive]:
         yield Executive(runtime)
 
 
-def run(world: World, ports: str = '', **inputs: Any) -> Any:
+def run(world: ServerWorld, ports: str = '', **inputs: Any) -> Any:
     """Run a tree of the leaf to its end."""
     world.client.load_tree(LEAF.format(ports=ports))
     return world.client.execute(inputs=inputs, outputs=['outcome', 'why', 'report']).result
@@ -52,7 +52,7 @@ def outputs(result: Any) -> dict[str, Any]:
     return {entry.key: from_entry(entry) for entry in result.outputs}
 
 
-def test_entries_go_in_and_outputs_come_back(world: World, executive: Executive) -> None:
+def test_entries_go_in_and_outputs_come_back(world: ServerWorld, executive: Executive) -> None:
     executive.answer = (
         'succeed',
         RESULT(code=RESULT.SUCCESS, outcome='done', outputs=[to_entry('report', 'well'), to_entry('more', 1)]),
@@ -80,7 +80,7 @@ def test_entries_go_in_and_outputs_come_back(world: World, executive: Executive)
     ],
 )
 def test_everything_else_is_a_failure_with_its_reason(
-    world: World, executive: Executive, ports: str, how: str, answer: Any, words: str
+    world: ServerWorld, executive: Executive, ports: str, how: str, answer: Any, words: str
 ) -> None:
     executive.answer = (how, answer)
     result = run(world, ports)
@@ -88,7 +88,7 @@ def test_everything_else_is_a_failure_with_its_reason(
     assert words in result.message
 
 
-def test_halting_stops_the_behavior(world: World, executive: Executive) -> None:
+def test_halting_stops_the_behavior(world: ServerWorld, executive: Executive) -> None:
     executive.answer = None
     world.client.load_tree(LEAF.format(ports=''))
     goal = world.client.execute()

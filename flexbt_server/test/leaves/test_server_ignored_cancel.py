@@ -10,12 +10,12 @@ import pytest
 from rclpy.action import CancelResponse
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.values import to_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.values.entries import to_entry
 from flexbt_msgs.action import BtExecute
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.server_world import World, open_world
+from flexbt_testing.nodes.server_world import ServerWorld, open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
@@ -23,7 +23,7 @@ Result = BtExecute.Result
 TURN_OR_BACK = '<Fallback><Spin name="turn" _while="turns"/><BackUp name="back"/></Fallback>'
 
 
-def ignores_cancels(world: World, response: CancelResponse, action: str = names.SPIN) -> ScriptedActionServer:
+def ignores_cancels(world: ServerWorld, response: CancelResponse, action: str = names.SPIN) -> ScriptedActionServer:
     """The server of an action, whose goals go on whatever is asked."""
     world.navigation.hold.add(action)
     server = world.navigation.actions[action]
@@ -31,7 +31,7 @@ def ignores_cancels(world: World, response: CancelResponse, action: str = names.
     return server
 
 
-def turn_then_back(world: World, spin: ScriptedActionServer) -> SentGoal:
+def turn_then_back(world: ServerWorld, spin: ScriptedActionServer) -> SentGoal:
     """Runs TURN_OR_BACK; the turn is halted while the server works on its goal."""
     world.client.load_tree(TURN_OR_BACK)
     world.client.set(to_entry('turns', True))
@@ -41,7 +41,7 @@ def turn_then_back(world: World, spin: ScriptedActionServer) -> SentGoal:
     return goal
 
 
-def paused_and_resumed(world: World, server: ScriptedActionServer, leaf: str) -> SentGoal:
+def paused_and_resumed(world: ServerWorld, server: ScriptedActionServer, leaf: str) -> SentGoal:
     """Runs a leaf whose goal is canceled for a pause, which is over when this returns."""
     world.client.load_tree(leaf)
     goal = world.client.execute()
@@ -54,14 +54,14 @@ def paused_and_resumed(world: World, server: ScriptedActionServer, leaf: str) ->
 
 
 @pytest.fixture
-def patient() -> Iterator[World]:
-    with open_world(cancel_timeout=DEADLINE) as opened:
+def patient() -> Iterator[ServerWorld]:
+    with open_server_world(cancel_timeout=DEADLINE) as opened:
         yield opened
 
 
 @pytest.mark.parametrize('response', [CancelResponse.ACCEPT, CancelResponse.REJECT])
 def test_no_other_goal_moves_the_robot_while_a_canceled_one_goes_on(response: CancelResponse) -> None:
-    with open_world(cancel_timeout=0.1) as world:
+    with open_server_world(cancel_timeout=0.1) as world:
         spin = ignores_cancels(world, response)
         world.client.load_tree('<BackUp name="back"/>', 'Back')
         world.client.load_tree('<Spin name="turn"/>', 'Turn')
@@ -87,7 +87,7 @@ def test_no_other_goal_moves_the_robot_while_a_canceled_one_goes_on(response: Ca
         wait_until(lambda: world.client.execute('Back').result.code == Result.SUCCESS, 'the next goal')
 
 
-def test_what_waits_goes_on_when_the_canceled_goal_has_ended(patient: World) -> None:
+def test_what_waits_goes_on_when_the_canceled_goal_has_ended(patient: ServerWorld) -> None:
     spin = ignores_cancels(patient, CancelResponse.ACCEPT)
     patient.client.load_tree('<BackUp name="back"/>', 'Back')
     first = turn_then_back(patient, spin)
@@ -99,7 +99,7 @@ def test_what_waits_goes_on_when_the_canceled_goal_has_ended(patient: World) -> 
     assert [first.result.code, other.result.code] == [Result.SUCCESS] * 2
 
 
-def test_a_pause_that_a_server_ignores_leaves_the_goal_to_its_end(patient: World) -> None:
+def test_a_pause_that_a_server_ignores_leaves_the_goal_to_its_end(patient: ServerWorld) -> None:
     """The robot moves all the same: what it has reached then is reached."""
     spin = ignores_cancels(patient, CancelResponse.REJECT)
     goal = paused_and_resumed(patient, spin, '<Spin name="turn"/>')
@@ -109,7 +109,7 @@ def test_a_pause_that_a_server_ignores_leaves_the_goal_to_its_end(patient: World
 
 
 def test_whoever_runs_a_tree_is_told_what_goes_on_in_a_pause() -> None:
-    with open_world(cancel_timeout=0.1) as world:
+    with open_server_world(cancel_timeout=0.1) as world:
         spin = ignores_cancels(world, CancelResponse.ACCEPT)
         world.client.load_tree('<Spin name="turn"/>')
         goal = world.client.execute()
@@ -127,7 +127,7 @@ def test_whoever_runs_a_tree_is_told_what_goes_on_in_a_pause() -> None:
 
 
 def test_a_leaf_does_not_wait_for_ever_for_what_goes_on_after_a_pause() -> None:
-    with open_world(cancel_timeout=0.1) as world:
+    with open_server_world(cancel_timeout=0.1) as world:
         server = ignores_cancels(world, CancelResponse.REJECT, names.WAIT)
         told = paused_and_resumed(world, server, '<Wait name="rest" wait_duration="1"/>').result
         assert (told.code, told.failed_node) == (Result.ERROR, 'rest'), told.message

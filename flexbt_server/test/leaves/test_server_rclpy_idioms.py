@@ -11,11 +11,11 @@ import pytest
 import rclpy
 from std_srvs.srv import Trigger
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.behavior_tree import NodeStatus
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import install_nodes, open_world
+from flexbt_testing.nodes.server_world import install_nodes, open_server_world
 
 
 @pytest.fixture(scope='module', autouse=True)
@@ -73,7 +73,7 @@ def test_a_leaf_asks_a_service(monkeypatch: pytest.MonkeyPatch, code: Callable[[
         return response
 
     monkeypatch.setattr(server_nodes.Blocks, 'tick', tick)
-    with NodeRuntime.open('robot') as robot, open_world() as world:
+    with NodeRuntime.open('robot') as robot, open_server_world() as world:
         robot.call(lambda: robot.node.create_service(Trigger, 'look', answer))
         world.client.load_tree('<Blocks/>')
         for _ in range(2):

@@ -13,10 +13,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from std_msgs.msg import Bool, String
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
-from flexbt_server.leaves import SubscribedTopic, TopicCaches, TriggerServices
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_server.leaves import SubscribedTopic
+from flexbt_server.leaves.leaf_services import TriggerServices
+from flexbt_server.leaves.topic_cache import TopicCaches
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import install_nodes, open_world
+from flexbt_testing.nodes.server_world import install_nodes, open_server_world
 from flexbt_testing.waiting import wait_until
 
 
@@ -32,10 +34,10 @@ def subscriptions(runtime: NodeRuntime) -> int:
 
 def test_another_quality_of_service_is_another_subscription(runtime: NodeRuntime) -> None:
     caches = TopicCaches(runtime)
-    publisher = runtime.call(lambda: runtime.node.create_publisher(String, 'selector', names.latched()))
+    publisher = runtime.call(lambda: runtime.node.create_publisher(String, 'selector', names.transient_local_qos()))
     publisher.publish(String(data='said before'))
     volatile = caches.cache(SubscribedTopic(String, 'selector'))
-    latched = caches.cache(SubscribedTopic(String, 'selector', qos=names.latched()))
+    latched = caches.cache(SubscribedTopic(String, 'selector', qos=names.transient_local_qos()))
     said = wait_until(lambda: latched.latest, 'what was said before')
     assert said.data == 'said before'
     assert volatile.latest is None
@@ -80,7 +82,7 @@ class Taker:
 
 
 def test_services_that_no_tree_takes_are_not_kept(runtime: NodeRuntime, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.leaves.trigger_services.MOST_SERVICES', 10)
+    monkeypatch.setattr('flexbt_server.leaves.leaf_services.MOST_SERVICES', 10)
     triggers = TriggerServices(runtime)
     taker = Taker()
     triggers.offer('in_use', taker.take)
@@ -93,7 +95,7 @@ def test_services_that_no_tree_takes_are_not_kept(runtime: NodeRuntime, monkeypa
 
 def test_a_condition_whose_topic_cannot_be_heard_says_why(tmp_path: Path) -> None:
     install_nodes(tmp_path, server_nodes.__name__)
-    with NodeRuntime.open('door_sensor') as sensor, open_world() as world:
+    with NodeRuntime.open('door_sensor') as sensor, open_server_world() as world:
         sensor.call(lambda: sensor.node.create_publisher(Bool, 'door', qos_profile_sensor_data))
         world.client.load_tree('<DoorOpen/>')
 

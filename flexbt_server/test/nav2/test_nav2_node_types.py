@@ -11,10 +11,12 @@ from typing import Any, Final, NamedTuple
 
 import pytest
 
-from flexbt_core.behavior_tree import Condition, Port, StatefulAction, SyncAction
-from flexbt_core.behavior_tree.model import NO_DEFAULT, Source
-from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
-from flexbt_core.behavior_tree.xml import elements_of, parse
+from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction, SyncAction
+from flexbt_core.behavior_tree.model.errors import Source
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port
+from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES, Nav2Branch
+from flexbt_core.behavior_tree.xml.node_elements import elements_of
+from flexbt_core.behavior_tree.xml.parser import parse
 from flexbt_server.leaves import ActionLeaf, ServiceLeaf, ServiceSyncAction
 from flexbt_server.node_types import node_registry
 from flexbt_testing.nodes.server_world import install_nodes

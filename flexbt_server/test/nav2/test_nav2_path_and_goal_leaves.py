@@ -15,15 +15,19 @@ from hypothesis import strategies as st
 from nav2_msgs.msg import Route, RouteNode
 from nav_msgs.msg import Path
 
-from flexbt_common.calls import GoalOutcome, GoalStatus
+from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.errors import TransformError
-from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary, load_xml
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
 from flexbt_server.leaves import error_code_of
-from flexbt_server.nav2 import concluded, pending
+from flexbt_server.nav2.branches import concluded, pending
 from flexbt_server.nav2.path_tracking import PathTracker
 from flexbt_server.node_types import node_registry
-from flexbt_testing.nodes.server_world import pose
+from flexbt_testing.nodes.server_world import pose_stamped
 
 REGISTRY = node_registry(lambda _source, _error: None)
 SUCCESS, FAILURE, RUNNING = NodeStatus.SUCCESS, NodeStatus.FAILURE, NodeStatus.RUNNING
@@ -42,7 +46,7 @@ class Robot:
         if not self.position or frame not in ('', 'map'):
             raise TransformError(f'no transform to {frame!r}')
         x, y = self.position
-        return pose(x, y)
+        return pose_stamped(x, y)
 
 
 class Ticked:
@@ -70,7 +74,7 @@ def ticked(body: str, robot: Robot | None = None, **entries: Any) -> tuple[NodeS
 
 
 def path_of(*points: tuple[float, float], frame: str = 'map') -> Path:
-    path = Path(poses=[pose(*point, frame) for point in points])
+    path = Path(poses=[pose_stamped(*point, frame) for point in points])
     path.header.frame_id = frame
     return path
 
@@ -175,7 +179,7 @@ def test_a_pose_of_a_path(index: int, x: float | None) -> None:
     status, board = ticked(f'<GetPoseFromPath path="{{path}}" index="{index}" pose="{{pose}}"/>', path=path)
     assert status is (FAILURE if x is None else SUCCESS)
     if x is not None:
-        assert board.get('pose') == pose(x)
+        assert board.get('pose') == pose_stamped(x)
         assert path.poses[index].header.frame_id == ''
 
 
@@ -188,22 +192,22 @@ STATUSES = 'input_waypoint_statuses="{statuses}" output_waypoint_statuses="{stat
 
 
 def test_goals_that_are_passed_are_removed_but_never_the_last() -> None:
-    goals = [pose(0), pose(1), pose(2), pose(0)]
+    goals = [pose_stamped(0), pose_stamped(1), pose_stamped(2), pose_stamped(0)]
     status, board = ticked(REMOVE.replace('{}', ''), goals=list(goals))
     assert (status, board.get('goals')) == (SUCCESS, goals[2:])
-    assert ticked(REMOVE.replace('{}', ''), goals=[pose(0)])[1].get('goals') == [pose(0)]
+    assert ticked(REMOVE.replace('{}', ''), goals=[pose_stamped(0)])[1].get('goals') == [pose_stamped(0)]
     assert ticked(REMOVE.replace('{}', ''), goals=[])[1].get('goals') == []
     assert ticked(REMOVE.replace('{}', ''), Robot(), goals=list(goals))[0] is FAILURE
 
 
 def test_passed_goals_are_completed_waypoints_once_each() -> None:
-    goals = [pose(0), pose(0), pose(2)]
+    goals = [pose_stamped(0), pose_stamped(0), pose_stamped(2)]
     tree = Ticked(REMOVE.replace('{}', STATUSES), goals=list(goals), statuses=pending(goals))
     assert tree.tick() is SUCCESS
     assert told(tree) == [COMPLETED, COMPLETED, PENDING]
-    tree.board.set('goals', [pose(0), pose(2)])  # none is pending of the first any more
+    tree.board.set('goals', [pose_stamped(0), pose_stamped(2)])  # none is pending of the first any more
     assert tree.tick() is FAILURE
-    assert tree.board.get('goals') == [pose(0), pose(2)]
+    assert tree.board.get('goals') == [pose_stamped(0), pose_stamped(2)]
     assert [one.waypoint_index for one in tree.board.get('statuses')] == [0, 1, 2]
     for succeeded, last in ((True, COMPLETED), (False, FAILED)):
         ended = concluded(tree.board.get('statuses'), succeeded=succeeded)
@@ -216,22 +220,28 @@ def told(tree: Ticked) -> list[int]:
 
 
 def test_waypoint_statuses_that_are_not_on_the_blackboard_are_left_alone() -> None:
-    status, board = ticked(REMOVE.replace('{}', STATUSES), goals=[pose(0), pose(2)])
+    status, board = ticked(REMOVE.replace('{}', STATUSES), goals=[pose_stamped(0), pose_stamped(2)])
     assert status is SUCCESS
     assert board.get_or('statuses', None) is None
 
 
 def test_lists_of_goals() -> None:
     append = '<AppendGoalPoseToGoals goal_pose="{last}" input_goals="{goals}" output_goals="{goals}"/>'
-    assert ticked(append, last=pose(3), goals=[pose(1)])[1].get('goals') == [pose(1), pose(3)]
+    assert ticked(append, last=pose_stamped(3), goals=[pose_stamped(1)])[1].get('goals') == [
+        pose_stamped(1),
+        pose_stamped(3),
+    ]
     few = '<GetNextFewGoals input_goals="{goals}" num_goals="2" output_goals="{few}"/>'
-    assert ticked(few, goals=[pose(1), pose(2), pose(3)])[1].get('few') == [pose(1), pose(2)]
-    assert ticked(few, goals=[pose(1)])[1].get('few') == [pose(1)]
+    assert ticked(few, goals=[pose_stamped(1), pose_stamped(2), pose_stamped(3)])[1].get('few') == [
+        pose_stamped(1),
+        pose_stamped(2),
+    ]
+    assert ticked(few, goals=[pose_stamped(1)])[1].get('few') == [pose_stamped(1)]
     assert ticked(few, goals=[])[0] is FAILURE
     extract = '<ExtractRouteNodesAsGoals route="{route}" goals="{goals}"/>'
     route = Route(nodes=[RouteNode(nodeid=7, position=Point(x=1.0, y=2.0, z=3.0))])
     route.header.frame_id = 'map'
-    assert ticked(extract, route=route)[1].get('goals') == [pose(1, 2)]
+    assert ticked(extract, route=route)[1].get('goals') == [pose_stamped(1, 2)]
     assert ticked(extract, route=Route())[0] is FAILURE
 
 
@@ -320,13 +330,13 @@ def test_bounds_of_the_path_signs_of_bounds_do_not_count(aside: float, turned: f
 
 def test_a_robot_that_nobody_has_looked_for_in_a_while_is_on_its_path_still() -> None:
     """Where time runs away from a busy machine, it drives farther than the path is searched for it."""
-    path = Path(poses=[pose(x, 0.0) for x in range(5)] + [pose(4.0, y) for y in range(1, 5)])
+    path = Path(poses=[pose_stamped(x, 0.0) for x in range(5)] + [pose_stamped(4.0, y) for y in range(1, 5)])
     tracker = PathTracker(path)
-    assert tracker.feedback(pose(0.5, 0.1), 0.5).position_tracking_error == pytest.approx(0.1)
-    there = tracker.feedback(pose(4.1, 3.0), 0.5)
+    assert tracker.feedback(pose_stamped(0.5, 0.1), 0.5).position_tracking_error == pytest.approx(0.1)
+    there = tracker.feedback(pose_stamped(4.1, 3.0), 0.5)
     assert (there.position_tracking_error, there.remaining_path_length) == (pytest.approx(-0.1), pytest.approx(1.0))
     # Never back: it came to the segment from (4, 2) on.
-    assert tracker.feedback(pose(0.0, 2.0), 0.5).position_tracking_error == pytest.approx(4.0)
+    assert tracker.feedback(pose_stamped(0.0, 2.0), 0.5).position_tracking_error == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize('leaf', [

@@ -28,25 +28,25 @@ from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.nav2 import motion_actions
-from flexbt_server.trees import RECOVERIES_KEY
-from flexbt_testing.nodes.server_world import ON_DEMAND, World, open_world, pose
+from flexbt_server.trees.blackboards import RECOVERIES_KEY
+from flexbt_testing.nodes.server_world import ON_DEMAND, ServerWorld, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 
 
 @pytest.fixture(scope='module')
-def opened() -> Iterator[World]:
-    with open_world(tick_rate=50.0) as world:
+def opened() -> Iterator[ServerWorld]:
+    with open_server_world(tick_rate=50.0) as world:
         world.navigation.serve(ON_DEMAND)
         yield world
 
 
 @pytest.fixture
-def world(opened: World) -> World:
+def world(opened: ServerWorld) -> ServerWorld:
     """The one world, with servers that succeed, and that have forgotten what they were asked for."""
     navigation = opened.navigation
     for server in navigation.actions.values():
@@ -57,7 +57,7 @@ def world(opened: World) -> World:
 
 
 @pytest.fixture(scope='module')
-def services(opened: World) -> dict[str, Service]:
+def services(opened: ServerWorld) -> dict[str, Service]:
     """Services that take any request, by name; ``answer`` of each makes the response."""
     kinds = {
         'local_costmap/clear_around_local_costmap': srv.ClearCostmapAroundRobot,
@@ -73,7 +73,7 @@ def services(opened: World) -> dict[str, Service]:
 class Service:
     """A service whose requests are kept."""
 
-    def __init__(self, world: World, kind: Any, name: str) -> None:
+    def __init__(self, world: ServerWorld, kind: Any, name: str) -> None:
         self.requests: list[Any] = []
         self.answer: Callable[[Any, Any], None] = lambda request, response: None
         runtime = world.navigation_runtime
@@ -85,7 +85,7 @@ class Service:
         return response
 
 
-def run(world: World, leaf: str, code: int = Result.SUCCESS, **inputs: Any) -> Any:
+def run(world: ServerWorld, leaf: str, code: int = Result.SUCCESS, **inputs: Any) -> Any:
     """Run a leaf as a tree, with these entries of the blackboard; gives the result."""
     world.client.load_tree(leaf)
     result = world.client.execute(inputs=inputs, outputs=[RECOVERIES_KEY]).result
@@ -98,33 +98,33 @@ def recoveries(result: Any) -> int:
     return int(from_entry(result.outputs[0]))
 
 
-def entry(world: World, key: str) -> Any:
+def entry(world: ServerWorld, key: str) -> Any:
     """What the shared blackboard has under ``key``; None when it has nothing."""
     entries = world.client.get(key).entries
     return from_entry(entries[0]) if entries else None
 
 
-def goal(world: World, name: str) -> Any:
+def goal(world: ServerWorld, name: str) -> Any:
     """The one goal that a server has got."""
     (only,) = world.navigation.actions[name].goals
     return only
 
 
 def path_of(*points: tuple[float, float], frame: str = 'map') -> Path:
-    path = Path(poses=[pose(*point, frame) for point in points])
+    path = Path(poses=[pose_stamped(*point, frame) for point in points])
     path.header.frame_id = frame
     return path
 
 
-def succeeds_with(world: World, name: str, result: Any) -> None:
+def succeeds_with(world: ServerWorld, name: str, result: Any) -> None:
     world.navigation.actions[name].answer = lambda number, sent: ('succeed', result)
 
 
-def aborts_with(world: World, name: str, result: Any) -> None:
+def aborts_with(world: ServerWorld, name: str, result: Any) -> None:
     world.navigation.actions[name].answer = lambda number, sent: ('abort', result)
 
 
-def test_smooth_path(world: World) -> None:
+def test_smooth_path(world: ServerWorld) -> None:
     rough, smooth = path_of((0, 0), (1, 1)), path_of((0, 0), (0.5, 0.6), (1, 1))
     succeeds_with(world, names.SMOOTH_PATH, SmoothPath.Result(
         path=smooth, smoothing_duration=Duration(sec=1, nanosec=500_000_000), was_completed=True,
@@ -141,7 +141,7 @@ def test_smooth_path(world: World) -> None:
                Result.FAILURE).error_code == 503  # fmt: skip
 
 
-def test_compute_route_by_ids_and_by_poses(world: World) -> None:
+def test_compute_route_by_ids_and_by_poses(world: ServerWorld) -> None:
     route = Route(route_cost=2.5, nodes=[RouteNode(nodeid=3), RouteNode(nodeid=4)])
     succeeds_with(world, names.COMPUTE_ROUTE, ComputeRoute.Result(route=route, planning_time=Duration(nanosec=5)))
     ports = 'route="{route}" path="{path}" planning_time="{time}"'
@@ -150,9 +150,9 @@ def test_compute_route_by_ids_and_by_poses(world: World) -> None:
     assert (sent.start_id, sent.goal_id, sent.use_poses, sent.use_start) == (3, 4, False, False)
     assert (entry(world, 'route'), entry(world, 'time')) == (route, Duration(nanosec=5))
     run(world, f'<ComputeRoute use_poses="true" goal="{{there}}" start="{{here}}" use_start="true" {ports}/>',
-        there=pose(4), here=pose(1))  # fmt: skip
+        there=pose_stamped(4), here=pose_stamped(1))  # fmt: skip
     sent = world.navigation.actions[names.COMPUTE_ROUTE].goals[-1]
-    assert (sent.goal, sent.start, sent.use_poses, sent.use_start) == (pose(4), pose(1), True, True)
+    assert (sent.goal, sent.start, sent.use_poses, sent.use_start) == (pose_stamped(4), pose_stamped(1), True, True)
     aborts_with(world, names.COMPUTE_ROUTE, ComputeRoute.Result(error_code=405, route=route))
     ports += ' error_code_id="{compute_route_error_code}"'
     result = run(world, f'<ComputeRoute start_id="3" goal_id="4" {ports}/>', Result.FAILURE)
@@ -161,7 +161,7 @@ def test_compute_route_by_ids_and_by_poses(world: World) -> None:
     assert entry(world, 'route') == Route()
 
 
-def test_a_route_is_tracked_and_replaced_when_its_goal_changes(world: World) -> None:
+def test_a_route_is_tracked_and_replaced_when_its_goal_changes(world: ServerWorld) -> None:
     server = world.navigation.actions[names.COMPUTE_AND_TRACK_ROUTE]
     server.answer = lambda number, sent: None
     server.preempting = True
@@ -183,7 +183,7 @@ def test_a_route_is_tracked_and_replaced_when_its_goal_changes(world: World) -> 
     assert (entry(world, 'next'), entry(world, 'duration')) == (0, Duration(sec=4))
 
 
-def test_a_halt_cancels_a_route_that_is_tracked(world: World) -> None:
+def test_a_halt_cancels_a_route_that_is_tracked(world: ServerWorld) -> None:
     server = world.navigation.actions[names.COMPUTE_AND_TRACK_ROUTE]
     server.answer = lambda number, sent: None
     world.client.load_tree('<ComputeAndTrackRoute start_id="1" goal_id="2"/>')
@@ -194,7 +194,7 @@ def test_a_halt_cancels_a_route_that_is_tracked(world: World) -> None:
     assert server.statuses == {0: 'canceled'}
 
 
-def test_dock_and_undock(world: World) -> None:
+def test_dock_and_undock(world: ServerWorld) -> None:
     ports = 'success="{docked}" num_retries="{retries}" error_code_id="{dock_robot_error_code}"'
     succeeds_with(world, names.DOCK_ROBOT, DockRobot.Result(success=True, num_retries=2))
     run(world, f'<DockRobot dock_id="home" dock_type="ignored" {ports}/>')
@@ -203,9 +203,9 @@ def test_dock_and_undock(world: World) -> None:
     assert (entry(world, 'docked'), entry(world, 'retries')) == (True, 2)
     aborts_with(world, names.DOCK_ROBOT, DockRobot.Result(error_code=904, num_retries=3))
     ports += ' use_dock_id="false" max_staging_time="5"'
-    result = run(world, f'<DockRobot dock_pose="{{at}}" dock_type="plug" {ports}/>', Result.FAILURE, at=pose(3))
+    result = run(world, f'<DockRobot dock_pose="{{at}}" dock_type="plug" {ports}/>', Result.FAILURE, at=pose_stamped(3))
     sent = world.navigation.actions[names.DOCK_ROBOT].goals[-1]
-    assert (sent.dock_pose, sent.dock_type, sent.max_staging_time, sent.dock_id) == (pose(3), 'plug', 5.0, '')
+    assert (sent.dock_pose, sent.dock_type, sent.max_staging_time, sent.dock_id) == (pose_stamped(3), 'plug', 5.0, '')
     assert (result.error_code, entry(world, 'docked'), entry(world, 'retries')) == (904, False, 3)
     run(world, '<UndockRobot dock_type="plug" success="{free}"/>')
     sent = goal(world, names.UNDOCK_ROBOT)
@@ -219,7 +219,7 @@ def test_dock_and_undock(world: World) -> None:
 @pytest.mark.parametrize(('is_recovery', 'code', 'counted'), [
     ('false', Result.SUCCESS, 0), ('true', Result.FAILURE, 1),
 ])  # fmt: skip
-def test_teleoperation_that_is_given_up(world: World, is_recovery: str, code: int, counted: int) -> None:
+def test_teleoperation_that_is_given_up(world: ServerWorld, is_recovery: str, code: int, counted: int) -> None:
     aborts_with(world, names.ASSISTED_TELEOP, AssistedTeleop.Result(error_code=731))
     leaf = f'<AssistedTeleop time_allowance="3" is_recovery="{is_recovery}" error_code_id="{{code}}"/>'
     assert recoveries(run(world, leaf, code)) == counted
@@ -227,7 +227,7 @@ def test_teleoperation_that_is_given_up(world: World, is_recovery: str, code: in
     assert entry(world, 'code') == 731
 
 
-def test_follow_object(world: World) -> None:
+def test_follow_object(world: ServerWorld) -> None:
     succeeds_with(world, names.FOLLOW_OBJECT, FollowObject.Result(total_elapsed_time=Duration(sec=8)))
     run(world, '<FollowObject tracked_frame="person" max_duration="1.5" total_elapsed_time="{time}"/>')
     sent = goal(world, names.FOLLOW_OBJECT)
@@ -236,29 +236,29 @@ def test_follow_object(world: World) -> None:
     assert entry(world, 'time') == Duration(sec=8)
 
 
-def test_navigation_within_a_tree(world: World) -> None:
-    run(world, '<NavigateToPose goal="{there}" behavior_tree="a.xml"/>', there=pose(2))
+def test_navigation_within_a_tree(world: ServerWorld) -> None:
+    run(world, '<NavigateToPose goal="{there}" behavior_tree="a.xml"/>', there=pose_stamped(2))
     sent = goal(world, names.NAVIGATE_TO_POSE)
-    assert (sent.pose, sent.behavior_tree) == (pose(2), 'a.xml')
-    run(world, '<NavigateThroughPoses goals="{several}"/>', several=[pose(2), pose(3)])
-    assert list(goal(world, names.NAVIGATE_THROUGH_POSES).poses) == [pose(2), pose(3)]
+    assert (sent.pose, sent.behavior_tree) == (pose_stamped(2), 'a.xml')
+    run(world, '<NavigateThroughPoses goals="{several}"/>', several=[pose_stamped(2), pose_stamped(3)])
+    assert list(goal(world, names.NAVIGATE_THROUGH_POSES).poses) == [pose_stamped(2), pose_stamped(3)]
 
 
 @pytest.mark.parametrize(('node', 'service', 'ports', 'field', 'value'), [
     ('ClearCostmapAroundRobot', 'clear_around_local_costmap', 'reset_distance="2.5"', 'reset_distance', 2.5),
     ('ClearCostmapExceptRegion', 'clear_except_local_costmap', '', 'reset_distance', 1.0),
-    ('ClearCostmapAroundPose', 'clear_around_pose_local_costmap', 'pose="{there}"', 'pose', pose(2)),
+    ('ClearCostmapAroundPose', 'clear_around_pose_local_costmap', 'pose="{there}"', 'pose', pose_stamped(2)),
 ])  # fmt: skip
 def test_a_costmap_is_cleared_in_part_and_that_is_a_recovery(
-    world: World, services: dict[str, Service], node: str, service: str, ports: str, field: str, value: Any
+    world: ServerWorld, services: dict[str, Service], node: str, service: str, ports: str, field: str, value: Any
 ) -> None:
     service = f'local_costmap/{service}'
-    result = run(world, f'<{node} service_name="{service}" {ports}/>', there=pose(2))
+    result = run(world, f'<{node} service_name="{service}" {ports}/>', there=pose_stamped(2))
     assert getattr(services[service].requests[-1], field) == value
     assert recoveries(result) == 1
 
 
-def test_localization_and_collision_monitor(world: World, services: dict[str, Service]) -> None:
+def test_localization_and_collision_monitor(world: ServerWorld, services: dict[str, Service]) -> None:
     run(world, '<ReinitializeGlobalLocalization/>')
     assert len(services['reinitialize_global_localization'].requests) == 1
     toggle = services['collision_monitor/toggle']
@@ -273,30 +273,30 @@ def test_localization_and_collision_monitor(world: World, services: dict[str, Se
     (255.0, '', False), (255.0, 'consider_unknown_as_obstacle="true"', True),
 ])  # fmt: skip
 def test_the_cost_of_a_pose(
-    world: World, services: dict[str, Service], cost: float, ports: str, occupied: bool
+    world: ServerWorld, services: dict[str, Service], cost: float, ports: str, occupied: bool
 ) -> None:
     costs = services['global_costmap/get_cost_global_costmap']
     costs.answer = lambda request, response: setattr(response, 'cost', cost)
     code = Result.SUCCESS if occupied else Result.FAILURE
-    run(world, f'<CheckPoseOccupancy pose="{{there}}" use_footprint="false" {ports}/>', code, there=pose(2, 1))
+    run(world, f'<CheckPoseOccupancy pose="{{there}}" use_footprint="false" {ports}/>', code, there=pose_stamped(2, 1))
     request = costs.requests[-1]
     assert (request.x, request.y, request.theta, request.use_footprint) == (2.0, 1.0, 0.0, False)
 
 
-def test_goals_in_collision_are_removed(world: World, services: dict[str, Service]) -> None:
+def test_goals_in_collision_are_removed(world: ServerWorld, services: dict[str, Service]) -> None:
     costs = services['global_costmap/get_cost_global_costmap']
     costs.answer = lambda request, response: setattr(response, 'cost', 254.0 if request.x == 2.0 else 0.0)
     leaf = '<RemoveInCollisionGoals input_goals="{given}" output_goals="{left}"/>'
-    run(world, leaf, given=[pose(1), pose(2), pose(3)])
-    assert entry(world, 'left') == [pose(1), pose(3)]
-    run(world, leaf, given=[pose(2)])
+    run(world, leaf, given=[pose_stamped(1), pose_stamped(2), pose_stamped(3)])
+    assert entry(world, 'left') == [pose_stamped(1), pose_stamped(3)]
+    run(world, leaf, given=[pose_stamped(2)])
     assert entry(world, 'left') == []
     asked = len(costs.requests)
     run(world, leaf.replace('{given}', ''))
     assert len(costs.requests) == asked
 
 
-def test_the_poses_in_collision_of_a_path(world: World) -> None:
+def test_the_poses_in_collision_of_a_path(world: ServerWorld) -> None:
     world.navigation.path_valid = False
     leaf = '<ValidatePath path="{path}" collision_poses="{wrong}"/>'
     try:
@@ -307,7 +307,7 @@ def test_the_poses_in_collision_of_a_path(world: World) -> None:
     assert entry(world, 'wrong') == []
 
 
-def test_a_port_that_the_interfaces_lack_is_told_once(world: World, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_port_that_the_interfaces_lack_is_told_once(world: ServerWorld, capfd: pytest.CaptureFixture[str]) -> None:
     capfd.readouterr()
     for _ in range(2):
         run(
@@ -321,7 +321,7 @@ def test_a_port_that_the_interfaces_lack_is_told_once(world: World, capfd: pytes
         assert told.count('Spin: the port [disable_collision_checks] has no effect') == 1
 
 
-def test_how_the_robot_is_on_its_path(world: World) -> None:
+def test_how_the_robot_is_on_its_path(world: ServerWorld) -> None:
     """Nav2's tree that leaves a path which the robot has left, with a controller that says nothing of it."""
     publish = publisher(world, PoseStamped, names.POSE)
     follow = world.navigation.actions[names.FOLLOW_PATH]
@@ -330,20 +330,20 @@ def test_how_the_robot_is_on_its_path(world: World) -> None:
         '<ReactiveSequence><IsWithinPathTrackingBounds max_error_left="0.5" max_error_right="0.2" '
         'tracking_feedback="{tracking}"/><FollowPath path="{path}" tracking_feedback="{tracking}"/></ReactiveSequence>'
     )
-    publish(pose(0.0))
+    publish(pose_stamped(0.0))
     sent = world.client.execute(inputs={'path': path_of((0, 0), (5, 0))})
     wait_until(lambda: follow.running, 'the robot to drive')
-    publish(pose(1.0, 0.4))
+    publish(pose_stamped(1.0, 0.4))
     follow.feedback(0, FollowPath.Feedback(speed=0.5))
     wait_until(lambda: sent.feedback and not sent.ended, 'the tree to go on')
-    publish(pose(1.0, -0.4))
+    publish(pose_stamped(1.0, -0.4))
     assert sent.result.code == Result.FAILURE
     assert '0.40 m to the right of the path' in sent.result.message
     assert follow.statuses == {0: 'canceled'}
 
 
 def test_a_controller_waits_for_a_path_only_after_a_failure_and_not_for_ever(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ServerWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     again = (
         '<RecoveryNode number_of_retries="1"><FollowPath path="{path}"/>'
@@ -363,7 +363,7 @@ def test_a_controller_waits_for_a_path_only_after_a_failure_and_not_for_ever(
     assert [len(request.path.poses) for request in follow.goals] == [2, 0]
 
 
-def publisher(world: World, message_type: type[Any], topic: str) -> Callable[[Any], None]:
+def publisher(world: ServerWorld, message_type: type[Any], topic: str) -> Callable[[Any], None]:
     """Publishes messages, once somebody has subscribed."""
     runtime = world.client.runtime
     made = runtime.call(lambda: runtime.node.create_publisher(message_type, topic, 1))
@@ -371,12 +371,14 @@ def publisher(world: World, message_type: type[Any], topic: str) -> Callable[[An
     return lambda message: runtime.call(lambda: made.publish(message))
 
 
-def test_the_pose_of_the_robot_in_any_frame(world: World) -> None:
-    here = pose(3.0, 1.0)
+def test_the_pose_of_the_robot_in_any_frame(world: ServerWorld) -> None:
+    here = pose_stamped(3.0, 1.0)
     here.header.stamp.sec = 7
     publisher(world, PoseStamped, names.POSE)(here)
     runtime = world.client.runtime
-    broadcaster = runtime.call(lambda: runtime.node.create_publisher(TFMessage, names.TF_STATIC, names.latched()))
+    broadcaster = runtime.call(
+        lambda: runtime.node.create_publisher(TFMessage, names.TF_STATIC, names.transient_local_qos())
+    )
     camera = TransformStamped()
     camera.header.frame_id, camera.child_frame_id = 'hall', 'map'
     camera.transform.translation.x, camera.transform.rotation.w = 10.0, 1.0
@@ -386,9 +388,14 @@ def test_the_pose_of_the_robot_in_any_frame(world: World) -> None:
     assert entry(world, 'here') == here
     run(world, '<GetCurrentPose global_frame="hall" current_pose="{here}"/>')
     assert (entry(world, 'here').pose.position.x, entry(world, 'here').header.stamp.sec) == (13.0, 7)
-    run(world, '<ArePosesNear ref_pose="{a}" target_pose="{b}" tolerance="0.1"/>', a=pose(1), b=pose(11, 0, 'hall'))
-    run(world, '<GoalReached goal="{a}"/>', a=pose(3.2, 1.0))
-    assert not leaves(world, '<GoalReached goal="{a}"/>', a=pose(3.3, 1.0))
+    run(
+        world,
+        '<ArePosesNear ref_pose="{a}" target_pose="{b}" tolerance="0.1"/>',
+        a=pose_stamped(1),
+        b=pose_stamped(11, 0, 'hall'),
+    )
+    run(world, '<GoalReached goal="{a}"/>', a=pose_stamped(3.2, 1.0))
+    assert not leaves(world, '<GoalReached goal="{a}"/>', a=pose_stamped(3.3, 1.0))
     assert not leaves(world, '<GetCurrentPose global_frame="nowhere"/>')
     assert not leaves(world, '<TransformAvailable parent="nowhere" child="map"/>')
 
@@ -400,15 +407,17 @@ def test_the_pose_of_the_robot_in_any_frame(world: World) -> None:
     ('<GoalUpdater input_goal="{goal}"><AlwaysSuccess/></GoalUpdater>', PoseStamped, 'goal_update'),
     (f'<Sequence>{100 * "<IsBatteryCharging/>"}<SmootherSelector topic_name="smooth"/></Sequence>', String, 'smooth'),
 ])  # fmt: skip
-def test_what_a_loaded_tree_asks_for_is_heard_before_it_runs(world: World, leaf: str, kind: Any, topic: str) -> None:
+def test_what_a_loaded_tree_asks_for_is_heard_before_it_runs(
+    world: ServerWorld, leaf: str, kind: Any, topic: str
+) -> None:
     runtime = world.client.runtime
-    made = runtime.call(lambda: runtime.node.create_publisher(kind, topic, names.latched()))
+    made = runtime.call(lambda: runtime.node.create_publisher(kind, topic, names.transient_local_qos()))
     world.client.load_tree(leaf)
     wait_until(made.get_subscription_count, topic)
 
 
 @pytest.mark.parametrize('topic', ['a b', '7', 'a//b'])
-def test_a_topic_that_cannot_be_is_told_by_the_tree_that_reads_it(world: World, topic: str) -> None:
+def test_a_topic_that_cannot_be_is_told_by_the_tree_that_reads_it(world: ServerWorld, topic: str) -> None:
     faults: list[BaseException] = []
     world.server_runtime.on_fault(faults.append)
     world.client.load_tree(f'<PlannerSelector topic_name="{topic}" default_planner="p" selected_planner="{{p}}"/>')
@@ -418,13 +427,13 @@ def test_a_topic_that_cannot_be_is_told_by_the_tree_that_reads_it(world: World, 
     assert not faults
 
 
-def leaves(world: World, leaf: str, **inputs: Any) -> bool:
+def leaves(world: ServerWorld, leaf: str, **inputs: Any) -> bool:
     """Whether a leaf succeeds."""
     world.client.load_tree(leaf)
     return bool(world.client.execute(inputs=inputs).result.code == Result.SUCCESS)
 
 
-def test_battery(world: World) -> None:
+def test_battery(world: ServerWorld) -> None:
     low, charging = '<IsBatteryLow min_battery="0.3"/>', '<IsBatteryCharging/>'
     assert not leaves(world, low)
     assert not leaves(world, charging)
@@ -436,7 +445,7 @@ def test_battery(world: World) -> None:
     assert leaves(world, '<IsBatteryLow min_battery="24" is_voltage="true"/>')
 
 
-def test_the_robot_stands_or_bumps_into_something(world: World) -> None:
+def test_the_robot_stands_or_bumps_into_something(world: ServerWorld) -> None:
     stopped = '<CheckStopStatus duration_stopped="100"/>'
     assert not leaves(world, stopped)
     assert not leaves(world, '<IsStuck/>')
@@ -474,7 +483,9 @@ def test_the_robot_stands_or_bumps_into_something(world: World) -> None:
     ('CancelComputeAndTrackRoute', 'ComputeAndTrackRoute start_id="1" goal_id="2"', names.COMPUTE_AND_TRACK_ROUTE),
     ('CancelFollowObject', 'FollowObject', names.FOLLOW_OBJECT),
 ])  # fmt: skip
-def test_what_another_tree_has_asked_for_is_canceled(world: World, canceling: str, leaf: str, server: str) -> None:
+def test_what_another_tree_has_asked_for_is_canceled(
+    world: ServerWorld, canceling: str, leaf: str, server: str
+) -> None:
     world.navigation.actions[server].answer = lambda number, sent: None
     world.client.load_tree(f'<{leaf}/>', 'Held')
     held = world.client.execute('Held', inputs={'path': path_of((0, 0), (1, 0))}, blackboard=f'held {canceling}')
@@ -487,14 +498,14 @@ def test_what_another_tree_has_asked_for_is_canceled(world: World, canceling: st
 @pytest.mark.parametrize(
     'kind', ['controller', 'planner', 'smoother', 'goal_checker', 'progress_checker', 'path_handler']
 )
-def test_a_plugin_is_selected_by_a_latched_topic_and_before_by_the_default(world: World, kind: str) -> None:
+def test_a_plugin_is_selected_by_a_latched_topic_and_before_by_the_default(world: ServerWorld, kind: str) -> None:
     node = f'{kind.title().replace("_", "")}Selector'
     leaf = f'<{node} default_{kind}="usual" topic_name="my_{kind}" selected_{kind}="{{{kind}}}"/>'
     assert not leaves(world, f'<{node} topic_name="my_{kind}" selected_{kind}="{{{kind}}}"/>')
     run(world, leaf)
     assert entry(world, kind) == 'usual'
     runtime = world.client.runtime
-    made = runtime.call(lambda: runtime.node.create_publisher(String, f'my_{kind}', names.latched()))
+    made = runtime.call(lambda: runtime.node.create_publisher(String, f'my_{kind}', names.transient_local_qos()))
     runtime.call(lambda: made.publish(String(data='other')))
     wait_until(lambda: leaves(world, leaf) and entry(world, kind) == 'other', 'the selection')
     runtime.call(lambda: made.publish(String()))  # none is chosen any more

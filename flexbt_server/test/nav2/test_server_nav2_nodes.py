@@ -12,13 +12,13 @@ from nav_msgs.msg import Goals, Odometry
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
-from flexbt_common.calls import ServiceLinks, service_outcome
-from flexbt_common.values import from_entry
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.errors import ServerParameterError
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.server_world import World, install_nodes, open_world, pose
+from flexbt_testing.nodes.clients import SentGoal
+from flexbt_testing.nodes.server_world import ServerWorld, install_nodes, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
@@ -30,12 +30,12 @@ def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    with open_world(tick_rate=50.0) as opened:
+def world() -> Iterator[ServerWorld]:
+    with open_server_world(tick_rate=50.0) as opened:
         yield opened
 
 
-def publisher(world: World, message_type: type[Any], topic: str) -> Callable[[Any], None]:
+def publisher(world: ServerWorld, message_type: type[Any], topic: str) -> Callable[[Any], None]:
     """Publishes messages, once somebody has subscribed."""
     runtime = world.client.runtime
     made = runtime.call(lambda: runtime.node.create_publisher(message_type, topic, 1))
@@ -43,7 +43,7 @@ def publisher(world: World, message_type: type[Any], topic: str) -> Callable[[An
     return lambda message: runtime.call(lambda: made.publish(message))
 
 
-def entry(world: World, key: str) -> Any:
+def entry(world: ServerWorld, key: str) -> Any:
     """What the shared blackboard has under ``key``; None when it has nothing."""
     entries = world.client.get(key).entries
     return from_entry(entries[0]) if entries else None
@@ -62,27 +62,27 @@ def cancel(goal: SentGoal) -> None:
     assert goal.result.code == Result.CANCELED
 
 
-def test_distance_controller_follows_the_pose_of_the_robot(world: World) -> None:
+def test_distance_controller_follows_the_pose_of_the_robot(world: ServerWorld) -> None:
     publish = publisher(world, PoseStamped, names.POSE)
-    publish(pose(0.0))
+    publish(pose_stamped(0.0))
     wait_until(lambda: world.server.goals.pose, 'the pose at the server')
     world.client.load_tree(counting('DistanceController', 'distance="2"'))
     goal = world.client.execute()
     wait_until(lambda: entry(world, 'n') == 1, 'the first run of the child')
-    publish(pose(1.9))
-    publish(pose(2.5))
+    publish(pose_stamped(1.9))
+    publish(pose_stamped(2.5))
     wait_until(lambda: entry(world, 'n') == 2, 'the second run of the child')
     cancel(goal)
 
 
-def test_distance_controller_fails_while_the_pose_is_not_known(world: World) -> None:
+def test_distance_controller_fails_while_the_pose_is_not_known(world: ServerWorld) -> None:
     world.client.load_tree(counting('DistanceController'))
     result = world.client.execute().result
     assert result.code == Result.FAILURE
     assert 'it is not known where the robot is' in result.message
 
 
-def test_speed_controller_begins_its_child_the_more_often_the_faster_the_robot_is(world: World) -> None:
+def test_speed_controller_begins_its_child_the_more_often_the_faster_the_robot_is(world: ServerWorld) -> None:
     world.client.load_tree(counting('SpeedController', 'min_rate="0.001" max_rate="50" max_speed="1"'))
     goal = world.client.execute()
     publish = publisher(world, Odometry, names.ODOM)
@@ -101,9 +101,9 @@ def test_speed_controller_begins_its_child_the_more_often_the_faster_the_robot_i
     ('jazzy', 6, True), ('jazzy', 5, False), ('jazzy', 4, False), ('main', 5, True), ('main', 4, False),
 ])  # fmt: skip
 def test_goal_updater_takes_a_newer_goal(branch: str, stamp: int, taken: bool) -> None:
-    given, other = pose(1.0), pose(2.0)
+    given, other = pose_stamped(1.0), pose_stamped(2.0)
     given.header.stamp.sec, other.header.stamp.sec = 5, stamp
-    with open_world(nav2_branch=branch, tick_rate=50.0) as world:
+    with open_server_world(nav2_branch=branch, tick_rate=50.0) as world:
         world.client.load_tree(
             '<KeepRunningUntilFailure><GoalUpdater input_goal="{goal}" output_goal="{new}">'
             '<Counts key="n"/></GoalUpdater></KeepRunningUntilFailure>'
@@ -120,28 +120,28 @@ def test_goal_updater_takes_a_newer_goal(branch: str, stamp: int, taken: bool) -
 
 def test_goals_to_pass_are_updated_in_main() -> None:
     """And they alone, where the tree gives no other goal."""
-    with open_world(nav2_branch='main', tick_rate=50.0) as world:
+    with open_server_world(nav2_branch='main', tick_rate=50.0) as world:
         world.client.load_tree(
             '<KeepRunningUntilFailure><GoalUpdater input_goals="{goals}" output_goals="{new}">'
             '<Counts key="n"/></GoalUpdater></KeepRunningUntilFailure>'
         )
-        given = [pose(1.0), pose(2.0)]
+        given = [pose_stamped(1.0), pose_stamped(2.0)]
         given[0].header.stamp.sec = 5
-        goal = world.client.execute(inputs={'goals': given}, goals=[pose(0.0)])
+        goal = world.client.execute(inputs={'goals': given}, goals=[pose_stamped(0.0)])
         wait_until(lambda: entry(world, 'new') == given, 'the goals that were given')
         publish = publisher(world, Goals, 'goals_update')
-        newer = Goals(goals=[pose(7.0)])
+        newer = Goals(goals=[pose_stamped(7.0)])
         publish(newer)  # without a stamp
         newer.header.stamp.sec = 5
         seen = entry(world, 'n')
         wait_until(lambda: entry(world, 'n') > seen + 3, 'some more ticks')
         assert entry(world, 'new') == given
         publish(newer)
-        wait_until(lambda: entry(world, 'new') == [pose(7.0)], 'the newer goals')
+        wait_until(lambda: entry(world, 'new') == [pose_stamped(7.0)], 'the newer goals')
         cancel(goal)
 
 
-def test_a_tree_is_paused_and_resumed_by_services(world: World) -> None:
+def test_a_tree_is_paused_and_resumed_by_services(world: ServerWorld) -> None:
     world.client.load_tree(
         '<PauseResumeController pause_service_name="pause" resume_service_name="resume">'
         '<Sleep msec="1000000" name="work"/><Sleep msec="1000000" name="paused"/>'
@@ -178,6 +178,6 @@ def test_a_tree_is_paused_and_resumed_by_services(world: World) -> None:
 def test_an_unknown_branch_is_refused() -> None:
     with (
         pytest.raises(ServerParameterError, match="'nav2_branch': 'humble' is not a branch; write one of jazzy, main"),
-        open_world(nav2_branch='humble'),
+        open_server_world(nav2_branch='humble'),
     ):
         pass

@@ -13,12 +13,13 @@ from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 from rosgraph_msgs.msg import Clock
 
 from flexbt_common import names
-from flexbt_core.behavior_tree import NodeDefinition, load_xml
-from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
+from flexbt_core.behavior_tree.model.definition import NodeDefinition
+from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES, Nav2Branch
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_msgs.action import BtExecute
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
-from flexbt_testing.nodes.server_world import World, open_world, pose
+from flexbt_testing.nodes.server_world import ServerWorld, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
@@ -105,12 +106,12 @@ TREES = {'jazzy': ('MainTree', DEFAULT_TREE), 'main': ('NavigateToPoseWReplannin
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    with open_world() as opened:
+def world() -> Iterator[ServerWorld]:
+    with open_server_world() as opened:
         yield opened
 
 
-def counts(world: World) -> dict[str, int]:
+def counts(world: ServerWorld) -> dict[str, int]:
     navigation = world.navigation
     names_of = {
         'compute': names.COMPUTE_PATH_TO_POSE, 'follow': names.FOLLOW_PATH, 'spin': names.SPIN, 'wait': names.WAIT,
@@ -161,7 +162,7 @@ def test_counts_of_the_default_tree(case: str, branch: Nav2Branch) -> None:
         'backup': (names.BACKUP, 711),
     }
     id, tree = TREES[branch]
-    with open_world(use_sim_time=True) as world:
+    with open_server_world(use_sim_time=True) as world:
         for name, number in failures.items():
             server, error_code = short[name]
             world.navigation.fail[server] = (number, error_code)
@@ -170,7 +171,7 @@ def test_counts_of_the_default_tree(case: str, branch: Nav2Branch) -> None:
         if case == 'RecoverySubtreeGoalUpdated':
             result = with_another_goal_while_it_spins(world, id)
         else:
-            result = world.client.execute(id, goals=[pose(2)]).result
+            result = world.client.execute(id, goals=[pose_stamped(2)]).result
         assert result.code == code, result.message
         order = ('compute', 'follow', 'spin', 'wait', 'backup', 'clear global', 'clear local')
         seen = counts(world)
@@ -181,11 +182,11 @@ def test_counts_of_the_default_tree(case: str, branch: Nav2Branch) -> None:
 def test_a_path_is_planned_once_a_second_of_simulated_time_at_any_speed(branch: Nav2Branch) -> None:
     """Nav2's RateController goes by the machine: at 20 times real time it plans every 20 s."""
     id, tree = TREES[branch]
-    with open_world(use_sim_time=True) as world:
+    with open_server_world(use_sim_time=True) as world:
         set_clock(world, 100)
         world.client.load(xml=tree)
         world.navigation.hold.add(names.FOLLOW_PATH)
-        goal = world.client.execute(id, goals=[pose(2)])
+        goal = world.client.execute(id, goals=[pose_stamped(2)])
         for second in range(1, 6):
             wait_until(
                 lambda second=second: world.navigation.count(names.FOLLOW_PATH) == second,  # type: ignore[misc]
@@ -211,7 +212,7 @@ def test_these_trees_are_those_of_nav2_node_by_node(branch: Nav2Branch) -> None:
     assert shapes[0] == shapes[1]
 
 
-def set_clock(world: World, seconds: int) -> None:
+def set_clock(world: ServerWorld, seconds: int) -> None:
     """Set simulated time, and wait until the server knows."""
     runtime, server = world.client.runtime, world.server_runtime
     publisher = runtime.call(lambda: runtime.node.create_publisher(Clock, names.CLOCK, 1))
@@ -223,13 +224,13 @@ def set_clock(world: World, seconds: int) -> None:
     )
 
 
-def with_another_goal_while_it_spins(world: World, tree: str) -> Any:
+def with_another_goal_while_it_spins(world: ServerWorld, tree: str) -> Any:
     """The result of the second goal; the spin takes 1 s."""
     world.navigation.hold.add(names.SPIN)
     spin = world.navigation.actions[names.SPIN]
-    first = world.client.execute(tree, goals=[pose(1)])
+    first = world.client.execute(tree, goals=[pose_stamped(1)])
     wait_until(lambda: spin.running, 'the robot to spin')
-    second = world.client.execute(tree, goals=[pose(2)])
+    second = world.client.execute(tree, goals=[pose_stamped(2)])
     assert first.result.code == Result.CANCELED
     set_clock(world, 101)
     spin.end(0)
@@ -238,30 +239,30 @@ def with_another_goal_while_it_spins(world: World, tree: str) -> Any:
 
 @pytest.mark.parametrize(('recovery', 'failures'), [(names.SPIN, 4), (names.WAIT, 6), (names.BACKUP, 8)])
 def test_the_goal_changes_during_a_recovery_which_ends_before_the_robot_drives_there(
-    world: World, recovery: str, failures: int
+    world: ServerWorld, recovery: str, failures: int
 ) -> None:
     """GoalUpdated does not end a recovery, as in Nav2 (its issue 6082)."""
     world.navigation.fail[names.FOLLOW_PATH] = (failures, NO_VALID_CONTROL)
     world.navigation.hold.add(recovery)
     server, follow = world.navigation.actions[recovery], world.navigation.actions[names.FOLLOW_PATH]
     world.client.load(xml=DEFAULT_TREE)
-    world.client.execute('MainTree', goals=[pose(1)])
+    world.client.execute('MainTree', goals=[pose_stamped(1)])
     wait_until(lambda: server.running, 'the recovery')
-    second = world.client.execute('MainTree', goals=[pose(2)])
+    second = world.client.execute('MainTree', goals=[pose_stamped(2)])
     wait_until(lambda: second.feedback, 'the run to be taken over')
     assert (server.running, len(follow.goals)) == ([0], failures)
     server.end(0)
     assert second.result.code == Result.SUCCESS
     assert server.statuses == {0: 'succeed'}
-    assert follow.goals[-1].path.poses[-1] == pose(2)
+    assert follow.goals[-1].path.poses[-1] == pose_stamped(2)
 
 
-def test_who_cancels_the_controller_stops_the_robot_and_no_recovery_drives_on(world: World) -> None:
+def test_who_cancels_the_controller_stops_the_robot_and_no_recovery_drives_on(world: ServerWorld) -> None:
     """Nav2 takes it for a success; here it is none, but no code asks for a recovery."""
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load(xml=DEFAULT_TREE)
-    goal = world.client.execute('MainTree', goals=[pose(1)])
+    goal = world.client.execute('MainTree', goals=[pose_stamped(1)])
     wait_until(lambda: follow.running, 'the robot to drive')
     world.client.load_tree('<CancelControl/>', 'Joystick')
     assert world.client.execute('Joystick', blackboard='other').result.code == Result.SUCCESS
@@ -270,35 +271,35 @@ def test_who_cancels_the_controller_stops_the_robot_and_no_recovery_drives_on(wo
     assert sum(counts(world).values()) == 2
 
 
-def test_a_goal_outside_the_map_fails_without_recovery(world: World) -> None:
+def test_a_goal_outside_the_map_fails_without_recovery(world: ServerWorld) -> None:
     world.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (ALWAYS, ComputePathToPose.Result.GOAL_OUTSIDE_MAP)
     world.client.load(xml=DEFAULT_TREE)
-    result = world.client.execute('MainTree', goals=[pose(100)]).result
+    result = world.client.execute('MainTree', goals=[pose_stamped(100)]).result
     assert (result.code, result.error_code) == (Result.FAILURE, ComputePathToPose.Result.GOAL_OUTSIDE_MAP)
     assert counts(world)['compute'] == 1
     assert sum(counts(world).values()) == 1
 
 
-def test_the_goal_is_replaced_without_stopping_the_robot(world: World) -> None:
+def test_the_goal_is_replaced_without_stopping_the_robot(world: ServerWorld) -> None:
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load(xml=DEFAULT_TREE)
-    world.client.execute('MainTree', goals=[pose(1)])
+    world.client.execute('MainTree', goals=[pose_stamped(1)])
     wait_until(lambda: follow.running)
-    second = world.client.execute('MainTree', goals=[pose(2)])
-    wait_until(lambda: follow.goals[-1].path.poses[-1] == pose(2), 'the path to the new goal')
+    second = world.client.execute('MainTree', goals=[pose_stamped(2)])
+    wait_until(lambda: follow.goals[-1].path.poses[-1] == pose_stamped(2), 'the path to the new goal')
     assert follow.running == [len(follow.goals) - 1]
     assert 'canceled' not in follow.statuses.values()
     follow.end(len(follow.goals) - 1)
     assert second.result.code == Result.SUCCESS
 
 
-def test_cancel_during_a_recovery(world: World) -> None:
+def test_cancel_during_a_recovery(world: ServerWorld) -> None:
     world.navigation.fail[names.FOLLOW_PATH] = (ALWAYS, NO_VALID_CONTROL)
     world.navigation.hold.add(names.SPIN)
     spin = world.navigation.actions[names.SPIN]
     world.client.load(xml=DEFAULT_TREE)
-    goal = world.client.execute('MainTree', goals=[pose(1)])
+    goal = world.client.execute('MainTree', goals=[pose_stamped(1)])
     wait_until(lambda: spin.running)
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.CANCELED
@@ -306,7 +307,7 @@ def test_cancel_during_a_recovery(world: World) -> None:
     wait_until(lambda: not goal.feedback or goal.feedback[-1].number_of_recoveries >= 0)
 
 
-def test_from_the_result_of_a_leaf_to_the_next_goal_takes_little_time(world: World) -> None:
+def test_from_the_result_of_a_leaf_to_the_next_goal_takes_little_time(world: ServerWorld) -> None:
     """Event-driven: the median is far below the period of a polling tick (Nav2: 10 ms, here 100 ms at most)."""
     leaves = 40
     spin = world.navigation.actions[names.SPIN]

@@ -21,18 +21,17 @@ from std_msgs.msg import Empty, String
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
 from flexbt_common.errors import ResourceError
-from flexbt_common.runtime import resolve_file
-from flexbt_common.values import from_entry
+from flexbt_common.files import resolve_file
+from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.nav2 import motion_actions
 from flexbt_server.navigators import activation
-from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.server_world import World, document, open_world, pose
+from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
+from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 NAVIGATORS = [names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS]
@@ -43,7 +42,7 @@ NO_VIAPOINTS_GIVEN = 309
 class Front:
     """A client of Nav2 before a server with navigators, and a robot that stands at the origin."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: ServerWorld) -> None:
         self.world = world
         self.navigation = world.navigation
         self.planner = world.navigation.actions[names.COMPUTE_PATH_TO_POSE]
@@ -59,28 +58,28 @@ class Front:
 
     def stand(self, x: float, seconds: float = 1.0) -> None:
         """Tell that the robot is at x, until the server knows."""
-        here = pose(x)
+        here = pose_stamped(x)
         here.header.stamp.sec, here.header.stamp.nanosec = int(seconds), round(seconds % 1.0 * 1e9)
         wait_until(lambda: (self._poses.publish(here), self.world.server.goals.pose == here)[1], 'the pose')
 
     def to(self, x: float, y: float = 0.0, tree: str = '', frame: str = 'map') -> SentGoal:
-        return self.send(NavigateToPose.Goal(pose=pose(x, y, frame), behavior_tree=tree))
+        return self.send(NavigateToPose.Goal(pose=pose_stamped(x, y, frame), behavior_tree=tree))
 
     def send(self, goal: NavigateToPose.Goal) -> SentGoal:
         return SentGoal(self._to_pose, goal, DEADLINE)
 
     def through(self, *xs: float, tree: str = '') -> SentGoal:
         return SentGoal(
-            self._through, NavigateThroughPoses.Goal(poses=[pose(x) for x in xs], behavior_tree=tree), DEADLINE
+            self._through, NavigateThroughPoses.Goal(poses=[pose_stamped(x) for x in xs], behavior_tree=tree), DEADLINE
         )
 
     def waypoints(self, *xs: float, **fields: Any) -> SentGoal:
-        return SentGoal(self._waypoints, FollowWaypoints.Goal(poses=[pose(x) for x in xs], **fields), DEADLINE)
+        return SentGoal(self._waypoints, FollowWaypoints.Goal(poses=[pose_stamped(x) for x in xs], **fields), DEADLINE)
 
     def click(self, x: float) -> None:
         """As RViz's goal tool."""
         wait_until(self._goal_poses.get_subscription_count, 'goal_pose')
-        self._goal_poses.publish(pose(x))
+        self._goal_poses.publish(pose_stamped(x))
 
     def driven_to(self) -> list[float]:
         """Where the paths end that the controller got."""
@@ -102,7 +101,7 @@ class Front:
 
 @contextlib.contextmanager
 def open_front(**parameters: Any) -> Iterator[Front]:
-    with open_world(navigators=NAVIGATORS, feedback_rate=50.0, **parameters) as world:
+    with open_server_world(navigators=NAVIGATORS, feedback_rate=50.0, **parameters) as world:
         world.server.activate()
         front = Front(world)
         front.stand(0.0)
@@ -139,7 +138,9 @@ def ended(goal: SentGoal, status: GoalStatus = GoalStatus.SUCCEEDED, *fragments:
 def test_a_planner_that_was_selected_before_the_first_goal_plans_for_it(front: Front) -> None:
     """As in Nav2, a server hears the topics of its default trees from the beginning."""
     runtime = front.world.client.runtime
-    selected = runtime.call(lambda: runtime.node.create_publisher(String, 'planner_selector', names.latched()))
+    selected = runtime.call(
+        lambda: runtime.node.create_publisher(String, 'planner_selector', names.transient_local_qos())
+    )
     wait_until(selected.get_subscription_count, 'the server')
     selected.publish(String(data='Other'))
     assert selected.wait_for_all_acked(Duration(seconds=DEADLINE))
@@ -311,7 +312,9 @@ def test_a_goal_in_another_frame_is_transformed(front: Front) -> None:
     dock.header.frame_id = 'map'
     dock.transform.translation.x = 5.0
     dock.transform.rotation.z, dock.transform.rotation.w = 1.0, 0.0  # it looks back
-    publisher = runtime.call(lambda: runtime.node.create_publisher(TFMessage, names.TF_STATIC, names.latched()))
+    publisher = runtime.call(
+        lambda: runtime.node.create_publisher(TFMessage, names.TF_STATIC, names.transient_local_qos())
+    )
     publisher.publish(TFMessage(transforms=[dock]))
     ended(front.to(1.0, frame='dock'))
     ended(front.to(2.0, frame=''))  # no frame is that of the map
@@ -328,7 +331,7 @@ def test_the_first_goal_in_another_frame_may_be_stamped_before_it_was_sent(front
         odom.header.stamp.sec = second
         odom.transform.translation.x = float(second)
         publisher.publish(TFMessage(transforms=[odom]))
-    goal = NavigateToPose.Goal(pose=pose(1.0, frame='odom'))
+    goal = NavigateToPose.Goal(pose=pose_stamped(1.0, frame='odom'))
     goal.pose.header.stamp.sec = 6
     ended(front.send(goal))
     assert front.planned_to() == [pytest.approx(7.0)]
@@ -364,7 +367,7 @@ def test_a_planner_that_answers_late(front: Front) -> None:
 
 
 def test_a_goal_needs_the_pose_of_the_robot() -> None:
-    with open_world(navigators=NAVIGATORS, server_timeout=0.2) as world:
+    with open_server_world(navigators=NAVIGATORS, server_timeout=0.2) as world:
         world.server.activate()
         ended(Front(world).to(1.0), GoalStatus.ABORTED, 'pose of the robot is not known')
 
@@ -397,9 +400,12 @@ def test_an_edit_between_goals_is_taken_over(tmp_path: Path) -> None:
 
 def test_a_default_tree_that_cannot_be_loaded_is_told_at_the_start() -> None:
     wrong = {'navigators': NAVIGATORS, 'default_nav_to_pose_bt_xml': '/no/such.xml'}
-    with pytest.raises(ServerParameterError, match=r'default_nav_to_pose_bt_xml.*/no/such'), open_world(**wrong):
+    with pytest.raises(ServerParameterError, match=r'default_nav_to_pose_bt_xml.*/no/such'), open_server_world(**wrong):
         pass
-    with pytest.raises(ServerParameterError, match=r'navigators.*dock_robot'), open_world(navigators=['dock_robot']):
+    with (
+        pytest.raises(ServerParameterError, match=r'navigators.*dock_robot'),
+        open_server_world(navigators=['dock_robot']),
+    ):
         pass
 
 
@@ -413,7 +419,7 @@ def test_trees_of_a_directory_go_by_their_ids(tmp_path: Path) -> None:
         ended(front.to(3.0, tree=str(tmp_path / 'a.xml')))
         assert (front.planned_to(), front.driven_to()) == ([1.0, 2.0, 3.0], [])
     wrong = pytest.raises(ServerParameterError, match=r'bt_search_directories.*nowhere')
-    with wrong, open_world(bt_search_directories=['/nowhere']):
+    with wrong, open_server_world(bt_search_directories=['/nowhere']):
         pass
 
 
@@ -451,7 +457,9 @@ def test_the_run_is_seen_paused_and_stopped_as_any_other(driving: Front) -> None
     runtime = driving.world.client.runtime
     seen: list[TreeStatus] = []
     runtime.call(
-        lambda: runtime.node.create_subscription(TreeStatus, names.TREE_STATUS, seen.append, names.latched(64))
+        lambda: runtime.node.create_subscription(
+            TreeStatus, names.TREE_STATUS, seen.append, names.transient_local_qos(64)
+        )
     )
     goal = driving.to(1.0)
     driving.drives_to(1.0)
@@ -503,7 +511,7 @@ def test_bt_navigator_is_active_when_the_servers_of_the_default_tree_are_there(
         '<FollowPath path="{path}" server_name="{who}"/></Sequence></BehaviorTree></root>'
     )
     parameters = {'default_nav_to_pose_bt_xml': str(tmp_path / 'tree.xml'), 'navigators': [names.NAVIGATE_TO_POSE]}
-    with open_world(**parameters) as world:
+    with open_server_world(**parameters) as world:
         world.server.activate()
         manager = LifecycleClient(world.client.runtime, names.BT_NAVIGATOR)
         assert manager.state() == 'activating'
@@ -623,7 +631,7 @@ def test_a_waypoint_that_is_missed_ends_it(front: Front) -> None:
     front.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, GOAL_OUTSIDE_MAP)
     result = ended(front.waypoints(1.0, 2.0), GoalStatus.ABORTED, 'waypoint 0', code=FollowWaypoints.Result.UNKNOWN)
     ((missed),) = result.missed_waypoints
-    assert (missed.index, missed.error_code, missed.goal) == (0, GOAL_OUTSIDE_MAP, pose(1.0))
+    assert (missed.index, missed.error_code, missed.goal) == (0, GOAL_OUTSIDE_MAP, pose_stamped(1.0))
     assert front.driven_to() == []
 
 

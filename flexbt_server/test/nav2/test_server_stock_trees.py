@@ -12,14 +12,15 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
-from flexbt_core.behavior_tree import load_xml
-from flexbt_core.behavior_tree.model import Source
-from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
-from flexbt_core.behavior_tree.xml import elements_of, parse
+from flexbt_core.behavior_tree.model.errors import Source
+from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES, Nav2Branch
+from flexbt_core.behavior_tree.xml.node_elements import elements_of
+from flexbt_core.behavior_tree.xml.parser import parse
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_msgs.action import BtExecute
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
-from flexbt_testing.nodes.server_world import ON_DEMAND, World, open_world, pose
+from flexbt_testing.nodes.server_world import ON_DEMAND, ServerWorld, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
@@ -42,12 +43,14 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def world(files: Path) -> Iterator[World]:
-    with open_world(allowed_directories=[str(files)]) as opened:
+def world(files: Path) -> Iterator[ServerWorld]:
+    with open_server_world(allowed_directories=[str(files)]) as opened:
         opened.navigation.serve(ON_DEMAND)
         runtime = opened.navigation_runtime
-        robot = runtime.call(lambda: runtime.node.create_publisher(PoseStamped, names.POSE, names.latched()))
-        robot.publish(pose(0))
+        robot = runtime.call(
+            lambda: runtime.node.create_publisher(PoseStamped, names.POSE, names.transient_local_qos())
+        )
+        robot.publish(pose_stamped(0))
         yield opened
 
 
@@ -61,9 +64,9 @@ def test_a_file_shows_its_branch(branch: Nav2Branch, name: str) -> None:
 
 
 @pytest.mark.parametrize(('branch', 'name'), TREES)
-def test_it_runs_as_it_is(world: World, files: Path, branch: Nav2Branch, name: str) -> None:
+def test_it_runs_as_it_is(world: ServerWorld, files: Path, branch: Nav2Branch, name: str) -> None:
     number = 3 if name == THROUGH_POSES else 1
-    goals = [pose(one + 1) for one in range(number)]
+    goals = [pose_stamped(one + 1) for one in range(number)]
     goal = world.client.execute(str(files / branch / name), goals=goals, blackboard=f'{branch} {name}')
     if name == NEVER_END:
         follow = world.navigation.actions[names.FOLLOW_PATH]

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from flexbt_common.calls import GoalOutcome, GoalStatus
+from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.behavior_trees.faulty_leaves import NONSENSE, RAISERS
-from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_testing.nodes.clients import SentGoal
 
 Result = BtExecute.Result
 SUCCESS, FAILURE, ERROR, NEVER = 'success', 'failure', 'error', 'never'

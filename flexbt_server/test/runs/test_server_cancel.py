@@ -17,14 +17,14 @@ from typing import Any
 import pytest
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.liveness import LivelinessToken, LivelinessWatch
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_msgs.action import BtExecute, BtLoad
-from flexbt_server.trees import FoundTree, TreeStore
+from flexbt_server.trees.tree_store import FoundTree, TreeStore
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world
+from flexbt_testing.nodes.clients import SentGoal
+from flexbt_testing.nodes.server_world import ServerWorld, document, install_nodes, open_server_world
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 CANCELS = int(os.environ.get('FLEXBT_CANCELS', '80'))
@@ -47,12 +47,12 @@ def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    with open_world() as opened:
+def world() -> Iterator[ServerWorld]:
+    with open_server_world() as opened:
         yield opened
 
 
-def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
+def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: ServerWorld) -> None:
     spin, wait = world.navigation.actions[names.SPIN], world.navigation.actions[names.WAIT]
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree(TREE)
@@ -84,7 +84,7 @@ def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
 
 
 def test_goals_are_canceled_while_trees_are_read_from_a_disk_that_hangs(
-    world: World, monkeypatch: pytest.MonkeyPatch
+    world: ServerWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     goes, hangs = threading.Event(), threading.Event()
     find, load = TreeStore.find, TreeStore.load
@@ -134,7 +134,7 @@ def test_goals_are_canceled_while_trees_are_read_from_a_disk_that_hangs(
     assert later.wait().status is GoalStatus.CANCELED
 
 
-def test_no_goal_is_taken_over_by_an_older_one(world: World) -> None:
+def test_no_goal_is_taken_over_by_an_older_one(world: ServerWorld) -> None:
     world.client.load_tree('<Sequence><Runs ms="1"/><Raises/></Sequence>')
     wait_until(world.client.executor.is_ready)
     for _ in range(40):

@@ -15,15 +15,16 @@ from nav2_msgs.action import BackUp
 from rclpy.action import CancelResponse
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, ServiceLinks
-from flexbt_common.liveness import LivelinessToken, LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.service_call import ServiceLinks
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import World, install_nodes, open_world, pose
+from flexbt_testing.nodes.server_world import ServerWorld, install_nodes, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtExecute.Result
@@ -37,8 +38,8 @@ def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    with open_world(tick_rate=200.0, feedback_rate=50.0) as opened:
+def world() -> Iterator[ServerWorld]:
+    with open_server_world(tick_rate=200.0, feedback_rate=50.0) as opened:
         yield opened
 
 
@@ -52,7 +53,9 @@ class Operator:
         self._link = link
         self.statuses: list[TreeStatus] = []
         runtime.call(
-            lambda: node.create_subscription(TreeStatus, names.TREE_STATUS, self.statuses.append, names.latched(100))
+            lambda: node.create_subscription(
+                TreeStatus, names.TREE_STATUS, self.statuses.append, names.transient_local_qos(100)
+            )
         )
         wait_until(link.is_ready, 'control_tree')
 
@@ -79,11 +82,11 @@ def answer(future: Any) -> str:
 
 
 @pytest.fixture
-def operator(world: World) -> Operator:
+def operator(world: ServerWorld) -> Operator:
     return Operator(world.client.runtime)
 
 
-def ticks(world: World, blackboard: str = '') -> int:
+def ticks(world: ServerWorld, blackboard: str = '') -> int:
     entries = world.client.get(blackboard=blackboard).entries
     return next((int(from_entry(entry)) for entry in entries if entry.key == 'ticks'), 0)
 
@@ -92,7 +95,9 @@ def goal_id(goal: Any) -> str:
     return bytes(goal.call.goal_id).hex()
 
 
-def test_a_paused_tree_is_not_ticked_and_gives_no_result_before_it_goes_on(world: World, operator: Operator) -> None:
+def test_a_paused_tree_is_not_ticked_and_gives_no_result_before_it_goes_on(
+    world: ServerWorld, operator: Operator
+) -> None:
     world.navigation.hold.add(names.SPIN)
     spin = world.navigation.actions[names.SPIN]
     world.client.load_tree('<Spin/>')
@@ -115,7 +120,7 @@ def test_a_paused_tree_is_not_ticked_and_gives_no_result_before_it_goes_on(world
 
 
 def test_a_step_is_one_tick_answered_when_it_is_over_and_refused_when_not_paused(
-    world: World, operator: Operator
+    world: ServerWorld, operator: Operator
 ) -> None:
     world.client.load_tree(COUNTING)
     goal = world.client.execute()
@@ -137,7 +142,7 @@ def test_a_step_is_one_tick_answered_when_it_is_over_and_refused_when_not_paused
     assert operator.ask(STEP) == 'no tree is running'
 
 
-def test_a_step_may_end_the_tree_and_its_result_follows(world: World, operator: Operator) -> None:
+def test_a_step_may_end_the_tree_and_its_result_follows(world: ServerWorld, operator: Operator) -> None:
     world.client.load_tree('<Sequence><Sleep msec="1"/><AlwaysFailure name="last"/></Sequence>')
     world.client.load_tree('<Sequence><Sleep msec="100000"/><AlwaysFailure name="last"/></Sequence>', 'Long')
     goal = world.client.execute('Long')
@@ -157,7 +162,7 @@ def test_a_step_may_end_the_tree_and_its_result_follows(world: World, operator: 
     }  # fmt: skip
 
 
-def test_time_goes_on_while_a_tree_is_paused(world: World, operator: Operator) -> None:
+def test_time_goes_on_while_a_tree_is_paused(world: ServerWorld, operator: Operator) -> None:
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree('<Timeout msec="200" name="limit"><Spin/></Timeout>')
     goal = world.client.execute()
@@ -171,7 +176,7 @@ def test_time_goes_on_while_a_tree_is_paused(world: World, operator: Operator) -
     assert (goal.result.code, goal.result.failed_node) == (Result.FAILURE, 'limit')
 
 
-def test_pause_is_answered_when_the_tick_that_is_under_way_is_over(world: World, operator: Operator) -> None:
+def test_pause_is_answered_when_the_tick_that_is_under_way_is_over(world: ServerWorld, operator: Operator) -> None:
     server_nodes.Blocks.release.clear()
     server_nodes.Blocks.entered.clear()
     world.client.load_tree('<Sequence><Blocks/><Sleep msec="100000"/></Sequence>')
@@ -186,7 +191,9 @@ def test_pause_is_answered_when_the_tick_that_is_under_way_is_over(world: World,
     assert goal.result.code == Result.CANCELED
 
 
-def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(world: World, operator: Operator) -> None:
+def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(
+    world: ServerWorld, operator: Operator
+) -> None:
     server_nodes.Blocks.release.clear()
     server_nodes.Blocks.entered.clear()
     world.client.load_tree('<Blocks/>')
@@ -200,7 +207,7 @@ def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(wo
     assert goal.result.code == Result.SUCCESS
 
 
-def test_a_paused_tree_is_canceled_and_its_leaves_are_halted(world: World, operator: Operator) -> None:
+def test_a_paused_tree_is_canceled_and_its_leaves_are_halted(world: ServerWorld, operator: Operator) -> None:
     world.navigation.hold.add(names.SPIN)
     spin = world.navigation.actions[names.SPIN]
     world.client.load_tree('<Spin/>')
@@ -212,16 +219,16 @@ def test_a_paused_tree_is_canceled_and_its_leaves_are_halted(world: World, opera
     assert spin.statuses == {0: 'canceled'}
 
 
-def test_a_paused_tree_is_taken_over_and_stays_paused(world: World, operator: Operator) -> None:
+def test_a_paused_tree_is_taken_over_and_stays_paused(world: ServerWorld, operator: Operator) -> None:
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load_tree(
         '<Sequence><ComputePathToPose goal="{goal}" path="{path}"/><FollowPath path="{path}"/></Sequence>'
     )
-    old = world.client.execute(goals=[pose(1)])
+    old = world.client.execute(goals=[pose_stamped(1)])
     wait_until(lambda: follow.running)
     assert operator.ask(PAUSE) == ''
-    new = world.client.execute(goals=[pose(2)], outputs=['goal'], output_encoding=BtExecute.Goal.BINARY)
+    new = world.client.execute(goals=[pose_stamped(2)], outputs=['goal'], output_encoding=BtExecute.Goal.BINARY)
     assert 'newer goal' in old.result.message
     wait_until(lambda: follow.statuses == {0: 'canceled'})
     assert not new.ended
@@ -234,7 +241,7 @@ def test_a_paused_tree_is_taken_over_and_stays_paused(world: World, operator: Op
     assert operator.ask(RESUME, goal_id(new)) == ''
     follow.end(1)
     assert new.result.code == Result.SUCCESS
-    assert from_entry(new.result.outputs[0]) == pose(2)
+    assert from_entry(new.result.outputs[0]) == pose_stamped(2)
 
 
 REPLANNING = (
@@ -244,15 +251,15 @@ REPLANNING = (
 
 
 def test_whoever_paused_a_tree_resumes_it_however_often_it_was_taken_over_meanwhile(
-    world: World, operator: Operator
+    world: ServerWorld, operator: Operator
 ) -> None:
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load_tree(REPLANNING)
-    goals = [world.client.execute(goals=[pose(1)])]
+    goals = [world.client.execute(goals=[pose_stamped(1)])]
     wait_until(lambda: follow.running)
     for x in (2, 3):
-        goals.append(world.client.execute(goals=[pose(x)]))
+        goals.append(world.client.execute(goals=[pose_stamped(x)]))
         assert 'newer goal' in goals[-2].result.message
         if x == 2:
             assert operator.ask(PAUSE, goal_id(goals[1])) == ''  # neither the first nor the last
@@ -261,13 +268,15 @@ def test_whoever_paused_a_tree_resumes_it_however_often_it_was_taken_over_meanwh
     assert operator.ask(PAUSE, goal_id(goals[2])) == ''
     assert len(follow.goals) == sent and operator.shown
     assert operator.ask(RESUME, goal_id(goals[1])) == ''
-    wait_until(lambda: follow.running and follow.goals[-1].path.poses[-1] == pose(3), 'driving to the newest goal')
+    wait_until(
+        lambda: follow.running and follow.goals[-1].path.poses[-1] == pose_stamped(3), 'driving to the newest goal'
+    )
     world.navigation.hold.clear()  # the next path is followed to its end
     assert goals[2].result.code == Result.SUCCESS
 
 
 def test_a_tree_that_was_taken_over_goes_on_when_all_are_gone_for_whom_it_was_paused(
-    world: World, operator: Operator
+    world: ServerWorld, operator: Operator
 ) -> None:
     world.client.load_tree(COUNTING)
     with NodeRuntime.open('first') as first, NodeRuntime.open('second') as second:
@@ -294,7 +303,7 @@ def test_a_tree_that_was_taken_over_goes_on_when_all_are_gone_for_whom_it_was_pa
     assert new.result.code == Result.CANCELED
 
 
-def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Operator) -> None:
+def test_the_death_of_the_owner_stops_a_paused_tree(world: ServerWorld, operator: Operator) -> None:
     world.client.load_tree(COUNTING)
     with NodeRuntime.open('owner') as owner:
         LivelinessToken(owner)
@@ -305,7 +314,7 @@ def test_the_death_of_the_owner_stops_a_paused_tree(world: World, operator: Oper
     assert '/owner' in goal.result.message
 
 
-def test_what_is_left_of_a_motion_is_sent_when_the_tree_goes_on(world: World, operator: Operator) -> None:
+def test_what_is_left_of_a_motion_is_sent_when_the_tree_goes_on(world: ServerWorld, operator: Operator) -> None:
     world.navigation.hold.add(names.BACKUP)
     backup = world.navigation.actions[names.BACKUP]
     world.client.load_tree('<BackUp backup_dist="1.0" backup_speed="0.1"/>')
@@ -326,7 +335,9 @@ def test_what_is_left_of_a_motion_is_sent_when_the_tree_goes_on(world: World, op
     assert goal.result.code == Result.SUCCESS
 
 
-def test_a_goal_that_ends_while_it_is_canceled_for_a_pause_has_its_result(world: World, operator: Operator) -> None:
+def test_a_goal_that_ends_while_it_is_canceled_for_a_pause_has_its_result(
+    world: ServerWorld, operator: Operator
+) -> None:
     world.navigation.hold.add(names.SPIN)
     spin = world.navigation.actions[names.SPIN]
     spin.on_cancel = lambda _handle: CancelResponse.ACCEPT  # and it goes on
@@ -344,7 +355,9 @@ def test_a_goal_that_ends_while_it_is_canceled_for_a_pause_has_its_result(world:
 
 
 @pytest.mark.parametrize('command', [PAUSE, RESUME])
-def test_a_tree_that_is_stopped_in_a_pause_sends_nothing_again(world: World, operator: Operator, command: int) -> None:
+def test_a_tree_that_is_stopped_in_a_pause_sends_nothing_again(
+    world: ServerWorld, operator: Operator, command: int
+) -> None:
     """Also when it goes on, before the goal that was canceled for the pause has ended."""
     world.navigation.hold.add(names.SPIN)
     spin = world.navigation.actions[names.SPIN]
@@ -359,7 +372,7 @@ def test_a_tree_that_is_stopped_in_a_pause_sends_nothing_again(world: World, ope
     assert spin.statuses == {0: 'canceled'} and len(spin.goals) == 1
 
 
-def test_what_goes_on_in_a_pause_is_told(world: World, operator: Operator) -> None:
+def test_what_goes_on_in_a_pause_is_told(world: ServerWorld, operator: Operator) -> None:
     world.client.load_tree('<Parallel success_count="2"><Naps seconds="100"/><Sleep msec="100000"/></Parallel>')
     goal = world.client.execute()
     wait_until(lambda: goal.feedback and len(goal.feedback[-1].active_nodes) > 2)
@@ -371,7 +384,7 @@ def test_what_goes_on_in_a_pause_is_told(world: World, operator: Operator) -> No
     goal.wait()
 
 
-def test_a_tree_whose_owner_is_late_is_held_and_goes_on_and_ends_when_it_is_gone(world: World) -> None:
+def test_a_tree_whose_owner_is_late_is_held_and_goes_on_and_ends_when_it_is_gone(world: ServerWorld) -> None:
     """Apart from the pause that an operator asks for."""
     operator = Operator(world.client.runtime)
     world.navigation.hold.add(names.SPIN)
@@ -395,7 +408,7 @@ def test_a_tree_whose_owner_is_late_is_held_and_goes_on_and_ends_when_it_is_gone
 
 def test_an_owner_that_hangs_is_gone_after_the_time_that_was_set() -> None:
     go_on, seen = threading.Event(), []
-    with open_world(peer_timeout=1.0) as world, NodeRuntime.open('owner') as owner:
+    with open_server_world(peer_timeout=1.0) as world, NodeRuntime.open('owner') as owner:
         LivelinessToken(owner)
 
         def tell(alive: bool) -> None:
@@ -415,14 +428,14 @@ def test_an_owner_that_hangs_is_gone_after_the_time_that_was_set() -> None:
     assert not any(seen)
 
 
-def leaf_of(world: World, node_id: str) -> Any:
+def leaf_of(world: ServerWorld, node_id: str) -> Any:
     (running,) = world.server.goals.running.all()
     assert running.run.tree is not None
     return next(node for node in running.run.tree.nodes if node.id == node_id)
 
 
 def test_the_end_of_the_server_does_not_wait_for_a_paused_tree() -> None:
-    with open_world() as world:
+    with open_server_world() as world:
         operator = Operator(world.client.runtime)
         world.client.load_tree(COUNTING)
         goal = world.client.execute()
@@ -434,7 +447,7 @@ def test_the_end_of_the_server_does_not_wait_for_a_paused_tree() -> None:
         assert goal.result.code == Result.CANCELED
 
 
-def test_several_trees_are_paused_each_by_itself(world: World, operator: Operator) -> None:
+def test_several_trees_are_paused_each_by_itself(world: ServerWorld, operator: Operator) -> None:
     world.client.load_tree(COUNTING)
     goals = {name: world.client.execute(blackboard=name) for name in 'abc'}
     wait_until(lambda: all(ticks(world, name) > 2 for name in goals))
@@ -456,14 +469,16 @@ def test_several_trees_are_paused_each_by_itself(world: World, operator: Operato
 
 
 @pytest.mark.parametrize('command', [0, 4, 255])
-def test_a_command_that_is_none_is_refused(world: World, operator: Operator, command: int) -> None:
+def test_a_command_that_is_none_is_refused(world: ServerWorld, operator: Operator, command: int) -> None:
     message = operator.ask(command)
     assert str(command) in message
     assert 'PAUSE' in message
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_commands_goals_and_cancels_at_random_are_all_answered(world: World, operator: Operator, seed: int) -> None:
+def test_commands_goals_and_cancels_at_random_are_all_answered(
+    world: ServerWorld, operator: Operator, seed: int
+) -> None:
     chance = random.Random(seed)
     world.client.load_tree('<Sequence><Counts key="ticks"/><Sleep msec="2"/><Counts key="ticks"/></Sequence>')
     wait_until(world.client.executor.is_ready)

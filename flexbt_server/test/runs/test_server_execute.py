@@ -15,15 +15,15 @@ from nav_msgs.msg import Path as RobotPath
 from std_msgs.msg import Bool
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world, pose
+from flexbt_testing.nodes.clients import SentGoal
+from flexbt_testing.nodes.server_world import ServerWorld, document, install_nodes, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtExecute.Result
@@ -38,15 +38,15 @@ def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    with open_world() as opened:
+def world() -> Iterator[ServerWorld]:
+    with open_server_world() as opened:
         yield opened
 
 
-def test_success_gives_typed_outputs(world: World) -> None:
+def test_success_gives_typed_outputs(world: ServerWorld) -> None:
     world.client.load_tree(DRIVE)
     goal = world.client.execute(
-        goals=[pose(3, 4)], outputs=['path', 'goal', 'nothing', 'follow_path_error_code'],
+        goals=[pose_stamped(3, 4)], outputs=['path', 'goal', 'nothing', 'follow_path_error_code'],
         output_encoding=BtExecute.Goal.BINARY,
     )  # fmt: skip
     outcome = goal.wait()
@@ -55,26 +55,26 @@ def test_success_gives_typed_outputs(world: World) -> None:
     assert (result.code, result.message, result.failed_node, result.error_code) == (Result.SUCCESS, '', '', 0)
     values = {entry.key: from_entry(entry) for entry in result.outputs}
     assert list(values) == ['path', 'goal', 'follow_path_error_code']
-    assert values['path'].poses[-1] == pose(3, 4) == values['goal']
+    assert values['path'].poses[-1] == pose_stamped(3, 4) == values['goal']
     assert [entry.type for entry in result.outputs] == ['nav_msgs/msg/Path', 'geometry_msgs/msg/PoseStamped', 'uint16']
     assert result.missing_outputs == ['nothing']
 
 
-def test_failure_names_the_node_the_reason_and_the_error_code(world: World) -> None:
+def test_failure_names_the_node_the_reason_and_the_error_code(world: ServerWorld) -> None:
     world.navigation.fail[names.FOLLOW_PATH] = (1, FollowPath.Result.PATIENCE_EXCEEDED)
     world.client.load_tree(DRIVE)
-    goal = world.client.execute(goals=[pose(1)])
+    goal = world.client.execute(goals=[pose_stamped(1)])
     assert goal.wait().status is GoalStatus.ABORTED
     assert goal.result.code == Result.FAILURE
     assert goal.result.error_code == FollowPath.Result.PATIENCE_EXCEEDED
     assert 'FollowPath' in goal.result.failed_node
     assert 'scripted failure 0' in goal.result.message
     # The code is not left for the next run.
-    again = world.client.execute(goals=[pose(1)])
+    again = world.client.execute(goals=[pose_stamped(1)])
     assert (again.result.code, again.result.error_code) == (Result.SUCCESS, 0)
 
 
-def test_error_codes_and_recoveries_belong_to_one_run(world: World) -> None:
+def test_error_codes_and_recoveries_belong_to_one_run(world: ServerWorld) -> None:
     navigation, client = world.navigation, world.client
     navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, 201)
     navigation.fail[names.FOLLOW_PATH] = (1, 105)
@@ -85,7 +85,9 @@ def test_error_codes_and_recoveries_belong_to_one_run(world: World) -> None:
     )
     beside = f'<Sequence>{has_code.format(0)}<Wait/><ForceSuccess>{FOLLOW}</ForceSuccess></Sequence>'
     client.load_tree(beside, 'Beside')
-    recovering = client.execute('Recovering', goals=[pose(1)], outputs=['compute_path_error_code', 'number_recoveries'])
+    recovering = client.execute(
+        'Recovering', goals=[pose_stamped(1)], outputs=['compute_path_error_code', 'number_recoveries']
+    )
     wait_until(lambda: navigation.actions[names.SPIN].running)
     # It sees none of the other's codes, reports its own, and takes nothing from the other when it ends.
     inputs = {'path': RobotPath()}
@@ -108,7 +110,7 @@ def test_error_codes_and_recoveries_belong_to_one_run(world: World) -> None:
     ],
 )
 def test_a_goal_that_cannot_run_is_an_error_with_a_reason(
-    world: World, tree: str, fields: dict[str, Any], fragment: str
+    world: ServerWorld, tree: str, fields: dict[str, Any], fragment: str
 ) -> None:
     world.client.load_tree('<AlwaysSuccess/>')
     goal = world.client.execute(tree, **fields)
@@ -117,7 +119,7 @@ def test_a_goal_that_cannot_run_is_an_error_with_a_reason(
     assert fragment in goal.result.message
 
 
-def test_an_input_that_cannot_be_read_is_an_error_that_names_it(world: World) -> None:
+def test_an_input_that_cannot_be_read_is_an_error_that_names_it(world: ServerWorld) -> None:
     from flexbt_msgs.msg import BlackboardEntry
 
     world.client.load_tree('<AlwaysSuccess/>')
@@ -128,7 +130,7 @@ def test_an_input_that_cannot_be_read_is_an_error_that_names_it(world: World) ->
         assert fragment in goal.result.message
 
 
-def test_an_input_of_the_wrong_type_for_the_tree_is_an_error(world: World) -> None:
+def test_an_input_of_the_wrong_type_for_the_tree_is_an_error(world: ServerWorld) -> None:
     world.client.load_tree(DRIVE)
     goal = world.client.execute(inputs={'goal': 3})
     assert goal.result.code == Result.ERROR
@@ -136,24 +138,24 @@ def test_an_input_of_the_wrong_type_for_the_tree_is_an_error(world: World) -> No
 
 
 def test_the_default_tree() -> None:
-    with open_world(default_tree='Main') as world:
+    with open_server_world(default_tree='Main') as world:
         world.client.load_tree('<AlwaysSuccess/>')
         assert world.client.execute('').result.code == Result.SUCCESS
 
 
-def test_several_goals_are_written_as_a_list(world: World) -> None:
+def test_several_goals_are_written_as_a_list(world: ServerWorld) -> None:
     world.client.load_tree('<ComputePathThroughPoses goals="{goals}" path="{path}"/>')
-    goal = world.client.execute(goals=[pose(1), pose(2)], outputs=['path'])
+    goal = world.client.execute(goals=[pose_stamped(1), pose_stamped(2)], outputs=['path'])
     assert goal.result.code == Result.SUCCESS, goal.result.message
-    assert from_entry(goal.result.outputs[0]).poses[-1] == pose(2)
+    assert from_entry(goal.result.outputs[0]).poses[-1] == pose_stamped(2)
 
 
-def test_cancel_halts_the_leaves_and_awaits_them(world: World) -> None:
+def test_cancel_halts_the_leaves_and_awaits_them(world: ServerWorld) -> None:
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]
     follow.delay_cancel = 0.3
     world.client.load_tree(DRIVE)
-    goal = world.client.execute(goals=[pose(5)])
+    goal = world.client.execute(goals=[pose_stamped(5)])
     wait_until(lambda: follow.running, 'follow_path')
     goal.call.cancel(DEADLINE)
     outcome = goal.wait()
@@ -164,13 +166,13 @@ def test_cancel_halts_the_leaves_and_awaits_them(world: World) -> None:
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_cancel_at_any_moment_leaves_no_leaf_running(world: World, seed: int) -> None:
+def test_cancel_at_any_moment_leaves_no_leaf_running(world: ServerWorld, seed: int) -> None:
     world.navigation.hold.update(names_of_actions := [names.FOLLOW_PATH, names.SPIN])
     world.client.load_tree(f'<Sequence>{PLAN}<Wait wait_duration="1"/>{FOLLOW}<Spin/></Sequence>')
     chance = random.Random(seed)
     wait_until(world.client.executor.is_ready)
     for _ in range(25):
-        goal = world.client.execute(goals=[pose(1)])
+        goal = world.client.execute(goals=[pose_stamped(1)])
         time.sleep(chance.uniform(0.0, 0.02))
         goal.call.cancel(DEADLINE)
         assert goal.wait().status is GoalStatus.CANCELED
@@ -179,7 +181,7 @@ def test_cancel_at_any_moment_leaves_no_leaf_running(world: World, seed: int) ->
 
 
 def test_a_leaf_that_does_not_come_to_rest_is_an_error_in_time() -> None:
-    with open_world(cancel_timeout=0.2) as world:
+    with open_server_world(cancel_timeout=0.2) as world:
         world.client.load_tree('<NeverRests/>')
         goal = world.client.execute()
         wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running leaf')
@@ -188,7 +190,7 @@ def test_a_leaf_that_does_not_come_to_rest_is_an_error_in_time() -> None:
         assert 'a motor that still turns' in goal.result.message
 
 
-def test_a_leaf_that_needs_several_ticks_to_stop_gets_them(world: World) -> None:
+def test_a_leaf_that_needs_several_ticks_to_stop_gets_them(world: ServerWorld) -> None:
     server_nodes.TidiesUp.tidied.clear()
     world.client.load_tree('<TidiesUp/>')
     goal = world.client.execute()
@@ -198,29 +200,29 @@ def test_a_leaf_that_needs_several_ticks_to_stop_gets_them(world: World) -> None
     assert server_nodes.TidiesUp.tidied.is_set()
 
 
-def test_a_new_goal_takes_the_running_tree_over(world: World) -> None:
+def test_a_new_goal_takes_the_running_tree_over(world: ServerWorld) -> None:
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load_tree(
         '<PipelineSequence><RateController hz="20">' + PLAN + '</RateController>' + FOLLOW + '</PipelineSequence>'
     )
-    old = world.client.execute(goals=[pose(1)])
+    old = world.client.execute(goals=[pose_stamped(1)])
     wait_until(lambda: follow.running, 'follow_path')
-    new = world.client.execute(goals=[pose(2)])
+    new = world.client.execute(goals=[pose_stamped(2)])
     assert old.wait().status is GoalStatus.ABORTED
     assert old.result.code == Result.CANCELED
     assert 'newer goal' in old.result.message
-    wait_until(lambda: follow.goals[-1].path.poses[-1] == pose(2), 'the new path at the controller')
+    wait_until(lambda: follow.goals[-1].path.poses[-1] == pose_stamped(2), 'the new path at the controller')
     assert 'canceled' not in follow.statuses.values(), 'the robot was stopped in between'
     follow.end(follow.running[-1])
     assert new.result.code == Result.SUCCESS
 
 
-def test_a_new_goal_whose_inputs_do_not_fit_is_refused_and_the_tree_runs_on(world: World) -> None:
+def test_a_new_goal_whose_inputs_do_not_fit_is_refused_and_the_tree_runs_on(world: ServerWorld) -> None:
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load_tree(DRIVE)
-    old = world.client.execute(goals=[pose(1)])
+    old = world.client.execute(goals=[pose_stamped(1)])
     wait_until(lambda: follow.running, 'follow_path')
     bad = world.client.execute(inputs={'path': 'not a path'})
     assert bad.result.code == Result.ERROR
@@ -230,14 +232,14 @@ def test_a_new_goal_whose_inputs_do_not_fit_is_refused_and_the_tree_runs_on(worl
     assert old.result.code == Result.SUCCESS
 
 
-def test_goals_in_quick_succession_all_end_and_the_last_one_wins(world: World) -> None:
+def test_goals_in_quick_succession_all_end_and_the_last_one_wins(world: ServerWorld) -> None:
     world.client.load_tree(f'<Sequence>{PLAN}{FOLLOW}</Sequence>')
     wait_until(world.client.executor.is_ready)
     chance = random.Random(1)
     for _ in range(5):
         goals = []
         for number in range(8):
-            goals.append(world.client.execute(goals=[pose(number)]))
+            goals.append(world.client.execute(goals=[pose_stamped(number)]))
             time.sleep(chance.uniform(0.0, 0.004))
         codes = [goal.result.code for goal in goals]
         assert set(codes) <= {Result.SUCCESS, Result.CANCELED}
@@ -245,13 +247,13 @@ def test_goals_in_quick_succession_all_end_and_the_last_one_wins(world: World) -
         assert not world.navigation.actions[names.FOLLOW_PATH].running
 
 
-def test_goals_and_cancels_at_random_all_end_as_they_should(world: World) -> None:
+def test_goals_and_cancels_at_random_all_end_as_they_should(world: ServerWorld) -> None:
     world.client.load_tree(f'<Sequence>{PLAN}<Delay delay_msec="5"><AlwaysSuccess/></Delay>{FOLLOW}</Sequence>')
     wait_until(world.client.executor.is_ready)
     chance = random.Random(2)
     sent: list[tuple[Any, bool]] = []
     for number in range(60):
-        goal = world.client.execute(goals=[pose(number)], blackboard=chance.choice(['', 'a']))
+        goal = world.client.execute(goals=[pose_stamped(number)], blackboard=chance.choice(['', 'a']))
         time.sleep(chance.uniform(0.0, 0.01))
         canceled = chance.random() < 0.4
         if canceled:
@@ -267,13 +269,13 @@ def test_goals_and_cancels_at_random_all_end_as_they_should(world: World) -> Non
     assert not world.navigation.actions[names.FOLLOW_PATH].running
 
 
-def test_trees_run_at_the_same_time_and_apart(world: World) -> None:
+def test_trees_run_at_the_same_time_and_apart(world: ServerWorld) -> None:
     world.navigation.hold.update({names.FOLLOW_PATH, names.SPIN})
     world.navigation.actions[names.FOLLOW_PATH].preempting = False
     world.client.load_tree(DRIVE)
     world.client.load_tree('<Spin/>', 'Turn')
-    one = world.client.execute(goals=[pose(1)], blackboard='one')
-    two = world.client.execute(goals=[pose(2)], blackboard='two')
+    one = world.client.execute(goals=[pose_stamped(1)], blackboard='one')
+    two = world.client.execute(goals=[pose_stamped(2)], blackboard='two')
     turn = world.client.execute('Turn')
     follow, spin = world.navigation.actions[names.FOLLOW_PATH], world.navigation.actions[names.SPIN]
     wait_until(lambda: len(follow.running) == 2 and spin.running)
@@ -285,7 +287,7 @@ def test_trees_run_at_the_same_time_and_apart(world: World) -> None:
     assert one.result.code == two.result.code == Result.SUCCESS
 
 
-def test_a_tree_that_blocks_holds_up_nobody_else(world: World) -> None:
+def test_a_tree_that_blocks_holds_up_nobody_else(world: ServerWorld) -> None:
     server_nodes.Blocks.release.clear()
     server_nodes.Blocks.entered.clear()
     world.client.load_tree('<Blocks/>', 'Blocked')
@@ -302,7 +304,7 @@ def test_a_tree_that_blocks_holds_up_nobody_else(world: World) -> None:
     ('node', 'fragment'),
     [('Raises', 'scripted fault'), ('Nonsense', "'yes'"), ('Raises text="{no_such_key}"', 'no_such_key')],
 )
-def test_a_node_that_is_broken_is_an_error_with_its_path(world: World, node: str, fragment: str) -> None:
+def test_a_node_that_is_broken_is_an_error_with_its_path(world: ServerWorld, node: str, fragment: str) -> None:
     world.client.load_tree(f'<Sequence><Spin/><{node}/></Sequence>')
     goal = world.client.execute()
     assert goal.wait().status is GoalStatus.ABORTED
@@ -312,32 +314,39 @@ def test_a_node_that_is_broken_is_an_error_with_its_path(world: World, node: str
     assert world.client.execute().result.code == Result.ERROR  # and the server is still there
 
 
-def test_a_node_of_an_installed_package_waits_for_a_topic(world: World) -> None:
+def test_a_node_of_an_installed_package_waits_for_a_topic(world: ServerWorld) -> None:
     world.client.load_tree('<RetryUntilSuccessful num_attempts="-1"><DoorOpen/></RetryUntilSuccessful>', 'Spinning')
     world.client.load_tree('<ReactiveFallback><DoorOpen/><Wait wait_duration="60"/></ReactiveFallback>')
     world.navigation.hold.add(names.WAIT)
     goal = world.client.execute()
     wait_until(lambda: world.navigation.actions[names.WAIT].running)
-    door = world.client.runtime.call(lambda: world.client.runtime.node.create_publisher(Bool, 'door', names.latched()))
+    door = world.client.runtime.call(
+        lambda: world.client.runtime.node.create_publisher(Bool, 'door', names.transient_local_qos())
+    )
     wait_until(lambda: (door.publish(Bool(data=True)), goal.ended)[1])
     assert goal.result.code == Result.SUCCESS
     wait_until(lambda: world.navigation.actions[names.WAIT].statuses == {0: 'canceled'})
 
 
 def test_feedback_tells_where_the_tree_and_the_robot_are() -> None:
-    with open_world(feedback_rate=50.0) as world:
+    with open_server_world(feedback_rate=50.0) as world:
         world.navigation.hold.add(names.FOLLOW_PATH)
         runtime = world.navigation_runtime
-        robot = runtime.call(lambda: runtime.node.create_publisher(type(pose(0)), names.POSE, 1))
+        robot = runtime.call(lambda: runtime.node.create_publisher(type(pose_stamped(0)), names.POSE, 1))
         world.client.load_tree(f'<Sequence name="drive">{PLAN}<Spin/>{FOLLOW}</Sequence>')
-        goal = world.client.execute(goals=[pose(3)])
-        wait_until(lambda: (robot.publish(pose(1)), goal.feedback and goal.feedback[-1].current_location == pose(1))[1])
+        goal = world.client.execute(goals=[pose_stamped(3)])
+        wait_until(
+            lambda: (
+                robot.publish(pose_stamped(1)),
+                goal.feedback and goal.feedback[-1].current_location == pose_stamped(1),
+            )[1]
+        )
         wait_until(lambda: any('FollowPath' in path for path in goal.feedback[-1].active_nodes), 'the leaf')
         feedback = goal.feedback[-1]
         assert 'drive' in feedback.active_nodes[0]
         assert feedback.number_of_recoveries == 1
         wait_until(lambda: goal.feedback[-1].distance_remaining == pytest.approx(2.0))
-        assert goal.feedback[-1].goal == pose(3) and goal.feedback[-1].poses_remaining == 1
+        assert goal.feedback[-1].goal == pose_stamped(3) and goal.feedback[-1].poses_remaining == 1
         assert goal.feedback[-1].time_remaining == -1.0  # it stands
         assert goal.feedback[-1].run_id == goal.call.goal_id.hex()
         assert feedback.execution_time.sec + feedback.execution_time.nanosec > 0
@@ -345,18 +354,22 @@ def test_feedback_tells_where_the_tree_and_the_robot_are() -> None:
         goal.wait()
 
 
-def test_every_transition_is_published_before_the_result(world: World) -> None:
+def test_every_transition_is_published_before_the_result(world: ServerWorld) -> None:
     runtime = world.client.runtime
     structures: list[TreeStructure] = []
     statuses: list[TreeStatus] = []
     runtime.call(
         lambda: (
-            runtime.node.create_subscription(TreeStructure, names.TREE_STRUCTURE, structures.append, names.latched(16)),
-            runtime.node.create_subscription(TreeStatus, names.TREE_STATUS, statuses.append, names.latched(100)),
+            runtime.node.create_subscription(
+                TreeStructure, names.TREE_STRUCTURE, structures.append, names.transient_local_qos(16)
+            ),
+            runtime.node.create_subscription(
+                TreeStatus, names.TREE_STATUS, statuses.append, names.transient_local_qos(100)
+            ),
         )
     )
     world.client.load_tree(DRIVE)
-    assert world.client.execute(goals=[pose(1)]).result.code == Result.SUCCESS
+    assert world.client.execute(goals=[pose_stamped(1)]).result.code == Result.SUCCESS
     wait_until(lambda: statuses and statuses[-1].finished)
     (structure,) = structures
     assert [node.registration for node in structure.nodes][-2:] == ['ComputePathToPose', 'FollowPath']
@@ -376,13 +389,13 @@ def test_every_transition_is_published_before_the_result(world: World) -> None:
         assert history[node.uid][:2] == [TreeStatus.RUNNING, TreeStatus.SUCCESS]
 
 
-def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
+def test_the_death_of_the_owner_stops_the_tree(world: ServerWorld) -> None:
     world.navigation.hold.add(names.FOLLOW_PATH)
     follow = world.navigation.actions[names.FOLLOW_PATH]
     world.client.load_tree(DRIVE)
     with NodeRuntime.open('owner') as owner:
         LivelinessToken(owner)
-        goal = world.client.execute(goals=[pose(1)], owner='/owner')
+        goal = world.client.execute(goals=[pose_stamped(1)], owner='/owner')
         wait_until(lambda: follow.running)
         wait_until(lambda: world.server.goals.owners.sees('/owner'), 'the owner was seen')
     assert goal.wait().status is GoalStatus.ABORTED
@@ -391,8 +404,8 @@ def test_the_death_of_the_owner_stops_the_tree(world: World) -> None:
     assert not follow.running
 
 
-def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.goals.goal_owners.OWNER_SECONDS', 0.2)
+def test_an_owner_that_is_never_seen_stops_the_tree(world: ServerWorld, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', 0.2)
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree('<Spin/>')
     goal = world.client.execute(owner='/nobody')
@@ -400,8 +413,8 @@ def test_an_owner_that_is_never_seen_stops_the_tree(world: World, monkeypatch: p
     assert '/nobody' in goal.result.message and 'liveliness' in goal.result.message
 
 
-def test_owners_whose_goals_are_over_are_forgotten(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.goals.goal_owners.OWNER_SECONDS', 0.2)
+def test_owners_whose_goals_are_over_are_forgotten(world: ServerWorld, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', 0.2)
     world.client.load_tree('<AlwaysSuccess/>')
     owners = [f'/owner{number}' for number in range(60)]  # more than are kept for a moment
     for owner in owners:
@@ -416,7 +429,7 @@ def test_owners_whose_goals_are_over_are_forgotten(world: World, monkeypatch: py
 
 
 @pytest.mark.parametrize('owner', ['two words', '/a//b', '/', '1st', '{robot}', '/' + 'long' * 99])
-def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: World, owner: str) -> None:
+def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: ServerWorld, owner: str) -> None:
     faults: list[BaseException] = []
     world.server_runtime.on_fault(faults.append)
     world.client.load_tree('<AlwaysSuccess/>')
@@ -429,11 +442,11 @@ def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: World
 def test_the_end_of_the_server_stops_the_robot_and_tells_the_client() -> None:
     with NodeRuntime.open('bt_server') as extra:
         extra.close()
-    with open_world() as world:
+    with open_server_world() as world:
         world.navigation.hold.add(names.FOLLOW_PATH)
         follow = world.navigation.actions[names.FOLLOW_PATH]
         world.client.load_tree(DRIVE)
-        goal = world.client.execute(goals=[pose(1)])
+        goal = world.client.execute(goals=[pose_stamped(1)])
         wait_until(lambda: follow.running)
         began = uncontended_time()
         world.server_runtime.close()
@@ -444,7 +457,7 @@ def test_the_end_of_the_server_stops_the_robot_and_tells_the_client() -> None:
 
 
 def test_a_server_of_a_leaf_that_is_missing_fails_the_tree_in_time() -> None:
-    with open_world(server_timeout=0.2) as world:
+    with open_server_world(server_timeout=0.2) as world:
         world.client.load_tree('<Spin server_name="no_such_server"/>')
         goal = world.client.execute()
         assert goal.result.code == Result.FAILURE
@@ -452,7 +465,7 @@ def test_a_server_of_a_leaf_that_is_missing_fails_the_tree_in_time() -> None:
 
 
 def test_an_edited_file_is_used_by_the_next_goal(tmp_path: Path) -> None:
-    with open_world(allowed_directories=[str(tmp_path)]) as world:
+    with open_server_world(allowed_directories=[str(tmp_path)]) as world:
         file = tmp_path / 'tree.xml'
         file.write_text(document('<AlwaysSuccess/>'))
         assert world.client.execute(str(file)).result.code == Result.SUCCESS
@@ -465,7 +478,7 @@ def test_an_edited_file_is_used_by_the_next_goal(tmp_path: Path) -> None:
         assert f'the last good version runs: {file}:1:' in result.message
 
 
-def test_a_failure_and_an_error_carry_the_reasons_up_to_the_root(world: World) -> None:
+def test_a_failure_and_an_error_carry_the_reasons_up_to_the_root(world: ServerWorld) -> None:
     world.navigation.fail[names.SPIN] = (2, 0)
     inner = document(
         '<RetryUntilSuccessful num_attempts="2" name="again"><Spin name="turn"/></RetryUntilSuccessful>', 'Inner'

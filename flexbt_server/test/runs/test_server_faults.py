@@ -19,26 +19,26 @@ from typing import Any
 import pytest
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.liveness import LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import Encoding, from_entry, to_entry
-from flexbt_core.behavior_tree import NodeStatus
-from flexbt_core.behavior_tree.model import TreeKey
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding, from_entry, to_entry
+from flexbt_core.behavior_tree.model.definition import TreeKey
+from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_msgs.action import BtExecute, BtLoad
-from flexbt_server.node import BtServer
-from flexbt_server.runs.overruns import Overruns
+from flexbt_server.bt_server import BtServer
+from flexbt_server.runs.tree_run import TickOverrunWarner
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.server_world import (
     Client,
     Navigation,
-    World,
+    ServerWorld,
     document,
     install_nodes,
-    open_world,
+    open_server_world,
 )
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
@@ -53,11 +53,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
+def world() -> Iterator[ServerWorld]:
     """A server that is soon tired of waiting, and that has nothing left at the end."""
     Held.reset()
     try:
-        with open_world(cancel_timeout=0.3) as opened:
+        with open_server_world(cancel_timeout=0.3) as opened:
             yield opened
     finally:
         Held.release.set()
@@ -65,7 +65,7 @@ def world() -> Iterator[World]:
     assert not Work.running()
 
 
-def quickest_answer(world: World) -> float:
+def quickest_answer(world: ServerWorld) -> float:
     """Seconds for a goal, the best of a few: the machine has other things to do as well."""
 
     def measure() -> float:
@@ -77,7 +77,7 @@ def quickest_answer(world: World) -> float:
 
 
 @pytest.mark.parametrize('body', ['<HeldInTick/>', '<HeldInTick busy="1"/>', '<HeldThread/>'])
-def test_a_leaf_that_never_returns_is_given_up_and_holds_up_nobody(world: World, body: str) -> None:
+def test_a_leaf_that_never_returns_is_given_up_and_holds_up_nobody(world: ServerWorld, body: str) -> None:
     world.client.load_tree(f'<Sequence><AlwaysSuccess/>{body}</Sequence>')
     world.client.load_tree('<AlwaysSuccess/>', 'Other')
     goal = world.client.execute()
@@ -98,7 +98,7 @@ def test_a_leaf_that_never_returns_is_given_up_and_holds_up_nobody(world: World,
     assert len(goal.outcomes) == 1
 
 
-def test_the_path_of_a_leaf_that_does_not_return_is_the_failed_node(world: World) -> None:
+def test_the_path_of_a_leaf_that_does_not_return_is_the_failed_node(world: ServerWorld) -> None:
     world.client.load_tree('<Inverter><Sequence name="outer"><HeldInTick name="arm"/></Sequence></Inverter>')
     goal = world.client.execute()
     assert Held.entered.wait(DEADLINE)
@@ -107,7 +107,7 @@ def test_the_path_of_a_leaf_that_does_not_return_is_the_failed_node(world: World
     assert '[arm] does not return' in goal.result.message
 
 
-def test_a_leaf_that_does_not_return_makes_the_server_late_until_its_run_is_given_up(world: World) -> None:
+def test_a_leaf_that_does_not_return_makes_the_server_late_until_its_run_is_given_up(world: ServerWorld) -> None:
     """And then nothing that the other leaves have begun goes on."""
     watch = LivelinessWatch(world.client.runtime, names.BT_SERVER)
     world.navigation.hold.add(names.SPIN)
@@ -124,7 +124,7 @@ def test_a_leaf_that_does_not_return_makes_the_server_late_until_its_run_is_give
     Held.release.set()
 
 
-def test_a_leaf_that_does_not_return_from_its_halt_is_given_up(world: World) -> None:
+def test_a_leaf_that_does_not_return_from_its_halt_is_given_up(world: ServerWorld) -> None:
     world.client.load_tree('<HeldInHalt ms="60000"/>')
     goal = world.client.execute()
     wait_until(lambda: Work.running(), 'the leaf')
@@ -133,7 +133,7 @@ def test_a_leaf_that_does_not_return_from_its_halt_is_given_up(world: World) -> 
     assert goal.result.failed_node.startswith('HeldInHalt')
 
 
-def test_a_goal_that_waits_to_take_over_a_tree_that_blocks_gets_a_run_of_its_own(world: World) -> None:
+def test_a_goal_that_waits_to_take_over_a_tree_that_blocks_gets_a_run_of_its_own(world: ServerWorld) -> None:
     world.client.load_tree('<HeldInTick/>')
     old = world.client.execute()
     assert Held.entered.wait(DEADLINE)
@@ -151,7 +151,7 @@ def test_a_goal_that_waits_to_take_over_a_tree_that_blocks_gets_a_run_of_its_own
     assert newest.result.code == Result.SUCCESS
 
 
-def test_a_goal_is_not_held_back_for_ever_by_a_thread_that_does_not_return(world: World) -> None:
+def test_a_goal_is_not_held_back_for_ever_by_a_thread_that_does_not_return(world: ServerWorld) -> None:
     first = '<ForceSuccess><Timeout msec="50"><HeldThread name="held"/></Timeout></ForceSuccess>'
     world.client.load_tree(f'<Sequence>{first}<Spin name="turn" error_msg="{{why}}"/></Sequence>')
     result = world.client.execute(outputs=['why']).result
@@ -164,7 +164,7 @@ def test_a_goal_is_not_held_back_for_ever_by_a_thread_that_does_not_return(world
 
 
 def test_servers_that_start_with_this_one_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.leaves.leaf_services.STARTED', time.monotonic())
+    monkeypatch.setattr('flexbt_common.lifecycle.liveliness.STARTED', time.monotonic())
     parameters = {'server_timeout': 1.0, 'start_timeout': DEADLINE}
     with NodeRuntime.open('bt_server', parameters=parameters) as server, NodeRuntime.open('client') as client_runtime:
         BtServer(server)
@@ -180,7 +180,7 @@ def test_servers_that_start_with_this_one_are_waited_for(monkeypatch: pytest.Mon
 @pytest.mark.parametrize('body', ['<HeldInTick/>', '<HeldThread/>', '<HeldInHalt ms="60000"/>', '<NeverRests/>'])
 def test_the_end_of_the_server_waits_for_no_leaf_and_tells_the_client(body: str) -> None:
     Held.reset()
-    with open_world() as world:
+    with open_server_world() as world:
         world.client.load_tree(body)
         goal = world.client.execute()
         wait_until(lambda: (goal.feedback and goal.feedback[-1].active_nodes) or Held.entered.is_set(), 'the leaf')
@@ -197,7 +197,7 @@ def seconds_to_end(site: Path, busy: int, attempt: int) -> float:
     """From SIGTERM to the end of a process with a leaf that blocks; infinite when it was forced to end."""
     path = os.pathsep.join([str(site), str(Path(__file__).parent), os.environ.get('PYTHONPATH', '')])
     namespace = f'/blocked_{os.getpid()}_{busy}_{attempt}'
-    command = [sys.executable, '-m', 'flexbt_server.node.bt_server', '--ros-args', '-r', f'__ns:={namespace}']
+    command = [sys.executable, '-m', 'flexbt_server.bt_server', '--ros-args', '-r', f'__ns:={namespace}']
     environment = os.environ | {'PYTHONPATH': path}
     with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
         try:
@@ -226,7 +226,7 @@ def test_the_process_ends_in_time_although_a_leaf_blocks(site: Path, busy: int) 
 
 
 @pytest.mark.parametrize('kind', bt_faulty_leaves.RAISERS)
-def test_whatever_a_leaf_raises_ends_its_goal_and_names_it(world: World, kind: str) -> None:
+def test_whatever_a_leaf_raises_ends_its_goal_and_names_it(world: ServerWorld, kind: str) -> None:
     world.client.load_tree(f'<RaisesInTick kind="{kind}" name="tick"/>', 'Tick')
     world.client.load_tree(f'<RaisesInThread kind="{kind}" name="thread"/>', 'Thread')
     world.client.load_tree(
@@ -244,14 +244,14 @@ def test_whatever_a_leaf_raises_ends_its_goal_and_names_it(world: World, kind: s
     goal.wait()
 
 
-def test_what_is_no_status_ends_the_goal_and_names_the_leaf(world: World) -> None:
+def test_what_is_no_status_ends_the_goal_and_names_the_leaf(world: ServerWorld) -> None:
     for what in bt_faulty_leaves.NONSENSE:
         world.client.load_tree(f'<Sequence><AlwaysSuccess/><Returns what="{what}" name="leaf"/></Sequence>')
         result = world.client.execute().result
         assert (result.code, result.failed_node) == (Result.ERROR, 'leaf'), (what, result.message)
 
 
-def test_scripts_that_raise_while_a_tree_halts_hide_nothing(world: World) -> None:
+def test_scripts_that_raise_while_a_tree_halts_hide_nothing(world: ServerWorld) -> None:
     """Neither by what the run ended, nor one another."""
     halted = [f'<AlwaysSuccess name="halted {key}" _onHalted="{key} = 1"/>' for key in 'ab']
     body = f'<Sequence>{"".join(halted)}{{}}</Sequence>'
@@ -272,7 +272,9 @@ def test_scripts_that_raise_while_a_tree_halts_hide_nothing(world: World) -> Non
 @pytest.mark.parametrize(
     'reason', ['a\ud800b', 'a\0b', 'x' * 3_000_000, '\x1b[31mred', ''], ids=['surrogate', 'NUL', 'long', 'ESC', 'none']
 )
-def test_a_reason_of_any_text_reaches_the_client(world: World, monkeypatch: pytest.MonkeyPatch, reason: str) -> None:
+def test_a_reason_of_any_text_reaches_the_client(
+    world: ServerWorld, monkeypatch: pytest.MonkeyPatch, reason: str
+) -> None:
     monkeypatch.setattr(bt_faulty_leaves.Fails, 'reason', reason)
     world.client.load_tree('<Fails name="leaf"/>')
     result = world.client.execute().result
@@ -280,7 +282,7 @@ def test_a_reason_of_any_text_reaches_the_client(world: World, monkeypatch: pyte
     assert len(result.message) < 20_000
 
 
-def test_entries_may_change_at_any_moment_while_trees_tick_and_clients_read(world: World) -> None:
+def test_entries_may_change_at_any_moment_while_trees_tick_and_clients_read(world: ServerWorld) -> None:
     world.client.load_tree(
         '<Parallel success_count="1"><Scribbles count="20000"/><KeepRunningUntilFailure><ForceSuccess>'
         '<Sequence><Script code="mine := 1; other := mine + 1"/>'
@@ -297,7 +299,9 @@ def test_entries_may_change_at_any_moment_while_trees_tick_and_clients_read(worl
     assert [from_entry(entry) for entry in goal.result.outputs] == [20000, 2]
 
 
-def test_a_machine_without_threads_refuses_the_goal_and_goes_on(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_without_threads_refuses_the_goal_and_goes_on(
+    world: ServerWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
     world.client.load_tree('<AlwaysSuccess/>')
     start = threading.Thread.start
 
@@ -315,7 +319,7 @@ def test_a_machine_without_threads_refuses_the_goal_and_goes_on(world: World, mo
 
 
 def test_a_process_without_free_file_descriptors_refuses_files_and_goes_on(tmp_path: Path) -> None:
-    with open_world(allowed_directories=[str(tmp_path)]) as world:
+    with open_server_world(allowed_directories=[str(tmp_path)]) as world:
         file = tmp_path / 'tree.xml'
         file.write_text(document('<AlwaysSuccess/>', 'FromFile'))
         world.client.load_tree('<InThread ms="5"/>')
@@ -338,7 +342,7 @@ def test_a_process_without_free_file_descriptors_refuses_files_and_goes_on(tmp_p
 
 
 def test_ticks_that_take_too_long_are_told_with_numbers_once_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    with open_world(tick_rate=100.0) as world:
+    with open_server_world(tick_rate=100.0) as world:
         told: list[str] = []
         logger = world.server_runtime.node.get_logger()
         monkeypatch.setattr(type(logger), 'warning', lambda self, message, **_: told.append(message))
@@ -366,7 +370,7 @@ def test_ticks_that_take_too_long_are_told_with_numbers_once_a_second(monkeypatc
 
 
 def test_a_tree_that_keeps_waking_itself_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
-    with open_world() as world:
+    with open_server_world() as world:
         told: list[str] = []
         logger = world.server_runtime.node.get_logger()
         monkeypatch.setattr(type(logger), 'warning', lambda self, message, **_: told.append(message))
@@ -379,7 +383,7 @@ def test_a_tree_that_keeps_waking_itself_is_told_of(monkeypatch: pytest.MonkeyPa
 
 def test_a_report_of_ticks_that_take_too_long_is_of_those_since_the_last_one() -> None:
     told: list[str] = []
-    overruns = Overruns(TreeKey('', 'Main'), 0.010, told.append)
+    overruns = TickOverrunWarner(TreeKey('', 'Main'), 0.010, told.append)
     for began, ended in [(0.0, 0.010), (0.01, 0.03), (0.03, 0.09), (0.09, 0.11), (0.11, 0.115), (1.02, 1.06)]:
         overruns.note(began, ended)
     assert [message.split(': ')[1].split(' took')[0] for message in told] == ['1 ticks', '3 ticks']
@@ -397,7 +401,7 @@ def test_the_rate_of_ticks_is_that_of_the_parameter(monkeypatch: pytest.MonkeyPa
         return NodeStatus.SUCCESS
 
     monkeypatch.setattr(bt_faulty_leaves.Blocking, 'tick', tick)
-    with open_world(tick_rate=20.0) as world:
+    with open_server_world(tick_rate=20.0) as world:
         world.client.load_tree(
             '<Parallel success_count="2"><Runs ms="60000"/><KeepRunningUntilFailure><Blocking/>'
             '</KeepRunningUntilFailure></Parallel>'
@@ -411,7 +415,7 @@ def test_the_rate_of_ticks_is_that_of_the_parameter(monkeypatch: pytest.MonkeyPa
     assert uncontended[41] - uncontended[0] < 42 * 0.05
 
 
-def test_a_goal_for_a_tree_that_runs_is_answered_at_once(world: World) -> None:
+def test_a_goal_for_a_tree_that_runs_is_answered_at_once(world: ServerWorld) -> None:
     world.client.load_tree('<Runs ms="60000"/>')
     goals = [world.client.execute()]
     wait_until(lambda: goals[0].feedback, 'the running tree')

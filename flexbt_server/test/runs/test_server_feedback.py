@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
 
-from flexbt_common.values import duration_message
-from flexbt_core.behavior_tree import Blackboard
-from flexbt_server.goals import distance_left, recoveries, seconds_left
+from flexbt_common.values.message_fields import duration_message
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_server.actions.progress import distance_left, recoveries, seconds_left
 
 NUMBERS = st.one_of(st.integers(-(2**63), 2**63 - 1), st.floats(), st.booleans(), st.text())
 

@@ -17,18 +17,17 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.lifecycle import ManagedNode, NodeScope
-from flexbt_common.liveness import LivelinessToken, LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import to_entry
-from flexbt_core.clock import LateWork
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.lifecycle.managed_node import ManagedNode, NodeScope
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
+from flexbt_core.clock.work_thread import LateWork
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.srv import ControlTree
-from flexbt_server.goals import tree_reader
-from flexbt_server.node import BtServer, declare_parameters
-from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_server.bt_server import BtServer, tree_reader
+from flexbt_server.parameters import declare_parameters
+from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
 from flexbt_testing.nodes.server_world import Client, Navigation, document
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.waiting import DEADLINE, wait_until

@@ -18,16 +18,16 @@ import pytest
 from server_model import NEVER, Model, ModelGoal, Plan, make_plan
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import Encoding, from_entry, to_entry
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding, from_entry, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world
+from flexbt_testing.nodes.clients import SentGoal
+from flexbt_testing.nodes.server_world import ServerWorld, document, install_nodes, open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 STEPS = int(os.environ.get('FLEXBT_MODEL_STEPS', '300'))
@@ -45,7 +45,7 @@ def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
 class Walk:
     """A random walk on a server."""
 
-    def __init__(self, world: World, directory: Path, seed: int) -> None:
+    def __init__(self, world: ServerWorld, directory: Path, seed: int) -> None:
         self.world = world
         self.client = world.client
         self.chance = random.Random(seed)
@@ -196,7 +196,7 @@ def resident_megabytes() -> float:
 
 
 def test_a_random_walk_is_as_the_model_predicts(tmp_path: Path) -> None:
-    with open_world(allowed_directories=[str(tmp_path)], cancel_timeout=10.0) as world:
+    with open_server_world(allowed_directories=[str(tmp_path)], cancel_timeout=10.0) as world:
         world.navigation.hold.add(names.BACKUP)
         world.client.load_tree('<Runs ms="1000000"/>', 'Endless')
         walk = Walk(world, tmp_path, SEED)

@@ -11,11 +11,11 @@ import pytest
 from rosgraph_msgs.msg import Clock
 
 from flexbt_common import names
-from flexbt_common.values import from_entry, to_entry
+from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.server_world import World, install_nodes, open_world
+from flexbt_testing.nodes.clients import SentGoal
+from flexbt_testing.nodes.server_world import ServerWorld, install_nodes, open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
@@ -50,7 +50,7 @@ def nodes_of_ones_own(tmp_path_factory: pytest.TempPathFactory) -> None:
 class Simulation:
     """A hand on /clock, and one goal for each tree."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: ServerWorld) -> None:
         self.world = world
         runtime = world.client.runtime
         self._publisher: Any = runtime.call(lambda: runtime.node.create_publisher(Clock, names.CLOCK, 10))
@@ -107,7 +107,7 @@ class Simulation:
 
 @pytest.fixture
 def simulation() -> Iterator[Simulation]:
-    with open_world(use_sim_time=True, feedback_rate=50.0) as world:
+    with open_server_world(use_sim_time=True, feedback_rate=50.0) as world:
         simulation = Simulation(world)
         world.client.load_tree('<AlwaysSuccess/>', 'Quick')
         yield simulation
@@ -168,7 +168,7 @@ def test_a_cancel_needs_no_time(simulation: Simulation) -> None:
 
 
 def test_a_run_without_a_time_says_so_in_feedback_and_result() -> None:
-    with open_world(use_sim_time=True, feedback_rate=50.0) as world:
+    with open_server_world(use_sim_time=True, feedback_rate=50.0) as world:
         world.client.load_tree(FOREVER, 'Waits')
         goal = world.client.execute('Waits')
         wait_until(lambda: 'nobody publishes /clock' in goal.feedback[-1].clock_problem, 'what is wrong')

@@ -19,16 +19,27 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.behavior_tree import Blackboard, NodeExecutionError, NodeStatus, StatusLog, Tree
-from flexbt_core.clock import Timer
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree.engine.observers import StatusLog
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.clock import Timer
 from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStatusChange, TreeStructure
-from flexbt_server.runs import TreeStream
-from flexbt_server.runs.status_encoding import encoded, serialized
-from flexbt_server.runs.tree_stream import BATCH_SECONDS, MAX_CHANGES, MAX_MARKS, MESSAGES_KEPT, RunStream
-from flexbt_testing.nodes.server_world import open_world
-from flexbt_testing.random_trees.user_nodes import make, random_body, run_some
+from flexbt_server.runs.tree_stream import (
+    BATCH_SECONDS,
+    MAX_CHANGES,
+    MAX_MARKS,
+    MESSAGES_KEPT,
+    RunStream,
+    TreeStream,
+    encoded,
+    serialized,
+)
+from flexbt_testing.behavior_trees.user_node_trees import make, random_body, run_some
+from flexbt_testing.nodes.server_world import open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Changes = list[tuple[int, int, int]]
@@ -69,7 +80,7 @@ class Subscriber:
         def subscribe() -> None:
             for kind, name in ((TreeStructure, names.TREE_STRUCTURE), (TreeStatus, names.TREE_STATUS)):
                 runtime.node.create_subscription(
-                    kind, name, self._received[kind].append, names.latched(depth), raw=True
+                    kind, name, self._received[kind].append, names.transient_local_qos(depth), raw=True
                 )
 
         runtime.call(subscribe)
@@ -307,7 +318,7 @@ def test_a_tree_that_changes_all_the_time_is_sent_whole_and_little_waits(
 
 
 def test_a_server_that_is_not_to_publish_watches_nothing() -> None:
-    with open_world(publish_statuses=False) as world:
+    with open_server_world(publish_statuses=False) as world:
         world.navigation.hold.add(names.SPIN)
         world.client.load_tree('<Sequence><AlwaysSuccess/><Spin/></Sequence>')
         goal = world.client.execute()

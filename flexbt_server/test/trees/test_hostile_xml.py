@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.behavior_tree import TreeLoadError, builtin_registry, load_xml
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_testing.behavior_trees.bt_tool import tool
-from flexbt_testing.behavior_trees.hostile_xml import ACCEPTED, BROKEN_IN_MANY_PLACES, CORPUS, TREE
-from flexbt_testing.nodes.server_world import World, open_world
+from flexbt_testing.behavior_trees.bt_tool import ACCEPTED, BROKEN_IN_MANY_PLACES, CORPUS, TREE, tool
+from flexbt_testing.nodes.server_world import ServerWorld, open_server_world
 from flexbt_testing.waiting import wait_until
 
 Result = BtLoad.Result
@@ -32,8 +33,8 @@ def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def world(directory: Path) -> Iterator[World]:
-    with open_world(allowed_directories=[str(directory)]) as opened:
+def world(directory: Path) -> Iterator[ServerWorld]:
+    with open_server_world(allowed_directories=[str(directory)]) as opened:
         wait_until(opened.client.loader.is_ready)
         yield opened
 
@@ -48,7 +49,7 @@ def bounded_memory() -> Iterator[None]:
     assert resident() - before < MEMORY
 
 
-def refused(world: World, file: Path) -> list[BtLoadReport]:
+def refused(world: ServerWorld, file: Path) -> list[BtLoadReport]:
     """The reports of a file that must not be loaded."""
     began = time.process_time()
     result = world.client.load(str(file))
@@ -59,7 +60,7 @@ def refused(world: World, file: Path) -> list[BtLoadReport]:
 
 
 @pytest.mark.parametrize('name', CORPUS)
-def test_the_server_refuses_in_time_and_says_where(world: World, directory: Path, name: str) -> None:
+def test_the_server_refuses_in_time_and_says_where(world: ServerWorld, directory: Path, name: str) -> None:
     content, words = CORPUS[name]
     file = directory / 'hostile.xml'
     file.write_bytes(content)
@@ -93,7 +94,7 @@ def test_the_command_refuses_in_time_and_says_where(tmp_path: Path, name: str) -
 
 
 @pytest.mark.parametrize('name', ACCEPTED)
-def test_what_looks_odd_but_is_fine_is_loaded(world: World, directory: Path, tmp_path: Path, name: str) -> None:
+def test_what_looks_odd_but_is_fine_is_loaded(world: ServerWorld, directory: Path, tmp_path: Path, name: str) -> None:
     file = directory / 'odd.xml'
     file.write_bytes(ACCEPTED[name])
     began = time.process_time()
@@ -103,7 +104,7 @@ def test_what_looks_odd_but_is_fine_is_loaded(world: World, directory: Path, tmp
     assert tool('check', str(file), '--ignore', 'never-written').code == 0
 
 
-def test_a_file_that_ends_too_early_is_refused_wherever_it_ends(world: World, directory: Path) -> None:
+def test_a_file_that_ends_too_early_is_refused_wherever_it_ends(world: ServerWorld, directory: Path) -> None:
     content = TREE.encode()
     registry = builtin_registry()
     lines = TREE.count('\n') + 1
@@ -118,7 +119,7 @@ def test_a_file_that_ends_too_early_is_refused_wherever_it_ends(world: World, di
             assert tool('check', str(file)).code == 1
 
 
-def test_all_errors_of_a_file_are_reported_with_their_places(world: World, directory: Path) -> None:
+def test_all_errors_of_a_file_are_reported_with_their_places(world: ServerWorld, directory: Path) -> None:
     file = directory / 'many.xml'
     file.write_text(BROKEN_IN_MANY_PLACES)
     done = tool('check', str(file), '--json')
@@ -137,7 +138,7 @@ def test_all_errors_of_a_file_are_reported_with_their_places(world: World, direc
     assert f'(and {4 * 50} more errors)' in world.client.load(str(file)).message
 
 
-def test_a_file_of_100_mb_is_not_read(world: World, directory: Path) -> None:
+def test_a_file_of_100_mb_is_not_read(world: ServerWorld, directory: Path) -> None:
     file = directory / 'huge.xml'
     with file.open('wb') as content:
         content.write(TREE.encode())
@@ -152,7 +153,9 @@ def include(path: str, package: str = '') -> str:
     return f'<root BTCPP_format="4">\n<include {attributes}/></root>'
 
 
-def test_includes_lead_nowhere_but_to_files_that_are_allowed(world: World, directory: Path, tmp_path: Path) -> None:
+def test_includes_lead_nowhere_but_to_files_that_are_allowed(
+    world: ServerWorld, directory: Path, tmp_path: Path
+) -> None:
     secret = tmp_path / 'secret.xml'
     secret.write_text('<root>\nthe secret</root>')
     (directory / 'link.xml').symlink_to(secret)

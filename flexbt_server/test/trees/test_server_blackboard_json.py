@@ -15,14 +15,11 @@ from hypothesis import strategies as st
 from nav_msgs.msg import OccupancyGrid, Path
 from std_msgs.msg import ByteMultiArray, String
 
-from flexbt_core.behavior_tree import (
-    Blackboard,
-    BlackboardError,
-    builtin_registry,
-    export_blackboard,
-    import_blackboard,
-)
-from flexbt_server.trees import PATH, POSES, RosJsonTypes
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.blackboard_json import export_blackboard, import_blackboard
+from flexbt_core.behavior_tree.model.errors import BlackboardError
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_server.trees.ros_ports import PATH, POSES, RosJsonTypes
 
 TYPES = RosJsonTypes()
 

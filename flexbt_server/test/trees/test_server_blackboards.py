@@ -8,10 +8,9 @@ import gc
 import pytest
 
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.values import Encoding, to_entry
+from flexbt_common.values.entries import Encoding, to_entry
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_server.trees import Blackboards, entries_of, write_all
-from flexbt_server.trees.blackboards import MOST_BLACKBOARDS, MOST_KEYS
+from flexbt_server.trees.blackboards import MOST_BLACKBOARDS, MOST_KEYS, Blackboards, entries_of, write_all
 
 
 def give(boards: Blackboards, name: str, *entries: BlackboardEntry) -> None:
@@ -66,7 +65,7 @@ def test_the_size_of_all_values_is_bounded(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_what_is_more_than_a_message_is_not_sent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.trees.blackboards.MESSAGE', 10_000)
+    monkeypatch.setattr('flexbt_common.values.limits.MESSAGE', 10_000)
     board = Blackboards().get('')
     for key in 'abc':
         board.set(key, 'x' * 4000)

@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import TreeKey, TreeLibrary, builtin_registry
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.errors import UnknownTreeError
-from flexbt_server.trees import FoundTree, TreeStore
-from flexbt_testing.nodes.server_world import document, open_world
+from flexbt_server.trees.tree_store import FoundTree, TreeStore
+from flexbt_testing.nodes.server_world import document, open_server_world
 
 BROKEN = '<root BTCPP_format="4"><BehaviorTree ID="X"><Nowhere/></BehaviorTree></root>'
 
@@ -293,7 +294,7 @@ def test_on_the_server_the_result_and_the_log_tell_of_an_edit_that_was_not_taken
     files = Files(tmp_path)
     main = files.write('main.xml', including('inner.xml'))
     inner = files.write('inner.xml', document('<AlwaysFailure name="good"/>', 'Inner'))
-    with open_world(allowed_directories=[str(tmp_path)], default_tree=main) as world:
+    with open_server_world(allowed_directories=[str(tmp_path)], default_tree=main) as world:
         assert world.client.execute('').result.message == 'Inner::1/good: AlwaysFailure returned FAILURE'
         files.write('inner.xml', BROKEN)
         result = world.client.execute('').result

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.calls import GoalStatus
+from flexbt_common.calls.action_call import GoalStatus
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.server_world import World, document, open_world
+from flexbt_testing.nodes.clients import SentGoal
+from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtLoad.Result
@@ -20,7 +20,7 @@ MUCH = 1_000_000
 
 
 @pytest.fixture
-def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerWorld]:
     """A server that may read tmp_path/trees, and a package 'fixture_trees' whose share is tmp_path/share."""
     prefix = tmp_path / 'prefix'
     index = prefix / 'share/ament_index/resource_index/packages'
@@ -29,7 +29,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     (prefix / 'share/fixture_trees').mkdir()
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix), prepend=':')
     (tmp_path / 'trees').mkdir()
-    with open_world(allowed_directories=[str(tmp_path / 'trees')]) as opened:
+    with open_server_world(allowed_directories=[str(tmp_path / 'trees')]) as opened:
         yield opened
 
 
@@ -38,7 +38,7 @@ def write(path: Path, text: str) -> str:
     return str(path)
 
 
-def test_files_and_text_are_loaded_and_reported(world: World, tmp_path: Path) -> None:
+def test_files_and_text_are_loaded_and_reported(world: ServerWorld, tmp_path: Path) -> None:
     write(tmp_path / 'prefix/share/fixture_trees/a.xml', document('<AlwaysSuccess/>', 'A'))
     absolute = write(tmp_path / 'trees/b.xml', document('<SubTree ID="A"/>', 'B'))
     result = world.client.load('fixture_trees/a.xml', absolute, xml=document('<SubTree ID="B"/>', 'C'))
@@ -53,7 +53,7 @@ def test_files_and_text_are_loaded_and_reported(world: World, tmp_path: Path) ->
     assert again.reports[0].code == BtLoadReport.UNCHANGED
 
 
-def test_one_bad_file_refuses_all_and_what_was_loaded_still_works(world: World, tmp_path: Path) -> None:
+def test_one_bad_file_refuses_all_and_what_was_loaded_still_works(world: ServerWorld, tmp_path: Path) -> None:
     good = write(tmp_path / 'trees/good.xml', document('<AlwaysSuccess/>', 'Good'))
     assert world.client.load(good).code == Result.SUCCESS
     write(tmp_path / 'trees/good.xml', document('<AlwaysFailure/>', 'Good'))
@@ -75,7 +75,7 @@ def test_one_bad_file_refuses_all_and_what_was_loaded_still_works(world: World, 
 
 
 def test_an_include_that_cannot_be_read_is_refused_at_its_place_with_all_other_errors(
-    world: World, tmp_path: Path
+    world: ServerWorld, tmp_path: Path
 ) -> None:
     text = document('<Nowhere/>', 'A').replace('<BehaviorTree', '\n<include path="gone.xml"/>\n<BehaviorTree')
     file = write(tmp_path / 'trees/a.xml', text)
@@ -106,7 +106,9 @@ def test_an_include_that_cannot_be_read_is_refused_at_its_place_with_all_other_e
         'recursion', 'subtree', 'number', 'childless', '10MB', 'many',
     ],
 )  # fmt: skip
-def test_bad_and_hostile_files_are_refused_in_time(world: World, tmp_path: Path, text: str, fragment: str) -> None:
+def test_bad_and_hostile_files_are_refused_in_time(
+    world: ServerWorld, tmp_path: Path, text: str, fragment: str
+) -> None:
     file = write(tmp_path / 'trees/hostile.xml', text)
     wait_until(world.client.loader.is_ready)
     began = uncontended_time()
@@ -131,23 +133,23 @@ def test_bad_and_hostile_files_are_refused_in_time(world: World, tmp_path: Path,
         ('fixture_trees', 'fixture_trees'),
     ],
 )
-def test_files_outside_are_refused(world: World, file: str, fragment: str) -> None:
+def test_files_outside_are_refused(world: ServerWorld, file: str, fragment: str) -> None:
     result = world.client.load(file)
     assert result.code == Result.FAILURE
     assert fragment in result.reports[0].errors[0].message + result.message
 
 
-def test_a_link_that_leads_out_is_not_followed(world: World, tmp_path: Path) -> None:
+def test_a_link_that_leads_out_is_not_followed(world: ServerWorld, tmp_path: Path) -> None:
     write(tmp_path / 'secret.xml', document('<AlwaysSuccess/>'))
     (tmp_path / 'trees/link.xml').symlink_to(tmp_path / 'secret.xml')
     assert world.client.load(str(tmp_path / 'trees/link.xml')).code == Result.FAILURE
 
 
-def test_a_goal_with_nothing_to_load_is_a_failure(world: World) -> None:
+def test_a_goal_with_nothing_to_load_is_a_failure(world: ServerWorld) -> None:
     assert world.client.load().code == Result.FAILURE
 
 
-def test_an_edited_file_is_loaded_again_and_a_running_tree_keeps_its_own(world: World, tmp_path: Path) -> None:
+def test_an_edited_file_is_loaded_again_and_a_running_tree_keeps_its_own(world: ServerWorld, tmp_path: Path) -> None:
     world.navigation.hold.add('spin')
     spin = world.navigation.actions['spin']
     file = write(tmp_path / 'trees/edited.xml', document('<Sequence><Spin/><AlwaysSuccess/></Sequence>', 'Edited'))
@@ -163,7 +165,9 @@ def test_an_edited_file_is_loaded_again_and_a_running_tree_keeps_its_own(world: 
 
 
 @pytest.mark.parametrize('shared', [False, True], ids=['alone', 'with a tree that stays'])
-def test_what_is_loaded_last_counts_also_when_it_was_loaded_before(world: World, tmp_path: Path, shared: bool) -> None:
+def test_what_is_loaded_last_counts_also_when_it_was_loaded_before(
+    world: ServerWorld, tmp_path: Path, shared: bool
+) -> None:
     good, bad = document('<AlwaysSuccess/>', 'Twice'), document('<AlwaysFailure/>', 'Twice')
     if shared:
         good = good.replace('</root>', '<BehaviorTree ID="Other"><AlwaysSuccess/></BehaviorTree></root>')
@@ -180,7 +184,7 @@ def test_what_is_loaded_last_counts_also_when_it_was_loaded_before(world: World,
             assert world.client.execute('Twice').result.code == code
 
 
-def test_texts_whose_trees_were_all_replaced_are_not_kept(world: World) -> None:
+def test_texts_whose_trees_were_all_replaced_are_not_kept(world: ServerWorld) -> None:
     store = world.server.load._store
     for number in range(30):
         world.client.load_tree(f'<Sequence name="{number}"><AlwaysSuccess/></Sequence>', f'Text{number % 3}')
@@ -189,7 +193,7 @@ def test_texts_whose_trees_were_all_replaced_are_not_kept(world: World) -> None:
     assert [world.client.execute(f'Text{index}').result.code for index in range(3)] == [BtExecute.Result.SUCCESS] * 3
 
 
-def test_loads_and_runs_at_the_same_time_do_not_disturb_each_other(world: World, tmp_path: Path) -> None:
+def test_loads_and_runs_at_the_same_time_do_not_disturb_each_other(world: ServerWorld, tmp_path: Path) -> None:
     file = write(tmp_path / 'trees/busy.xml', document('<AlwaysSuccess/>', 'Busy'))
     assert world.client.load(file).code == Result.SUCCESS
     big = document('<Sequence>' + '<AlwaysSuccess/>' * 3000 + '</Sequence>', 'Big')
@@ -203,11 +207,11 @@ def test_loads_and_runs_at_the_same_time_do_not_disturb_each_other(world: World,
 
 def test_preload_and_a_preload_that_is_refused(tmp_path: Path) -> None:
     file = write(tmp_path / 'pre.xml', document('<AlwaysSuccess/>', 'Pre'))
-    with open_world(allowed_directories=[str(tmp_path)], preload=[file], default_tree='Pre') as world:
+    with open_server_world(allowed_directories=[str(tmp_path)], preload=[file], default_tree='Pre') as world:
         assert world.client.execute('').result.code == BtExecute.Result.SUCCESS
     write(tmp_path / 'pre.xml', '<root>')
     with (
         pytest.raises(Exception, match=r'preload.*pre\.xml'),
-        open_world(allowed_directories=[str(tmp_path)], preload=[file]),
+        open_server_world(allowed_directories=[str(tmp_path)], preload=[file]),
     ):
         pass

@@ -10,14 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.behavior_tree import NodeRegistry, load_xml
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.errors import UnknownTreeError
 from flexbt_server.node_types import node_registry
-from flexbt_server.trees import FoundTree, TreeStore
-from flexbt_server.trees.tree_memory import weigh
-from flexbt_testing.nodes.server_world import document, open_world
+from flexbt_server.trees.tree_memory import tree_size
+from flexbt_server.trees.tree_store import FoundTree, TreeStore
+from flexbt_testing.nodes.server_world import document, open_server_world
 from flexbt_testing.waiting import DEADLINE
 
 NODES = 2_000
@@ -171,12 +172,12 @@ def test_what_trees_take_is_known_about(registry: NodeRegistry, node: str) -> No
         taken, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    estimated = weigh(known, len(text)).size
+    estimated = tree_size(known, len(text)).size
     assert 0.6 * taken < estimated < 2.5 * taken + 25_000, (taken, estimated)
 
 
 def test_the_client_and_the_operator_are_told(capfd: pytest.CaptureFixture[str]) -> None:
-    with open_world(max_loaded_memory=3_000_000) as world:
+    with open_server_world(max_loaded_memory=3_000_000) as world:
         for tree in ('A', 'B', 'C'):
             assert world.client.load(xml=large(tree)).message == ''
         result = world.client.load(xml=large('D'))
@@ -190,7 +191,7 @@ def test_the_client_and_the_operator_are_told(capfd: pytest.CaptureFixture[str])
 LIMITED = """
 import resource
 from pathlib import Path
-from flexbt_testing.nodes.server_world import document, open_world
+from flexbt_testing.nodes.server_world import document, open_server_world
 
 with open_world() as world:
     pages = int(Path('/proc/self/statm').read_text().split()[0])

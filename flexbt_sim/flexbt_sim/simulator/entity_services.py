@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is in the world, by the standard services of simulators (https://github.com/ros-simulation/simulation_interfaces).
-
-An entity is described as in a world file: a mapping of one section with one entry, ``robots: {beta: {model: burger}}``.
-Each of its kinds is a tag, too.
-"""
+"""The services of simulation_interfaces for entities: spawn, delete, move and list them, by filters of their names."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -37,16 +34,26 @@ from simulation_interfaces.srv import (
 )
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.runtime import resolve_file
-from flexbt_common.values import check_limits
+from flexbt_common.files import resolve_file
+from flexbt_common.values.limits import check_limits
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import shown
+from flexbt_core.values.text import short_repr
 from flexbt_sim.errors import SimulationError, WorldError
-from flexbt_sim.ros_messages import pose_message, pose_of
-from flexbt_sim.world import NAME, Body, Circle, Entity, Pose, Robot, Shape, WorldFile, Zone, box, compose, gap
+from flexbt_sim.messages import pose_message, pose_of
+from flexbt_sim.world.descriptions.specification import NAME
+from flexbt_sim.world.descriptions.world_file import WorldFile
+from flexbt_sim.world.plane.bodies import Body
+from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, box, compose, gap
+from flexbt_sim.world.robot import Robot
+from flexbt_sim.world.scenery import Entity, Zone
 
-from .name_filter import NameFilter
-from .node_parts import SimulatorParts
+from .services import SimulatorParts
+
+# What is in the world, by the standard services of simulators
+# (https://github.com/ros-simulation/simulation_interfaces).
+#
+# An entity is described as in a world file: a mapping of one section with one entry, ``robots: {beta: {model:
+# burger}}``. Each of its kinds is a tag, too.
 
 WORLD_FRAME: Final = 'world'
 """Frame of poses of which none is said, by the standard; here it is that of the map."""
@@ -54,7 +61,7 @@ WORLD_FRAME: Final = 'world'
 SUFFIXES: Final = ('.yaml', '.yml')
 
 
-class RefusedError(SimulationError):
+class ServiceRefusedError(SimulationError):
     """A request is refused, with a ``code`` of its result."""
 
     def __init__(self, code: int, message: str) -> None:
@@ -71,7 +78,9 @@ def answered(answer: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
             check_limits(request)
             answer(request, response)
         except FlexbtError as error:
-            response.result.result = error.code if isinstance(error, RefusedError) else Result.RESULT_OPERATION_FAILED
+            response.result.result = (
+                error.code if isinstance(error, ServiceRefusedError) else Result.RESULT_OPERATION_FAILED
+            )
             response.result.error_message = str(error)
         return response
 
@@ -114,7 +123,7 @@ class EntityServices:
             with simulator.lock:
                 entity = simulator.world.add(name, model, pose or own_pose)
         except SimulationError as error:
-            raise RefusedError(codes.INVALID_POSE, str(error)) from None
+            raise ServiceRefusedError(codes.INVALID_POSE, str(error)) from None
         simulator.spawned(entity, namespace)
         response.entity_name = name
 
@@ -127,15 +136,19 @@ class EntityServices:
         elif request.resource_string:
             file, text = Path('resource_string'), request.resource_string
             if text.lstrip().startswith('<'):
-                raise RefusedError(codes.UNSUPPORTED_FORMAT, 'XML is not known here; give the YAML of a world file')
+                raise ServiceRefusedError(
+                    codes.UNSUPPORTED_FORMAT, 'XML is not known here; give the YAML of a world file'
+                )
         else:
-            raise RefusedError(codes.NO_RESOURCE, 'uri and resource_string are empty; give the YAML of a world file')
+            raise ServiceRefusedError(
+                codes.NO_RESOURCE, 'uri and resource_string are empty; give the YAML of a world file'
+            )
         try:
             entities = WorldFile(file, text, pose or Pose(0.0, 0.0, 0.0)).entities
         except WorldError as error:
-            raise RefusedError(codes.RESOURCE_PARSE_ERROR, str(error)) from None
+            raise ServiceRefusedError(codes.RESOURCE_PARSE_ERROR, str(error)) from None
         if len(entities) != 1:
-            raise RefusedError(
+            raise ServiceRefusedError(
                 codes.RESOURCE_PARSE_ERROR,
                 f'{file}: {len(entities)} entities; give one, as in robots: {{beta: {{model: burger}}}}',
             )
@@ -146,23 +159,25 @@ class EntityServices:
     def _file(uri: str) -> Path:
         codes = SpawnEntity.Response
         if not uri.endswith(SUFFIXES):
-            raise RefusedError(codes.UNSUPPORTED_FORMAT, f'{shown(uri)} is no YAML file: {", ".join(SUFFIXES)}')
+            raise ServiceRefusedError(
+                codes.UNSUPPORTED_FORMAT, f'{short_repr(uri)} is no YAML file: {", ".join(SUFFIXES)}'
+            )
         try:
             return resolve_file(uri.removeprefix('package://'))
         except ResourceError as error:
-            raise RefusedError(codes.NO_RESOURCE, f'{error}; files are package://PACKAGE/PATH') from None
+            raise ServiceRefusedError(codes.NO_RESOURCE, f'{error}; files are package://PACKAGE/PATH') from None
 
     def _free_name(self, name: str, may_rename: bool) -> str:
         codes = SpawnEntity.Response
         if not NAME.fullmatch(name):
-            raise RefusedError(
-                codes.NAME_INVALID, f'{shown(name)} cannot be a name: give letters, digits and _, a letter first'
+            raise ServiceRefusedError(
+                codes.NAME_INVALID, f'{short_repr(name)} cannot be a name: give letters, digits and _, a letter first'
             )
         entities = self._simulator.world.entities
         if name not in entities:
             return name
         if not may_rename:
-            raise RefusedError(codes.NAME_NOT_UNIQUE, f'there is a {name!r} already')
+            raise ServiceRefusedError(codes.NAME_NOT_UNIQUE, f'there is a {name!r} already')
         number = next(number for number in range(1, len(entities) + 2) if f'{name}_{number}' not in entities)
         return self._free_name(f'{name}_{number}', may_rename=False)
 
@@ -170,9 +185,9 @@ class EntityServices:
         try:
             validate_namespace(f'/{namespace.strip("/")}')
         except InvalidNamespaceException as error:
-            raise RefusedError(SpawnEntity.Response.NAMESPACE_INVALID, str(error)) from None
+            raise ServiceRefusedError(SpawnEntity.Response.NAMESPACE_INVALID, str(error)) from None
         if not self._simulator.is_free_namespace(namespace):
-            raise RefusedError(
+            raise ServiceRefusedError(
                 SpawnEntity.Response.NAMESPACE_INVALID, f'there is a robot in namespace {namespace!r} already'
             )
 
@@ -185,7 +200,7 @@ class EntityServices:
     def _entity(self, name: str) -> Entity:
         entity = self._simulator.world.entities.get(name)
         if entity is None:
-            raise RefusedError(Result.RESULT_NOT_FOUND, f'there is no {shown(name)} in the world')
+            raise ServiceRefusedError(Result.RESULT_NOT_FOUND, f'there is no {short_repr(name)} in the world')
         return entity
 
     def _pose(self, message: PoseMessage, frame: str, code: int) -> Pose:
@@ -194,12 +209,14 @@ class EntityServices:
         length = math.hypot(turned.x, turned.y, turned.z, turned.w)
         pose = pose_of(message)
         if not abs(length - 1.0) < 0.01 or not pose.is_place:
-            raise RefusedError(code, 'the pose has numbers that are none, or a quaternion that is not of length 1')
+            raise ServiceRefusedError(
+                code, 'the pose has numbers that are none, or a quaternion that is not of length 1'
+            )
         if frame in ('', WORLD_FRAME, self._simulator.parameters.map_frame):
             return pose
         if frame not in self._simulator.world.entities:
-            raise RefusedError(
-                code, f'frame {shown(frame)} is not known; give the pose in that of the map or an entity'
+            raise ServiceRefusedError(
+                code, f'frame {short_repr(frame)} is not known; give the pose in that of the map or an entity'
             )
         return compose(self._simulator.world.entities[frame].pose, pose)
 
@@ -213,7 +230,7 @@ class EntityServices:
         try:
             self._simulator.move(entity, pose)
         except SimulationError as error:
-            raise RefusedError(code, str(error)) from None
+            raise ServiceRefusedError(code, str(error)) from None
 
     def _tell(self, request: Any, response: Any) -> None:
         self._entity(request.entity)
@@ -307,7 +324,178 @@ def _area(bounds: Bounds) -> tuple[Shape, Pose] | None:
         return box(abs(x1 - x0), abs(y1 - y0)), Pose((x0 + x1) / 2.0, (y0 + y1) / 2.0, 0.0)
     if bounds.type in (Bounds.TYPE_SPHERE, Bounds.TYPE_BOX):
         raise SimulationError('bounds have two points: corners of a box, or the centre of a sphere and (radius, 0, 0)')
-    raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, 'bounds are a box or a sphere here')
+    raise ServiceRefusedError(Result.RESULT_FEATURE_UNSUPPORTED, 'bounds are a box or a sphere here')
 
 
-__all__ = ['EntityServices', 'RefusedError', 'answered']
+# POSIX extended regular expressions for names, in a time that is bounded by the lengths of both.
+#
+# The expression comes from another process. Python's ``re`` goes back and forth for some expressions for longer than a
+# robot drives, and nothing can stop it; here all ways through an expression are followed at once (Thompson, 1968).
+
+MAX_STATES: Final = 2_000
+"""Size of an expression, as written out: {2,5} stands for five."""
+
+_CLASSES: Final = {
+    'alpha': 'A-Za-z', 'digit': '0-9', 'alnum': 'A-Za-z0-9', 'upper': 'A-Z', 'lower': 'a-z', 'xdigit': '0-9A-Fa-f',
+    'space': r'\s', 'blank': r' \t', 'punct': r'!-/:-@\[-`{-~',
+}  # fmt: skip
+
+_Test = Callable[[str], bool]
+_Edges = list[tuple['_Test | None', int]]
+
+
+class NameFilter:
+    """Whether a whole name is matched by ``pattern``; an empty one matches every name.
+
+    Raises:
+        SimulationError: the pattern is none, or is too large.
+    """
+
+    def __init__(self, pattern: str) -> None:
+        self._pattern = pattern
+        self._at = 0
+        self._states: list[_Edges] = []
+        self._start, self._end = self._alternatives() if pattern else (self._state(), self._state())
+        if self._at < len(pattern):
+            raise self._error(f'{pattern[self._at]!r} has no beginning')
+
+    def __call__(self, name: str) -> bool:
+        """Whether the name is matched."""
+        if not self._pattern:
+            return True
+        now = self._reached({self._start})
+        for character in name:
+            now = self._reached(
+                {to for state in now for test, to in self._states[state] if test is not None and test(character)}
+            )
+            if not now:
+                return False
+        return self._end in now
+
+    def _reached(self, states: set[int]) -> set[int]:
+        """With all that is reached from there without a character."""
+        left = list(states)
+        while left:
+            for test, to in self._states[left.pop()]:
+                if test is None and to not in states:
+                    states.add(to)
+                    left.append(to)
+        return states
+
+    # -- reading the expression: each part becomes two states, and the ways between them -----------------------------
+
+    def _error(self, problem: str) -> SimulationError:
+        return SimulationError(
+            f'{short_repr(self._pattern)} is no extended regular expression, at {self._at}: {problem}'
+        )
+
+    def _state(self) -> int:
+        if len(self._states) >= MAX_STATES:
+            raise self._error(f'it stands for more than {MAX_STATES} characters')
+        self._states.append([])
+        return len(self._states) - 1
+
+    def _edge(self, start: int, end: int, test: _Test | None = None) -> None:
+        self._states[start].append((test, end))
+
+    def _next(self) -> str:
+        return self._pattern[self._at : self._at + 1]
+
+    def _alternatives(self) -> tuple[int, int]:
+        start, end = self._state(), self._state()
+        while True:
+            first, last = self._sequence()
+            self._edge(start, first)
+            self._edge(last, end)
+            if self._next() != '|':
+                return start, end
+            self._at += 1
+
+    def _sequence(self) -> tuple[int, int]:
+        start = end = self._state()
+        while self._next() not in ('', '|', ')'):
+            began = self._at
+            first, last = self._atom()
+            if self._next() in ('*', '+', '?', '{'):
+                first, last = self._repeated(began, first, last)
+            self._edge(end, first)
+            end = last
+        return start, end
+
+    def _atom(self) -> tuple[int, int]:
+        character = self._next()
+        self._at += 1
+        if character == '(':
+            if self._pattern[: self._at].count('(') > 100:
+                raise self._error('too many groups')
+            part = self._alternatives()
+            if self._next() != ')':
+                raise self._error("')' is missing")
+            self._at += 1
+            return part
+        if character in ('*', '+', '?', '{'):
+            raise self._error('there is nothing to repeat')
+        start, end = self._state(), self._state()
+        if character in ('^', '$'):  # the whole name is matched anyway
+            self._edge(start, end)
+        elif character == '.':
+            self._edge(start, end, lambda _: True)
+        elif character == '[':
+            self._edge(start, end, self._bracket())
+        else:
+            if character == '\\':
+                character = self._next()
+                self._at += 1
+            if not character:
+                raise self._error('nothing comes after the backslash')
+            self._edge(start, end, character.__eq__)
+        return start, end
+
+    def _bracket(self) -> _Test:
+        end = self._pattern.find(']', self._at + (2 if self._next() == '^' else 1))
+        while end >= 0 and self._pattern[self._at : end].rfind('[:') > self._pattern[self._at : end].rfind(':]'):
+            end = self._pattern.find(']', end + 1)
+        if end < 0:
+            raise self._error("']' is missing")
+        inside, self._at = self._pattern[self._at : end], end + 1
+        negated = '^' if inside.startswith('^') else ''
+        inside = inside.removeprefix('^').replace('\\', r'\\').replace('[', r'\[').replace(']', r'\]')
+        inside = re.sub(r'\\\[:(\w+):(?:\\\])?', lambda found: _CLASSES.get(found[1], ''), inside)
+        try:
+            one_of = re.compile(f'[{negated}{inside}]')
+        except re.error as error:
+            raise self._error(str(error)) from None
+        return lambda character: one_of.match(character) is not None
+
+    def _repeated(self, began: int, first: int, last: int) -> tuple[int, int]:
+        least, most = self._bounds()
+        end = self._at
+        start = finish = self._state()
+        copies = max(least, most if most is not None else least + 1, 1)
+        for copy in range(copies):
+            if copy:
+                self._at = began
+                first, last = self._atom()
+            self._edge(finish, first)
+            if copy >= least:
+                self._edge(finish, last)  # it may be left out
+            if most is None and copy == copies - 1:
+                self._edge(last, first)
+            finish = last
+        self._at = end
+        return (start, finish) if most != 0 else (start, start)
+
+    def _bounds(self) -> tuple[int, int | None]:
+        character = self._next()
+        self._at += 1
+        if character != '{':
+            return {'*': (0, None), '+': (1, None), '?': (0, 1)}[character]
+        found = re.compile(r'(\d{1,3})(,?)(\d{0,3})\}').match(self._pattern, self._at)
+        if found is None:
+            raise self._error('give {least,most} of at most 999')
+        self._at = found.end()
+        least = int(found[1])
+        most = int(found[3]) if found[3] else None if found[2] else least
+        if most is not None and most < least:
+            raise self._error(f'{most} is less than {least}')
+        return least, most

@@ -18,14 +18,18 @@ from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 
 from flexbt_common import names
-from flexbt_common.lifecycle import ManagedPart
-from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, resolve_file
-from flexbt_common.values import check_limits, time_message
+from flexbt_common.files import resolve_file
+from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import time_message
 from flexbt_core.errors import FlexbtError
-from flexbt_sim.ros_messages import grid_message
-from flexbt_sim.world import OccupancyMap, Pose, Shape, load_map
+from flexbt_sim.messages import grid_message
+from flexbt_sim.world.plane.geometry import Pose, Shape
+from flexbt_sim.world.plane.occupancy_map import OccupancyMap, load_map
 
-from .node_parts import SimulatorParts
+from .services import SimulatorParts
 
 
 class MapServer:
@@ -48,12 +52,12 @@ class MapServer:
         self._frame = frame
         self._grid: OccupancyGrid | None = None
         server = f'{namespace}{names.MAP_SERVER}'
-        self._publisher = node.create_publisher(OccupancyGrid, f'{namespace}{names.MAP}', names.latched())
+        self._publisher = node.create_publisher(OccupancyGrid, f'{namespace}{names.MAP}', names.transient_local_qos())
         self._services = (
             node.create_service(GetMap, f'{server}/map', self._give),
             node.create_service(LoadMap, f'{server}/load_map', self._load),
         )
-        self._part = ManagedPart(runtime, server)
+        self._part = LifecycleSubnode(runtime, server)
         if world is not None:
             self._publish(world)
 
@@ -115,9 +119,11 @@ class KeepoutServer:
         for namespace in to_tell:
             if namespace not in self._publishers:
                 self._publishers[namespace] = (
-                    node.create_publisher(OccupancyGrid, f'{namespace}{names.KEEPOUT_FILTER_MASK}', names.latched()),
                     node.create_publisher(
-                        CostmapFilterInfo, f'{namespace}{names.KEEPOUT_FILTER_INFO}', names.latched()
+                        OccupancyGrid, f'{namespace}{names.KEEPOUT_FILTER_MASK}', names.transient_local_qos()
+                    ),
+                    node.create_publisher(
+                        CostmapFilterInfo, f'{namespace}{names.KEEPOUT_FILTER_INFO}', names.transient_local_qos()
                     ),
                 )
             masks, infos = self._publishers[namespace]

@@ -1,10 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node ``simulator``: a world with its robots, and the clock of everything that runs with it.
-
-Publishes /clock, and for each robot map, odom, pose, scan, tf, tf_static, amcl_pose, battery_state, bumper and
-robot_description; takes cmd_vel and initialpose. The robots of a world file are in namespaces of their names; as with
-Nav2, the topics of the transforms are there, too. The standard services of simulators (simulation_interfaces) are in
-the namespace of the node: add, move and remove what is in the world, pause, step and reset it.
+"""The node ``simulator``: steps a world in time, and has the topics of its robots and the standard services of
+simulators.
 """
 
 from __future__ import annotations
@@ -13,33 +9,46 @@ import contextlib
 import sys
 import threading
 import traceback
-from typing import Any
+from collections.abc import Set
+from functools import partial
+from typing import Any, Final
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidHandle
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.intra_process import IntraProcessTopics
-from flexbt_sim.world import Entity, Fault, Pacer, Pose, Robot, prepare_world
+from flexbt_sim.world.descriptions.faults import Fault
+from flexbt_sim.world.pacing import Pacer
+from flexbt_sim.world.plane.geometry import Pose
+from flexbt_sim.world.robot import Robot
+from flexbt_sim.world.scenery import Entity
+from flexbt_sim.world.world import prepare_world
 
-from .computations import Computations
-from .door_services import DoorServices
+from .displays import Scene
 from .entity_services import EntityServices
-from .fault_service import FaultService
 from .map_server import KeepoutServer, MapServer
 from .message_template import MessageTemplate, stamp_fields
 from .parameters import SPEED_FACTOR, SimulatorParameters, declare_simulator_parameters
 from .robot_topics import Commands, Message, RobotTopics
-from .scene import Scene
+from .services import DoorServices, FaultService
 from .time_services import TimeServices
+
+# The node ``simulator``: a world with its robots, and the clock of everything that runs with it.
+#
+# Publishes /clock, and for each robot map, odom, pose, scan, tf, tf_static, amcl_pose, battery_state, bumper and
+# robot_description; takes cmd_vel and initialpose. The robots of a world file are in namespaces of their names; as with
+# Nav2, the topics of the transforms are there, too. The standard services of simulators (simulation_interfaces) are in
+# the namespace of the node: add, move and remove what is in the world, pause, step and reset it.
 
 
 class Simulator:
@@ -392,3 +401,56 @@ def main(args: list[str] | None = None) -> int:
 
 if __name__ == '__main__':
     sys.exit(main())
+
+
+# Who computes something that a robot waits for: goals of the actions of Nav2 whose servers compute, or are to drive.
+#
+# A world that goes as fast as possible would be a minute older when a plan is there, and on a busy machine the time of
+# a motion would be over before its first command. Each server of an action says which of its goals are being worked on;
+# so it is known without its help, of Nav2's own servers too.
+
+COMPUTING: Final = (
+    names.COMPUTE_PATH_TO_POSE,
+    names.COMPUTE_PATH_THROUGH_POSES,
+    names.SMOOTH_PATH,
+    names.COMPUTE_ROUTE,
+    names.FOLLOW_PATH,
+    names.SPIN,
+    names.BACKUP,
+    names.DRIVE_ON_HEADING,
+)
+"""Actions whose goals take no simulated time; and those that drive a robot, which take none before the first command.
+"""
+
+_WORKING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+
+
+class Computations:
+    """Tells the pacer. On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, pacer: Pacer) -> None:
+        self._node = runtime.node
+        self._pacer = pacer
+        self._subscriptions: dict[str, list[Any]] = {}
+
+    def watch(self, namespaces: Set[str]) -> None:
+        """Watch the servers in these namespaces ('' or 'robot1/'), and no others any more."""
+        for namespace in self._subscriptions.keys() - namespaces:
+            for action in COMPUTING:
+                self._pacer.set_computing(f'{namespace}{action}', False)
+            for subscription in self._subscriptions.pop(namespace):
+                self._node.destroy_subscription(subscription)
+        qos = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        for namespace in namespaces - self._subscriptions.keys():
+            self._subscriptions[namespace] = [
+                self._node.create_subscription(
+                    GoalStatusArray,
+                    f'{namespace}{action}/_action/status',
+                    partial(self._tell, f'{namespace}{action}'),
+                    qos,
+                )
+                for action in COMPUTING
+            ]
+
+    def _tell(self, action: str, message: Any) -> None:
+        self._pacer.set_computing(action, any(one.status in _WORKING for one in message.status_list))

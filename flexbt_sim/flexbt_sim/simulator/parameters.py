@@ -10,10 +10,13 @@ from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
 from flexbt_common import names
-from flexbt_common.runtime import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer
+from flexbt_common.runtime.parameters import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.fault_messages import check_fault
-from flexbt_sim.world import BatteryModel, Circle, DriveModel, LidarModel, Pose, RobotModel, World, load_map
+from flexbt_sim.messages import check_fault
+from flexbt_sim.world.descriptions.models import BatteryModel, DriveModel, LidarModel, RobotModel
+from flexbt_sim.world.plane.geometry import Circle, Pose
+from flexbt_sim.world.plane.occupancy_map import load_map
+from flexbt_sim.world.world import World
 
 SPEED_FACTOR = 'speed_factor'
 

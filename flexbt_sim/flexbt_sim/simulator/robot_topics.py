@@ -25,17 +25,21 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.lifecycle import ManagedPart
-from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
-from flexbt_common.values import check_limits, time_message
+from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.fault_messages import faults_message
 from flexbt_sim.intra_process import IntraProcessTopics
-from flexbt_sim.ros_messages import pose_of, transform
-from flexbt_sim.world import TOPICS, Battery, MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
+from flexbt_sim.messages import faults_message, pose_of, transform
+from flexbt_sim.world.descriptions.faults import TOPICS, MessagesDropped, MessagesLate, ServerFault
+from flexbt_sim.world.plane.bodies import generator
+from flexbt_sim.world.plane.geometry import Pose
+from flexbt_sim.world.robot import Battery, Robot
 
-from .description import robot_description
+from .displays import robot_description
 from .message_template import MessageTemplate, stamp_fields
 from .parameters import SimulatorParameters
 
@@ -107,7 +111,7 @@ class RobotTopics:
         self._odom = self._publisher(Odometry, names.ODOM, 10)
         self._pose = self._in_process.publisher(self._publisher(PoseStamped, names.POSE, POSES))
         self._tf = self._publisher(TFMessage, names.TF, 100)
-        self._amcl_pose = self._publisher(PoseWithCovarianceStamped, names.AMCL_POSE, names.latched())
+        self._amcl_pose = self._publisher(PoseWithCovarianceStamped, names.AMCL_POSE, names.transient_local_qos())
         self._scan = (
             self._in_process.publisher(self._publisher(LaserScan, names.SCAN, qos_profile_sensor_data))
             if model.lidar
@@ -118,18 +122,20 @@ class RobotTopics:
             if model.battery
             else {}
         )
-        self._bumper = self._publisher(Bool, names.BUMPER, names.latched()) if model.bumper else None
-        self._holds = self._publisher(String, names.GRIPPER_HOLDS, names.latched()) if model.gripper else None
+        self._bumper = self._publisher(Bool, names.BUMPER, names.transient_local_qos()) if model.bumper else None
+        self._holds = (
+            self._publisher(String, names.GRIPPER_HOLDS, names.transient_local_qos()) if model.gripper else None
+        )
         if model.gripper:
             service = node.create_service(SetBool, f'{self.namespace}{names.GRIPPER}', self._on_gripper)
             self._entities.append((node.destroy_service, service))
-        self._server_faults = self._publisher(String, names.SERVER_FAULTS, names.latched())
+        self._server_faults = self._publisher(String, names.SERVER_FAULTS, names.transient_local_qos())
         self._describe()
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._command = self._subscribe(command_type, parameters.cmd_vel_topic, self._on_command)
         self._in_process.receive_instead(self._command, self._on_command)
         self._subscribe(PoseWithCovarianceStamped, names.INITIAL_POSE, self._on_initial_pose)
-        self._amcl = ManagedPart(self._runtime, f'{self.namespace}{names.AMCL}')
+        self._amcl = LifecycleSubnode(self._runtime, f'{self.namespace}{names.AMCL}')
 
     def _publisher(self, message_type: Any, topic: str, qos: QoSProfile | int) -> Any:
         node = self._runtime.node
@@ -148,12 +154,12 @@ class RobotTopics:
         parameters, model = self._parameters, self.robot.model
         base, footprint, scan = parameters.base_frame, parameters.footprint_frame, parameters.scan_frame
         urdf = robot_description(self.robot.name, model, base, footprint, scan)
-        self._publisher(String, names.ROBOT_DESCRIPTION, names.latched()).publish(String(data=urdf))
+        self._publisher(String, names.ROBOT_DESCRIPTION, names.transient_local_qos()).publish(String(data=urdf))
         start = time_message(0.0)
         fixed = [transform(base, footprint, Pose(0.0, 0.0, 0.0), start)]
         if model.lidar is not None:
             fixed.append(transform(base, scan, model.lidar.pose, start))
-        self._publisher(TFMessage, names.TF_STATIC, names.latched()).publish(TFMessage(transforms=fixed))
+        self._publisher(TFMessage, names.TF_STATIC, names.transient_local_qos()).publish(TFMessage(transforms=fixed))
 
     def close(self) -> None:
         """Take everything back: the robot is gone."""

@@ -16,11 +16,11 @@ from simulation_interfaces.srv import (
     StepSimulation,
 )
 
-from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_sim.errors import SimulationError
 
-from .entity_services import RefusedError, answered
-from .node_parts import SimulatorParts
+from .entity_services import ServiceRefusedError, answered
+from .services import SimulatorParts
 
 MOST_STEPS: Final = 1_000_000
 """Steps of one request: hours of simulated time."""
@@ -97,13 +97,13 @@ class TimeServices:
         codes = SetSimulationState.Response
         wanted = request.state.state
         if wanted == SimulationState.STATE_QUITTING:
-            raise RefusedError(
+            raise ServiceRefusedError(
                 Result.RESULT_FEATURE_UNSUPPORTED, 'the simulator does not end by a service; end its process'
             )
         if wanted not in (STOPPED, PLAYING, PAUSED):
-            raise RefusedError(codes.INCORRECT_TRANSITION, f'state {wanted} cannot be set')
+            raise ServiceRefusedError(codes.INCORRECT_TRANSITION, f'state {wanted} cannot be set')
         if wanted == self._state:
-            raise RefusedError(codes.ALREADY_IN_TARGET_STATE, 'it is in this state already')
+            raise ServiceRefusedError(codes.ALREADY_IN_TARGET_STATE, 'it is in this state already')
         if wanted == PLAYING:
             self._pacer.play()
         else:
@@ -125,7 +125,7 @@ class TimeServices:
             | ResetSimulation.Request.SCOPE_SPAWNED
         )
         if scope & ~known:
-            raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, f'there is no scope {scope}')
+            raise ServiceRefusedError(Result.RESULT_FEATURE_UNSUPPORTED, f'there is no scope {scope}')
         if scope & ResetSimulation.Request.SCOPE_SPAWNED:
             simulator.remove_spawned()
         if scope & ResetSimulation.Request.SCOPE_STATE:

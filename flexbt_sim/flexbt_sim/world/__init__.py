@@ -4,79 +4,72 @@
 ``World.load(file)`` reads a world file, ``step`` lets time pass.
 """
 
-from .descriptions import (
+from flexbt_sim.world.descriptions.faults import (
     FAULTS,
-    MODELS,
-    NAME,
     NAVIGATION_SERVERS,
     TOPICS,
-    BatteryModel,
-    DoorModel,
-    DriveModel,
     Fault,
     FaultModel,
-    GripperModel,
-    LidarModel,
     MessagesDropped,
     MessagesLate,
-    ObstacleModel,
-    OdometryModel,
-    RobotModel,
-    RouteModel,
     ServerDies,
     ServerFails,
     ServerFault,
     ServerHangs,
     ServerRefuses,
-    StationModel,
-    WalkModel,
-    WorldFile,
-    ZoneModel,
     fault_parameters,
 )
-from .pacing import (
-    ANSWER_SECONDS,
-    COMPUTING_FACTOR,
-    IDLE_FACTOR,
-    MAX_LAG,
-    STALL_SECONDS,
-    Drivers,
-    Pacer,
-    Schedule,
+from flexbt_sim.world.descriptions.models import (
+    MODELS,
+    BatteryModel,
+    DoorModel,
+    DriveModel,
+    GripperModel,
+    LidarModel,
+    ObstacleModel,
+    OdometryModel,
+    RobotModel,
+    RouteModel,
+    StationModel,
+    WalkModel,
+    ZoneModel,
 )
-from .pictures import Frame, Trace, draw_world
-from .plane import (
-    FAR,
+from flexbt_sim.world.descriptions.specification import NAME
+from flexbt_sim.world.descriptions.world_file import WorldFile
+from flexbt_sim.world.plane.bodies import Body, generator
+from flexbt_sim.world.plane.geometry import (
     FARTHEST,
+    Circle,
+    Point,
+    Polygon,
+    Pose,
+    Shape,
+    box,
+    compose,
+    drive,
+    gap,
+    inverse,
+    wrap,
+)
+from flexbt_sim.world.plane.loops import compiled
+from flexbt_sim.world.plane.occupancy_map import (
+    FAR,
     FREE,
     MAX_CELLS,
     MAX_RESOLUTION,
     MIN_RESOLUTION,
     OCCUPIED,
     UNKNOWN,
-    Body,
-    Circle,
     OccupancyMap,
-    Point,
-    Polygon,
-    Pose,
-    RayCaster,
-    Sensor,
-    Shape,
-    box,
-    compiled,
-    compose,
-    drive,
-    gap,
-    generator,
-    inverse,
     load_map,
-    outlines,
-    wrap,
 )
+from flexbt_sim.world.plane.ray_casting import RayCaster, Sensor, outlines
+
+from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, STALL_SECONDS, Drivers, Pacer, Schedule
+from .pictures import Trace, TraceFrame, draw_world
 from .robot import COMMAND_PERIOD, Battery, Robot, Scan
 from .scenery import Door, Entity, Obstacle, Station, Zone
-from .world import EntityModel, EntityState, Snapshot, World, prepare_world
+from .world import EntityModel, EntityState, World, WorldSnapshot, prepare_world
 
 __all__ = [
     'ANSWER_SECONDS',
@@ -111,7 +104,6 @@ __all__ = [
     'EntityState',
     'Fault',
     'FaultModel',
-    'Frame',
     'GripperModel',
     'LidarModel',
     'MessagesDropped',
@@ -137,13 +129,14 @@ __all__ = [
     'ServerHangs',
     'ServerRefuses',
     'Shape',
-    'Snapshot',
     'Station',
     'StationModel',
     'Trace',
+    'TraceFrame',
     'WalkModel',
     'World',
     'WorldFile',
+    'WorldSnapshot',
     'Zone',
     'ZoneModel',
     'box',

@@ -14,8 +14,9 @@ import numpy
 from PIL import Image, ImageDraw
 
 from flexbt_sim.errors import SimulationError
+from flexbt_sim.world.plane.geometry import Circle, Point, Pose, Shape, compose
+from flexbt_sim.world.plane.occupancy_map import UNKNOWN, OccupancyMap
 
-from .plane import UNKNOWN, Circle, OccupancyMap, Point, Pose, Shape, compose
 from .robot import Scan
 from .scenery import Obstacle
 from .world import World
@@ -43,7 +44,7 @@ Paths = Mapping[str, Sequence[Point]]
 
 
 @dataclass(frozen=True)
-class Frame:
+class TraceFrame:
     """What moves, at a simulated time, s: outlines and poses of bodies by their names, and scans with their origins."""
 
     time: float
@@ -93,7 +94,7 @@ class Trace:
         pictures[0].save(target, save_all=True, append_images=pictures[1:], duration=shown, loop=0, optimize=True)
 
 
-def frame_of(world: World) -> Frame:
+def frame_of(world: World) -> TraceFrame:
     """How a world is now."""
     bodies = {
         name: (body.shape, body.pose)
@@ -105,7 +106,7 @@ def frame_of(world: World) -> Frame:
         for name, robot in world.robots.items()
         if robot.scan is not None and robot.model.lidar is not None
     }
-    return Frame(world.time, bodies, scans)
+    return TraceFrame(world.time, bodies, scans)
 
 
 def draw_world(
@@ -128,7 +129,7 @@ def draw_world(
 class _Drawing:
     """What stands still of a world, and the scale: all that is in it is in the picture, whenever it was."""
 
-    def __init__(self, world: World, pixels: int, frames: Sequence[Frame]) -> None:
+    def __init__(self, world: World, pixels: int, frames: Sequence[TraceFrame]) -> None:
         if not 16 <= pixels <= MAX_PIXELS:
             raise SimulationError(f'a picture of {pixels} pixels; give 16 to {MAX_PIXELS}')
         self._world = world
@@ -171,7 +172,7 @@ class _Drawing:
         drawn = cells.convert('RGB').transform(self._size, Image.Transform.AFFINE, (*right, *up), fillcolor=_PAPER)
         picture.paste(drawn)
 
-    def draw(self, frame: Frame, trace: Trace | None, paths: Paths) -> Image.Image:
+    def draw(self, frame: TraceFrame, trace: Trace | None, paths: Paths) -> Image.Image:
         picture = self._ground.copy()
         pen = ImageDraw.Draw(picture)
         colours = {name: _ROBOTS[i % len(_ROBOTS)] for i, name in enumerate(self._world.robots)}
@@ -257,7 +258,7 @@ class _Drawing:
                 along = ahead
 
 
-def _extent(world: World, frames: Sequence[Frame]) -> Iterable[Point]:
+def _extent(world: World, frames: Sequence[TraceFrame]) -> Iterable[Point]:
     """Points that have to be on a picture."""
     if world.map is not None:
         grid = world.map

@@ -10,18 +10,12 @@ from typing import Any, Final, NamedTuple
 import numpy
 from numpy.typing import NDArray
 
-from .descriptions import (
-    BatteryLow,
-    BatteryModel,
-    LidarBlinded,
-    LidarFrozen,
-    LocalizationLost,
-    OdometryModel,
-    RobotModel,
-    Specification,
-    StuckWheel,
-)
-from .plane import Body, Normals, Pose, Sensor, Surroundings, compose, drive, generator, inverse, wrap
+from flexbt_sim.world.descriptions.faults import BatteryLow, LidarBlinded, LidarFrozen, LocalizationLost, StuckWheel
+from flexbt_sim.world.descriptions.models import BatteryModel, OdometryModel, RobotModel
+from flexbt_sim.world.descriptions.specification import ModelSpecification
+from flexbt_sim.world.plane.bodies import Body, Normals, WorldView, generator
+from flexbt_sim.world.plane.geometry import Pose, compose, drive, inverse, wrap
+from flexbt_sim.world.plane.ray_casting import Sensor
 
 COMMAND_PERIOD: Final = 0.05
 """Time from command to command, s, of a program that steps the world itself: 20 Hz, as Nav2's controller server."""
@@ -72,7 +66,7 @@ class Robot(Body):
         super().__init__(name, model.footprint, pose)
         self.model = model
         self.top_speed = model.drive.linear_speed + model.drive.angular_speed * model.footprint.turning_radius
-        self.faults: dict[str, Specification] = {}
+        self.faults: dict[str, ModelSpecification] = {}
         self.zones: tuple[str, ...] = ()
         self.speed_limit = math.inf
         """m/s, of the slow zones that it is in."""
@@ -178,7 +172,7 @@ class Robot(Body):
 
     # -- faults ------------------------------------------------------------------------------------------------------
 
-    def begin(self, slot: str, parameters: Specification) -> None:
+    def begin(self, slot: str, parameters: ModelSpecification) -> None:
         """A fault begins."""
         self.faults[slot] = parameters
         if isinstance(parameters, LocalizationLost):
@@ -232,7 +226,7 @@ class Robot(Body):
 
     # -- movement ----------------------------------------------------------------------------------------------------
 
-    def tick(self, surroundings: Surroundings, duration: float) -> None:
+    def tick(self, surroundings: WorldView, duration: float) -> None:
         """Move for a short time, s, at speeds that are taken as constant."""
         model = self.model.drive
         linear, angular = self._wanted if surroundings.time < self._until else (0.0, 0.0)
@@ -270,7 +264,7 @@ class Robot(Body):
             moved = Pose(there.x + lost.drift * duration, there.y, there.yaw)
             self._error = compose(moved, inverse(self._tracked))
 
-    def _move(self, surroundings: Surroundings, duration: float) -> None:
+    def _move(self, surroundings: WorldView, duration: float) -> None:
         linear, angular = self.linear, self.angular
         slip = self.model.drive.slip
         grip = 1.0 - 2.0 * slip * self._slip.random() if slip else 1.0
@@ -290,7 +284,7 @@ class Robot(Body):
             self.linear = self._linear = 0.0
             self._turn_on(surroundings, angular * grip, duration - moved)
 
-    def _turn_on(self, surroundings: Surroundings, angular: float, duration: float) -> None:
+    def _turn_on(self, surroundings: WorldView, angular: float, duration: float) -> None:
         """What is blocked may still turn."""
         start = self.pose
         reach = abs(angular) * self.shape.turning_radius

@@ -7,8 +7,16 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final, Generic, TypeVar
 
-from .descriptions import DoorModel, ObstacleModel, RouteModel, StationModel, WalkModel, ZoneModel
-from .plane import Body, Circle, Polygon, Pose, Shape, Surroundings, contains, generator
+from flexbt_sim.world.descriptions.models import (
+    DoorModel,
+    ObstacleModel,
+    RouteModel,
+    StationModel,
+    WalkModel,
+    ZoneModel,
+)
+from flexbt_sim.world.plane.bodies import Body, WorldView, generator
+from flexbt_sim.world.plane.geometry import Circle, Polygon, Pose, Shape, contains
 
 EDGE: Final = 0.01
 """What is seen of a door that is open, m."""
@@ -39,14 +47,14 @@ class Obstacle(Body):
         self._step = 1
         self._blocked = 0.0
 
-    def tick(self, surroundings: Surroundings, duration: float) -> None:
+    def tick(self, surroundings: WorldView, duration: float) -> None:
         """Go on along the route, or walk about."""
         if self.model.route is not None:
             self._follow(self.model.route, surroundings, duration)
         elif self.model.random_walk is not None:
             self._walk(self.model.random_walk, surroundings, duration)
 
-    def _follow(self, route: RouteModel, surroundings: Surroundings, duration: float) -> None:
+    def _follow(self, route: RouteModel, surroundings: WorldView, duration: float) -> None:
         self.velocity = (0.0, 0.0)
         for _ in range(len(route.waypoints) + 1):  # several may be within one tick
             if self._next is None or duration <= 0.0:
@@ -83,7 +91,7 @@ class Obstacle(Body):
             self._step = -self._step
         return index + self._step
 
-    def _walk(self, walk: WalkModel, surroundings: Surroundings, duration: float) -> None:
+    def _walk(self, walk: WalkModel, surroundings: WorldView, duration: float) -> None:
         if self._left <= 0.0:
             self._heading = self._random.uniform(-math.pi, math.pi)
             self._left = self._random.exponential(walk.period)
@@ -92,7 +100,7 @@ class Obstacle(Body):
         if not self._go(vx, vy, surroundings, duration):
             self._left = 0.0
 
-    def _go(self, vx: float, vy: float, surroundings: Surroundings, duration: float) -> bool:
+    def _go(self, vx: float, vy: float, surroundings: WorldView, duration: float) -> bool:
         x, y, yaw = self.pose
         reach = math.hypot(vx, vy)
         moved = surroundings.advance(self, lambda time: Pose(x + vx * time, y + vy * time, yaw), reach, duration)
@@ -131,7 +139,7 @@ class Door(Body):
         """Tell it to open or to close. An automatic one closes again by itself."""
         self.wants_open = open_it
 
-    def tick(self, surroundings: Surroundings, duration: float) -> None:
+    def tick(self, surroundings: WorldView, duration: float) -> None:
         """Open or close a little."""
         model = self.model
         if model.automatic:

@@ -14,24 +14,26 @@ from typing import Any, Final
 
 import numpy
 
-from flexbt_core.values import hint
+from flexbt_core.values.text import did_you_mean
 from flexbt_sim.errors import SimulationError
-
-from .descriptions import (
-    NAME,
+from flexbt_sim.world.descriptions.faults import Fault, FaultModel, fault_parameters
+from flexbt_sim.world.descriptions.models import (
     STEP,
     DoorModel,
-    Fault,
-    FaultModel,
     GripperModel,
     ObstacleModel,
     RobotModel,
     StationModel,
-    WorldFile,
     ZoneModel,
-    fault_parameters,
 )
-from .plane import Blocks, Body, Circle, OccupancyMap, Pose, RayCaster, Shape, Space, box, check_pose, compose, outlines
+from flexbt_sim.world.descriptions.specification import NAME
+from flexbt_sim.world.descriptions.world_file import WorldFile
+from flexbt_sim.world.plane.bodies import Body, BodyGrid
+from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, box, compose
+from flexbt_sim.world.plane.occupancy_map import OccupancyMap
+from flexbt_sim.world.plane.ray_casting import RayCaster, outlines
+from flexbt_sim.world.plane.space import Space, check_pose
+
 from .robot import Robot
 from .scenery import Door, Entity, Obstacle, Station, Zone
 
@@ -58,7 +60,7 @@ class EntityState:
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class WorldSnapshot:
     """The state of a world at a simulated time, s: what others keep, compare and draw."""
 
     time: float
@@ -369,7 +371,7 @@ class World:
         """
         bodies = (*self._movers, *self._held.values())
         starts = [Body(one.name, one.start_shape, one.start) for one in bodies]
-        places = Blocks(starts, 0.0)
+        places = BodyGrid(starts, 0.0)
         for start in starts:
             if start.name in self._robots:
                 others = places.touching(start.pose.x, start.pose.y, start.radius)
@@ -386,7 +388,7 @@ class World:
 
     def _entity(self, name: str) -> Entity:
         if name not in self._entities:
-            raise SimulationError(f"there is no '{name}' in the world{hint(name, self._entities)}")
+            raise SimulationError(f"there is no '{name}' in the world{did_you_mean(name, self._entities)}")
         return self._entities[name]
 
     # -- faults ------------------------------------------------------------------------------------------------------
@@ -553,9 +555,9 @@ class World:
         opening = entity.opening if isinstance(entity, Door) else None
         return EntityState(name, kind, entity.pose, faults=faults, opening=opening)
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> WorldSnapshot:
         """The state of all entities."""
-        return Snapshot(self.time, tuple(map(self.state, self._entities)))
+        return WorldSnapshot(self.time, tuple(map(self.state, self._entities)))
 
 
 def prepare_world() -> None:

@@ -11,10 +11,10 @@ from typing import Any
 import yaml
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_common.interfaces import INTERFACES, Kind
+from flexbt_common.interfaces import INTERFACES, InterfaceKind
 
 SHARE = Path(get_package_share_directory('flexbt_sim'))
-TOPICS = {one.name for one in INTERFACES if one.kind is Kind.TOPIC}
+TOPICS = {one.name for one in INTERFACES if one.kind is InterfaceKind.TOPIC}
 CLICKED = 'clicked_point'
 """What Foxglove publishes for those who want it."""
 

@@ -11,7 +11,8 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Int32
 
-from flexbt_common.runtime import NodeRuntime, Received, reports_writers
+from flexbt_common.middleware.received_messages import Received, reports_writers
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_sim import intra_process
 from flexbt_sim.intra_process import IntraProcessMessages, IntraProcessTopics
 from flexbt_testing.waiting import DEADLINE, wait_until

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.simulator.name_filter import NameFilter
+from flexbt_sim.simulator.entity_services import NameFilter
 from flexbt_testing.waiting import uncontended_time
 
 atoms = st.sampled_from(['a', 'b', '.', '[ab]', '[^a]', '[a-c]', r'\.', 'robot'])

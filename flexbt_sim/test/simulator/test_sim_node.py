@@ -21,12 +21,15 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.calls import GoalServer, GoalStatus, ServedGoal
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.transforms import TransformBuffer, take_transforms
-from flexbt_common.values import seconds_of
-from flexbt_sim.ros_messages import map_of, pose_of
-from flexbt_sim.simulator import Simulator, built_in_map
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.transform_buffer import TransformBuffer
+from flexbt_common.transform_listener import take_transforms
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_sim.messages import map_of, pose_of
+from flexbt_sim.simulator.node import Simulator
+from flexbt_sim.simulator.parameters import built_in_map
 from flexbt_sim.world import DriveModel, load_map
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, RobotProbe, open_probe, open_simulator
 from flexbt_testing.waiting import uncontended_time, wait_until
@@ -53,7 +56,7 @@ def receive(probe: RobotProbe, message_type: Any, topic: str, count: int = 1, qo
 
 
 def test_the_map_is_there_for_whoever_comes_late(simulator: RobotProbe) -> None:
-    (grid,) = receive(simulator, OccupancyGrid, names.MAP, qos=names.latched())
+    (grid,) = receive(simulator, OccupancyGrid, names.MAP, qos=names.transient_local_qos())
     assert grid.header.frame_id == 'map'
     received, drawn = map_of(grid), load_map(built_in_map())
     assert (received.cells == drawn.cells).all()
@@ -122,7 +125,7 @@ def gaps_of(times: list[float]) -> list[float]:
 def test_transforms_lead_from_the_map_to_the_lidar(simulator: RobotProbe) -> None:
     there = simulator.place(OFFICE)
     tf = receive(simulator, TFMessage, names.TF)[-1]
-    tf_static = receive(simulator, TFMessage, names.TF_STATIC, qos=names.latched())[0]
+    tf_static = receive(simulator, TFMessage, names.TF_STATIC, qos=names.transient_local_qos())[0]
     moving, fixed = tf.transforms, tf_static.transforms
     frames = [(transform.header.frame_id, transform.child_frame_id) for transform in (*moving, *fixed)]
     assert frames == [
@@ -145,7 +148,9 @@ def test_transforms_are_in_the_namespace_of_the_robot() -> None:
     with NodeRuntime.open(names.SIMULATOR, namespace='/robot1') as runtime, open_probe() as probe:
         Simulator(runtime)
         for topic in (names.TF, names.TF_STATIC):
-            assert receive(probe, TFMessage, f'/robot1/{topic}', qos=names.latched() if 'static' in topic else LOSSY)
+            assert receive(
+                probe, TFMessage, f'/robot1/{topic}', qos=names.transient_local_qos() if 'static' in topic else LOSSY
+            )
 
 
 def test_scans_show_the_walls_of_the_map(simulator: RobotProbe) -> None:

@@ -47,16 +47,16 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus
-from flexbt_common.liveness import LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import seconds_of
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.message_fields import seconds_of
 from flexbt_msgs.srv import SetFault
-from flexbt_sim.ros_messages import pose_of
-from flexbt_sim.simulator import Simulator, built_in_map
+from flexbt_sim.messages import pose_of
+from flexbt_sim.simulator.node import Simulator
+from flexbt_sim.simulator.parameters import built_in_map
 from flexbt_sim.world import WorldFile
-from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
 from flexbt_testing.nodes.sim_world import RobotProbe, pose, without_faults
 from flexbt_testing.waiting import wait_until
 
@@ -149,10 +149,10 @@ def test_each_robot_has_its_topics_in_its_namespace(bench: Bench) -> None:
         (Odometry, names.ODOM, LOSSY),
         (LaserScan, names.SCAN, LOSSY),
         (TFMessage, names.TF, LOSSY),
-        (TFMessage, names.TF_STATIC, names.latched()),
-        (OccupancyGrid, names.MAP, names.latched()),
-        (PoseWithCovarianceStamped, names.AMCL_POSE, names.latched()),
-        (String, names.ROBOT_DESCRIPTION, names.latched()),
+        (TFMessage, names.TF_STATIC, names.transient_local_qos()),
+        (OccupancyGrid, names.MAP, names.transient_local_qos()),
+        (PoseWithCovarianceStamped, names.AMCL_POSE, names.transient_local_qos()),
+        (String, names.ROBOT_DESCRIPTION, names.transient_local_qos()),
         (BatteryState, names.BATTERY_STATE, LOSSY),
         (BatteryState, names.BATTERY_STATUS, LOSSY),
     ]
@@ -161,7 +161,7 @@ def test_each_robot_has_its_topics_in_its_namespace(bench: Bench) -> None:
         for robot in ('alpha', 'beta')
         for message_type, topic, qos in topics
     }
-    bumper = bench.listen(Bool, f'/alpha/{names.BUMPER}', names.latched())
+    bumper = bench.listen(Bool, f'/alpha/{names.BUMPER}', names.transient_local_qos())
     wait_until(lambda: all(heard.values()) and bumper, lambda: [key for key, value in heard.items() if not value])
     assert pose_of(heard['beta', names.POSE][0].pose).distance(pose_of(pose((1.0, 4.0)).pose)) < 1e-6
     assert pose_of(heard['beta', names.ODOM][0].pose.pose).distance(pose_of(pose((0.0, 0.0)).pose)) < 1e-6
@@ -176,7 +176,7 @@ def test_each_robot_has_its_topics_in_its_namespace(bench: Bench) -> None:
 
 def test_a_robot_is_driven_alone_and_a_wall_is_felt(bench: Bench) -> None:
     drive = bench.publisher(Twist, '/alpha/cmd_vel')
-    bumper = bench.listen(Bool, f'/alpha/{names.BUMPER}', names.latched())
+    bumper = bench.listen(Bool, f'/alpha/{names.BUMPER}', names.transient_local_qos())
 
     def has_hit() -> bool:
         drive(Twist(linear=Vector3(x=-0.22)))
@@ -298,7 +298,7 @@ def test_what_is_seen_of_things_is_told_to_newcomers_and_while_time_stands_still
         return float(crate.transform.translation.x)
 
     move(7.0)
-    heard = bench.listen(TFMessage, 'simulator/things', names.latched())
+    heard = bench.listen(TFMessage, 'simulator/things', names.transient_local_qos())
     wait_until(lambda: heard)
     assert told(heard[0]) == 7.0  # and not where it was once
     move(6.0)
@@ -517,7 +517,7 @@ def test_a_door_is_opened_and_jams_and_a_spawned_one_has_a_service(bench: Bench)
 
 def test_an_initial_pose_tells_the_localization_and_moves_nothing(bench: Bench) -> None:
     tell = bench.publisher(PoseWithCovarianceStamped, '/alpha/initialpose')
-    told = bench.listen(PoseWithCovarianceStamped, '/alpha/amcl_pose', names.latched())
+    told = bench.listen(PoseWithCovarianceStamped, '/alpha/amcl_pose', names.transient_local_qos())
     message = PoseWithCovarianceStamped()
     message.header.frame_id, message.pose.pose = 'map', pose((4.0, 3.0, 0.5)).pose
     tell(message)
@@ -540,7 +540,7 @@ def test_localization_and_map_have_the_services_of_nav2(bench: Bench) -> None:
     wait_until(lambda: len(heard) > 2)
     assert LifecycleClient(bench.runtime, '/alpha/map_server').state() == 'active'
     assert bench.ask_other(GetMap, '/alpha/map_server/map').map.info.width > 10
-    maps = bench.listen(OccupancyGrid, '/beta/map', names.latched())
+    maps = bench.listen(OccupancyGrid, '/beta/map', names.transient_local_qos())
     wait_until(lambda: maps)
     rooms: Path = built_in_map()
     answer = bench.ask_other(LoadMap, '/beta/map_server/load_map', map_url=f'file://{rooms}')

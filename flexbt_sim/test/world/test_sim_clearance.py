@@ -10,9 +10,9 @@ import numpy
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_maps import drawn, places, room, worlds
 
 from flexbt_sim.world import FAR, OccupancyMap, Pose
+from flexbt_testing.worlds import drawn, places, room, worlds
 
 thorough = settings(deadline=None, max_examples=60)
 

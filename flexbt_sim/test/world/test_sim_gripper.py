@@ -13,8 +13,8 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.calls import ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator.node import Simulator
 from flexbt_sim.world import Circle, GripperModel, ObstacleModel, Pose, RobotModel, World
@@ -95,9 +95,9 @@ class Observer:
 
     def _connect(self) -> None:
         node = self._runtime.node
-        node.create_subscription(JointState, 'simulator/doors', self._on_doors, names.latched())
-        node.create_subscription(TFMessage, 'simulator/things', self._on_things, names.latched())
-        node.create_subscription(String, 'arm/gripper_holds', self._on_holds, names.latched())
+        node.create_subscription(JointState, 'simulator/doors', self._on_doors, names.transient_local_qos())
+        node.create_subscription(TFMessage, 'simulator/things', self._on_things, names.transient_local_qos())
+        node.create_subscription(String, 'arm/gripper_holds', self._on_holds, names.transient_local_qos())
 
     def _on_doors(self, message: JointState) -> None:
         self.doors = dict(zip(message.name, message.position, strict=True))

@@ -9,9 +9,9 @@ import numpy
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_maps import Scanner, drawn, places, worlds
 
 from flexbt_sim.world import LidarModel, OccupancyMap, Pose
+from flexbt_testing.worlds import Scanner, drawn, places, worlds
 
 BOX = drawn('#' * 62, *['#' + '.' * 60 + '#'] * 60, '#' * 62)
 """3 m by 3 m within walls of 5 cm."""

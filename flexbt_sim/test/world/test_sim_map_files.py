@@ -15,9 +15,9 @@ from map_files import grey, write
 from numpy.typing import NDArray
 from PIL import Image
 
-from flexbt_common.values import check_limits
+from flexbt_common.values.limits import check_limits
 from flexbt_sim.errors import MapError
-from flexbt_sim.ros_messages import grid_message, map_of
+from flexbt_sim.messages import grid_message, map_of
 from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, Pose, load_map
 
 STOCK = Path(__file__).parents[4] / 'shared' / 'data' / 'nav2' / 'maps' / 'tb3_sandbox.yaml'

@@ -9,9 +9,9 @@ from itertools import product
 import numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_maps import places, worlds
 
 from flexbt_sim.world import OCCUPIED, Circle, OccupancyMap, Polygon, Pose, Shape, box, gap
+from flexbt_testing.worlds import places, worlds
 
 POINT = Circle(0.001)
 

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_maps import drawn, places, room, worlds
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, WalkModel, World
+from flexbt_testing.worlds import drawn, places, room, worlds
 
 
 @settings(deadline=None)

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from sim_maps import drawn, places, room, worlds
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import Circle, DriveModel, OccupancyMap, Pose, Robot, RobotModel, World
+from flexbt_testing.worlds import drawn, places, room, worlds
 
 MODEL = RobotModel(lidar=None)
 DRIVE = MODEL.drive

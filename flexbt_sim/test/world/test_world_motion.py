@@ -11,7 +11,6 @@ import numpy
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from sim_maps import drawn, places, rooms, worlds
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import (
@@ -30,16 +29,18 @@ from flexbt_sim.world import (
     RobotModel,
     RouteModel,
     Shape,
-    Snapshot,
     StationModel,
     WalkModel,
     World,
+    WorldSnapshot,
     ZoneModel,
     box,
     drive,
     gap,
 )
-from flexbt_sim.world.plane import loops, polygon_gap
+from flexbt_sim.world.plane import loops
+from flexbt_sim.world.plane.space import polygon_gap
+from flexbt_testing.worlds import drawn, places, rooms, worlds
 
 ROUNDING = 1e-6
 footprints: st.SearchStrategy[Shape] = st.sampled_from(
@@ -151,7 +152,7 @@ def test_a_car_takes_no_sharper_bend_than_it_can() -> None:
     assert abs(car.angular) == pytest.approx(1.0 / 5.0)
 
 
-def walk(world: World, steps: int = 150) -> list[Snapshot]:
+def walk(world: World, steps: int = 150) -> list[WorldSnapshot]:
     snapshots = []
     for step in range(steps):
         for number, robot in enumerate(world.robots.values()):
@@ -195,7 +196,7 @@ def test_the_order_in_which_robots_came_does_not_matter() -> None:
         assert sorted(map(repr, a.entities)) == sorted(map(repr, b.entities))
 
 
-def walk_by_name(world: World, steps: int, names: list[str]) -> list[Snapshot]:
+def walk_by_name(world: World, steps: int, names: list[str]) -> list[WorldSnapshot]:
     snapshots = []
     for step in range(steps):
         for number, name in enumerate(names):

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 from PIL import Image, ImageChops
-from sim_maps import drawn
 
 from flexbt_sim import world_tool
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import MODELS, Circle, ObstacleModel, Pose, Trace, World, ZoneModel, box, draw_world
 from flexbt_sim.world_tool import main
+from flexbt_testing.worlds import drawn
 
 WORLD = """\
 plan: {rooms: [{from: [0, 0], to: [4, 2]}]}

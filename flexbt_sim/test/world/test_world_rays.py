@@ -10,7 +10,6 @@ import numpy
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-from sim_maps import places, worlds
 
 from flexbt_sim.world import (
     Circle,
@@ -26,6 +25,7 @@ from flexbt_sim.world import (
     gap,
     outlines,
 )
+from flexbt_testing.worlds import places, worlds
 
 EDGE = 1e-5
 """Beams this near, rad, to an edge may meet it or not."""

@@ -16,19 +16,18 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final
 
-from flexbt_testing.random_trees import basic as bt_random_trees
-from flexbt_testing.random_trees import nodes as bt_random_nodes
-from flexbt_testing.random_trees import scripts as bt_random_scripts
-from flexbt_testing.random_trees import wheel as bt_random_wheel
-
+from . import random_trees as bt_random_nodes
+from . import random_trees as bt_random_scripts
+from . import random_trees as bt_random_trees
 from . import scripted_nodes as bt_scripted
 from . import wheel as bt_wheel
+from . import wheel_trees as bt_random_wheel
 
 PROFILES: dict[str, Callable[[int], dict[str, Any]]] = {
-    'trees': bt_random_trees.make_case,
-    'nodes': bt_random_nodes.make_case,
-    'scripts': bt_random_scripts.make_case,
-    'wheel': bt_random_wheel.make_case,
+    'trees': bt_random_trees.basic_case,
+    'nodes': bt_random_nodes.control_case,
+    'scripts': bt_random_scripts.script_case,
+    'wheel': bt_random_wheel.wheel_case,
 }
 
 BLOCKS: Final = range(1 if os.environ.get('FLEXBT_ACCELERATION') == '0' else 4)

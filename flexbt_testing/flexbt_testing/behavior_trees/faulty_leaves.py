@@ -10,19 +10,13 @@ import time
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    CoroutineAction,
-    Decorator,
-    NodeRegistry,
-    NodeStatus,
-    StatefulAction,
-    SyncAction,
-    ThreadedAction,
-    TreeNode,
-    input_port,
-)
-from flexbt_core.behavior_tree.model import INT, STRING
+from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, ThreadedAction
+from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.ports import INT, STRING, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
 
 STATUSES = {'S': NodeStatus.SUCCESS, 'F': NodeStatus.FAILURE, 'K': NodeStatus.SKIPPED}
 

@@ -27,25 +27,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from flexbt_core.behavior_tree import (
-    EMPTY,
-    BehaviorTreeError,
-    Blackboard,
-    Condition,
-    Decorator,
-    NodeRegistry,
-    NodeStatus,
-    ScriptLibrary,
-    SimpleAction,
-    StatefulAction,
-    Tree,
-    TreeLibrary,
-    TreeNode,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.clock import ManualClock
-from flexbt_core.monitors import TreeMonitor
+from flexbt_core.behavior_tree.engine.function_nodes import SimpleAction
+from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.monitors.tree_monitor import TreeMonitor
 
 LETTERS = {
     'S': NodeStatus.SUCCESS,

@@ -22,20 +22,17 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    NodeConfig,
-    NodeExecutionError,
-    NodeRegistry,
-    NodeStatus,
-    StatefulAction,
-    Tree,
-    TreeLibrary,
-    TreeNode,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.behavior_tree.nodes.nav2 import Nav2Branch, register_nav2
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.registration import Nav2Branch, register_nav2
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
 
 PATIENCE = 10.0
 """Seconds (wall) after which what another thread should have done has not happened."""

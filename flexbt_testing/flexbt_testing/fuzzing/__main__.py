@@ -20,7 +20,8 @@ from domain_coordinator import domain_id
 
 from flexbt_common.discovery import only_this_computer
 
-from . import TARGETS, Fuzzer
+from .fuzzer import Fuzzer
+from .targets import TARGETS
 
 
 def main() -> int:

@@ -6,10 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import OperatableStateMachine
-from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorLibrary, BehaviorManifest
-from flexbt_onboard.node import ExecutiveParameters, open_executive
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.node.executive import open_executive
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 
 from .operator import Operator
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import (
     BehaviorArgument,
     BehaviorList,
@@ -20,8 +20,7 @@ from flexbt_msgs.msg import (
     ExecutiveLog,
     ExecutiveStatus,
 )
-
-from ..waiting import RESEND_SECONDS, wait_until
+from flexbt_testing.waiting import RESEND_SECONDS, wait_until
 
 
 class Operator:
@@ -43,14 +42,20 @@ class Operator:
 
     def _subscribe(self) -> None:
         node = self.console.node
-        node.create_subscription(ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(100))
         node.create_subscription(
-            BehaviorStructure, names.EXECUTIVE_STRUCTURE, self.structures.append, names.latched(100)
+            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.transient_local_qos(100)
         )
-        node.create_subscription(ExecutiveLog, names.EXECUTIVE_LOG, self.logs.append, names.latched(names.LOG_DEPTH))
-        node.create_subscription(BehaviorList, names.EXECUTIVE_BEHAVIORS, self.lists.append, names.latched())
-        self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
-        self._stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop())
+        node.create_subscription(
+            BehaviorStructure, names.EXECUTIVE_STRUCTURE, self.structures.append, names.transient_local_qos(100)
+        )
+        node.create_subscription(
+            ExecutiveLog, names.EXECUTIVE_LOG, self.logs.append, names.transient_local_qos(names.LOG_DEPTH)
+        )
+        node.create_subscription(
+            BehaviorList, names.EXECUTIVE_BEHAVIORS, self.lists.append, names.transient_local_qos()
+        )
+        self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
+        self._stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop_qos())
 
     def _on_status(self, status: ExecutiveStatus) -> None:
         self.arrivals.append(time.monotonic())

@@ -11,7 +11,7 @@ from typing import Any, Final
 from rclpy.serialization import serialize_message
 from rosidl_parser.definition import AbstractSequence, AbstractString, BasicType, BoundedSequence, NamespacedType
 
-from flexbt_common.values import resolve_type
+from flexbt_common.values.value_types import resolve_type
 
 TOO_MUCH: Final = 10_000_000
 """Bytes in the one field."""

@@ -18,22 +18,21 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from flexbt_common.liveness import LivelinessToken
-from flexbt_common.names import deep_action_services
-from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.names import action_service_qos
+from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_testing.waiting import wait_until
 
-from ..waiting import wait_until
-
-Script = Callable[[ServerGoalHandle], Awaitable[Any]]
+GoalScript = Callable[[ServerGoalHandle], Awaitable[Any]]
 """What happens to a goal: ends it by its handle, and gives the result. It may wait for :meth:`future`."""
 
-Answer = Callable[[int, Any], 'tuple[str, Any] | None']
+GoalAnswer = Callable[[int, Any], 'tuple[str, Any] | None']
 """How goal number n ends: ``(how, result)`` with ``succeed`` or ``abort``; None holds it."""
 
 _HOW: Final = {4: 'succeed', 5: 'canceled', 6: 'abort'}  # action_msgs/GoalStatus
 
 
-def ends(result: Any, how: str = 'succeed') -> Script:
+def ends(result: Any, how: str = 'succeed') -> GoalScript:
     """A script that ends each goal at once: succeed, abort."""
 
     async def script(handle: ServerGoalHandle) -> Any:
@@ -53,9 +52,9 @@ class ScriptedActionServer:
         runtime: NodeRuntime,
         action_type: Any,
         name: str,
-        script: Script | None = None,
+        script: GoalScript | None = None,
         *,
-        answer: Answer = lambda _number, _goal: None,
+        answer: GoalAnswer = lambda _number, _goal: None,
         accept: Callable[[Any], object] = lambda _goal: True,
         on_cancel: Callable[[ServerGoalHandle], CancelResponse] | None = None,
         server_class: Any = ActionServer,
@@ -87,7 +86,7 @@ class ScriptedActionServer:
                 goal_callback=self._goal,
                 cancel_callback=self._cancel,
                 result_timeout=10,
-                **deep_action_services(),
+                **action_service_qos(),
             )
         )
 

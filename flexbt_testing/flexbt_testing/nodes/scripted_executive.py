@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import from_entry
 from flexbt_msgs.msg import (
     ActiveState,
     BehaviorList,
@@ -141,13 +141,15 @@ class ScriptedExecutive:
 
     def _join(self) -> None:
         node = self._runtime.node
-        self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched())
-        self._structure = node.create_publisher(BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.latched())
-        self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched())
-        self._places = node.create_publisher(PlaceList, names.PLACES, names.latched())
+        self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos())
+        self._structure = node.create_publisher(
+            BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.transient_local_qos()
+        )
+        self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.transient_local_qos())
+        self._places = node.create_publisher(PlaceList, names.PLACES, names.transient_local_qos())
         self._places.publish(PlaceList())
-        self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.latched(names.LOG_DEPTH))
-        node.create_subscription(ExecutiveCommand, names.EXECUTIVE_COMMAND, self._on_command, names.command())
+        self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.transient_local_qos(names.LOG_DEPTH))
+        node.create_subscription(ExecutiveCommand, names.EXECUTIVE_COMMAND, self._on_command, names.command_qos())
         self.status.peers = [
             PeerStatus(name='/bt_server', alive=True, ready=True),
             PeerStatus(name='/navigation', alive=False),

@@ -8,16 +8,11 @@ from typing import Any, ClassVar
 
 from std_msgs.msg import Bool
 
-from flexbt_core.behavior_tree import (
-    CoroutineAction,
-    NodeRegistry,
-    NodeStatus,
-    StatefulAction,
-    SyncAction,
-    ThreadedAction,
-    input_port,
-)
-from flexbt_core.behavior_tree.model import DOUBLE, STRING
+from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, ThreadedAction
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_server.leaves import TopicCondition
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.waiting import DEADLINE

@@ -33,17 +33,17 @@ from nav2_msgs.msg import RouteNode
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, ActionServerLink
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import Encoding, to_entry
+from flexbt_common.calls.action_call import ActionLinks, ActionServerLink
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
-from flexbt_server.node import BtServer
+from flexbt_server.bt_server import BtServer
 
-from .scripted_action_server import Answer, ScriptedActionServer
-from .sent_goal import SentGoal
+from .clients import SentGoal
+from .scripted_action_server import GoalAnswer, ScriptedActionServer
 
 
-def pose(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
+def pose_stamped(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
     """A pose in the map."""
     stamped = PoseStamped()
     stamped.header.frame_id = frame
@@ -109,7 +109,7 @@ class Navigation:
         """Goals that a server has got."""
         return len(self.actions[name].goals)
 
-    def _answer(self, name: str, action: Any) -> Answer:
+    def _answer(self, name: str, action: Any) -> GoalAnswer:
         def answer(number: int, goal: Any) -> Any:
             failures, code = self.fail.get(name, (0, 0))
             if number < failures:
@@ -122,10 +122,10 @@ class Navigation:
             elif hasattr(result, 'path'):
                 target = goal.goal if hasattr(goal, 'goal') else goal.goals[-1]
                 result.path.header.frame_id = 'map'
-                result.path.poses = [pose(0.0), target]
+                result.path.poses = [pose_stamped(0.0), target]
                 if hasattr(result, 'route'):  # which begins and ends beside start and goal: Nav2's tree fails else
                     goal_at = target.pose.position
-                    result.path.poses = [pose(0.0, 1.0), pose(goal_at.x, goal_at.y + 1.0)]
+                    result.path.poses = [pose_stamped(0.0, 1.0), pose_stamped(goal_at.x, goal_at.y + 1.0)]
                     result.route.header.frame_id = 'map'
                     places = (one.pose.position for one in result.path.poses)
                     result.route.nodes = [RouteNode(nodeid=id, position=place) for id, place in enumerate(places)]
@@ -197,7 +197,7 @@ def document(body: str, tree: str = 'Main') -> str:
     )
 
 
-class World:
+class ServerWorld:
     """Everything together."""
 
     def __init__(self, server: NodeRuntime, navigation: NodeRuntime, client: NodeRuntime) -> None:
@@ -209,14 +209,14 @@ class World:
 
 
 @contextlib.contextmanager
-def open_world(**parameters: Any) -> Iterator[World]:
+def open_server_world(**parameters: Any) -> Iterator[ServerWorld]:
     """A server with these parameters, navigation and client."""
     with (
         NodeRuntime.open('navigation') as navigation,
         NodeRuntime.open('bt_server', parameters={'server_timeout': 10.0, 'start_timeout': 0.0} | parameters) as server,
         NodeRuntime.open('client') as client,
     ):
-        yield World(server, navigation, client)
+        yield ServerWorld(server, navigation, client)
 
 
 def install_nodes(directory: Path, module: str) -> None:

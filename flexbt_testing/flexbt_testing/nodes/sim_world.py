@@ -34,14 +34,16 @@ from rclpy.qos import QoSProfile
 from rclpy.time import Time
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
-from flexbt_sim.nodes import Navigation
-from flexbt_sim.ros_messages import pose_of
-from flexbt_sim.simulator import Simulator
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_navigation.node import Navigation
+from flexbt_sim.messages import pose_of
+from flexbt_sim.simulator.node import Simulator
+from flexbt_testing.waiting import DEADLINE, MESSAGE_BYTES
 
-from ..waiting import DEADLINE, MESSAGE_BYTES
-from .sent_goal import SentGoal
+from .clients import SentGoal
 
 T = TypeVar('T')
 
@@ -281,7 +283,7 @@ FAST = {'speed_factor': 0.0}
 
 
 @contextlib.contextmanager
-def open_world(
+def open_sim_world(
     simulator: Mapping[str, Any] = FAST, navigation: Mapping[str, Any] | None = None
 ) -> Iterator[RobotProbe]:
     """Simulator, navigation servers, probe."""

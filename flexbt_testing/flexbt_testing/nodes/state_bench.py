@@ -6,15 +6,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_core.state_machine import EventState, OperatableStateMachine, Position
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.resume import RunPosition
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
-from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorManifest, RunRequest, StateServices
-from flexbt_onboard.durability import Decided
-from flexbt_onboard.runs import ActiveLeaf, BehaviorRun, RunDecision, RunEnd, RunSnapshot
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
+from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.behaviors.run_context import StateServices
+from flexbt_onboard.persistence.run_journal import Decided
+from flexbt_onboard.runs.behavior_run import BehaviorRun
+from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunEnd, RunSnapshot
+from flexbt_testing.waiting import DEADLINE, wait_until
 
-from ..waiting import DEADLINE, wait_until
-from .scripted_action_server import Script, ScriptedActionServer
+from .scripted_action_server import GoalScript, ScriptedActionServer
 
 
 class Run:
@@ -48,7 +54,7 @@ class Run:
     def log(self, severity: int, path: str, text: str) -> None:
         self.lines.append((severity, path, text))
 
-    def moved(self, position: Callable[[], Position], decided: Sequence[Decided]) -> None: ...
+    def moved(self, position: Callable[[], RunPosition], decided: Sequence[Decided]) -> None: ...
 
     def switched(self, request: RunRequest, structure: BehaviorStructure) -> None: ...
 
@@ -102,7 +108,9 @@ class StateBench:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def serve(self, action_type: Any, name: str, script: Script | None = None, **options: Any) -> ScriptedActionServer:
+    def serve(
+        self, action_type: Any, name: str, script: GoalScript | None = None, **options: Any
+    ) -> ScriptedActionServer:
         """Start an action server, in a process of its own as far as ROS can tell."""
         runtime = NodeRuntime('scripted_server', args=())
         self._servers.append(runtime)

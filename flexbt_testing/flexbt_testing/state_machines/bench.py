@@ -1,14 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bench for the state machine: scripted states, and a host that runs a machine on a manual clock.
-
-As the executive does, the host steps the run after each wake-up and when it is due, and never otherwise: what is
-forgotten here hangs there.
-
-A trace is a list of callbacks in the order of their calls: ``on_enter``, with `` resumed`` when the run goes on there;
-``on_exit`` with the name of the :class:`ExitReason`, as in ``on_exit PARENT_LEFT``; the others by their names alone.
-The common trace of a bench has the path of the state behind the name: ``on_exit /Outer/Inner OUTCOME``. Calls of
-``halting`` and ``activity`` are not in it.
-"""
+"""A bench for the state machine: scripted and counting states, and a host with a manual clock."""
 
 from __future__ import annotations
 
@@ -17,26 +8,29 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from flexbt_core.clock import ManualClock
-from flexbt_core.monitors import MachineMonitor, Violation, declared_resources
-from flexbt_core.state_machine import (
-    MAX_TRANSITIONS,
-    Answer,
-    Autonomy,
-    Child,
-    ConcurrencyContainer,
-    Decision,
-    EventState,
-    ExitReason,
-    MachineRun,
-    OperatableStateMachine,
-    Position,
-    PriorityContainer,
-    Severity,
-    define,
-    start_at,
-    switch_machine,
-)
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.monitors.machine_monitor import MachineMonitor, declared_resources
+from flexbt_core.monitors.properties import Violation
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
+from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine.resume import RunPosition, start_at, switch_machine
+from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS, MachineRun
+from flexbt_core.state_machine.model.autonomy import Autonomy, Decision
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.userdata import UserData
+
+# A bench for the state machine: scripted states, and a host that runs a machine on a manual clock.
+#
+# As the executive does, the host steps the run after each wake-up and when it is due, and never otherwise: what is
+# forgotten here hangs there.
+#
+# A trace is a list of callbacks in the order of their calls: ``on_enter``, with `` resumed`` when the run goes on
+# there; ``on_exit`` with the name of the :class:`ExitReason`, as in ``on_exit PARENT_LEFT``; the others by their names
+# alone. The common trace of a bench has the path of the state behind the name: ``on_exit /Outer/Inner OUTCOME``. Calls
+# of ``halting`` and ``activity`` are not in it.
 
 Do = Callable[['Scripted', Any], Any]
 """What a callback of a scripted state does, with the state and its userdata (None where it gets none)."""
@@ -149,7 +143,7 @@ def nested(state: EventState, labels: str, autonomy: Mapping[str, int] | None = 
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class BenchSnapshot:
     """What the operator is shown at some time."""
 
     active: tuple[str, ...]
@@ -172,7 +166,7 @@ class Bench:
         userdata: Mapping[str, Any] | None = None,
         steady: ManualClock | None = None,
         start: bool = True,
-        at: Position | None = None,
+        at: RunPosition | None = None,
         max_transitions: int = MAX_TRANSITIONS,
     ) -> None:
         self.clock = ManualClock()
@@ -181,7 +175,7 @@ class Bench:
         self.faults: list[tuple[str, str]] = []
         self.lines: list[tuple[Severity, str, str]] = []
         self.transitions: list[tuple[str, str, str, ExitReason]] = []
-        self.snapshots: list[Snapshot] = []
+        self.snapshots: list[BenchSnapshot] = []
         self.steps = 0
         self._is_woken = False
         self.violations: list[Violation] = []
@@ -217,7 +211,7 @@ class Bench:
             assert known.issuperset(decision.path for decision in decisions), (decisions, known)
         paused = tuple(leaf.path for leaf in self.run.active_states() if leaf.is_paused)
         controls: tuple[bool | str, ...] = (self.run.is_paused, *self.run.locked, '', *self.run.breakpoints)
-        self.snapshots.append(Snapshot(active, decisions, paused, controls))
+        self.snapshots.append(BenchSnapshot(active, decisions, paused, controls))
 
     def log(self, severity: Severity, path: str, text: str) -> None:
         self.lines.append((severity, path, text))
@@ -334,10 +328,34 @@ class Bench:
         self.run.preempt(reason)
         self.settle()
 
-    def answer_to(self, command: Callable[[Answer], None]) -> str | None:
+    def answer_to(self, command: Callable[[CommandReply], None]) -> str | None:
         """Give a command; gives its answer, of which there has to be exactly one."""
         answers: list[str | None] = []
         command(answers.append)
         self.settle()
         (answer,) = answers
         return answer
+
+
+# States by which an operator's confirmations are counted in the userdata.
+
+
+class Ask(EventState):
+    """Wants to be left."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['again', 'out'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        return 'again'
+
+
+class Add(EventState):
+    """Counts."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], io_keys=['count'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        userdata['count'] += 1
+        return 'done'

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any, Final
 
-from flexbt_core.state_machine import Child, EventState, OperatableStateMachine, StateKind
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.definition import Child, StateKind
+from flexbt_core.state_machine.model.event_state import EventState
 
 from .bench import Scripted, machine
 
@@ -37,7 +39,7 @@ class Visit:
 
 
 @dataclass(eq=False)
-class Node:
+class RandomNode:
     """A state or machine of a random machine. ``ways`` leads an outcome to a sibling, or to an outcome around it.
 
     The children of a concurrency container have no ways: its ``conditions`` are tried in their order.
@@ -45,26 +47,26 @@ class Node:
 
     path: str
     outcomes: list[str]
-    parent: Node | None = None
-    children: list[Node] = field(default_factory=list)
+    parent: RandomNode | None = None
+    children: list[RandomNode] = field(default_factory=list)
     visits: list[Visit] = field(default_factory=list)
-    ways: dict[str, Node | str] = field(default_factory=dict)
+    ways: dict[str, RandomNode | str] = field(default_factory=dict)
     required: dict[str, int] = field(default_factory=dict)
     kind: StateKind = StateKind.STATE
-    conditions: list[tuple[str, list[tuple[Node, str]]]] = field(default_factory=list)
+    conditions: list[tuple[str, list[tuple[RandomNode, str]]]] = field(default_factory=list)
     runs_on: bool = False
     """Whether it is executed while it is blocked."""
 
-    def all(self) -> Iterator[Node]:
+    def all(self) -> Iterator[RandomNode]:
         """This node and everything in it."""
         yield self
         for child in self.children:
             yield from child.all()
 
 
-def random_machine(random: Random, states: int = STATES) -> Node:
+def random_machine(random: Random, states: int = STATES) -> RandomNode:
     """A machine of about so many ``states``, up to DEPTH levels below the root, which can all be reached."""
-    root = Node('/', _outcomes(random, ['x', 'y', 'z']))
+    root = RandomNode('/', _outcomes(random, ['x', 'y', 'z']))
     _fill(random, root, DEPTH, [states])
     return root
 
@@ -73,7 +75,7 @@ def _outcomes(random: Random, names: list[str]) -> list[str]:
     return random.sample(names, random.randint(1, len(names)))
 
 
-def _fill(random: Random, node: Node, depth: int, left: list[int]) -> None:
+def _fill(random: Random, node: RandomNode, depth: int, left: list[int]) -> None:
     kinds = [StateKind.MACHINE] * 4 + [StateKind.CONCURRENCY] * 3 + [StateKind.PRIORITY] * 2
     node.kind = random.choice(kinds)
     most = 3 if node.kind is StateKind.CONCURRENCY else len(_LABELS)
@@ -81,7 +83,7 @@ def _fill(random: Random, node: Node, depth: int, left: list[int]) -> None:
         path = f'{node.path.rstrip("/")}/{label}'
         is_machine = depth > 0 and left[0] > 0 and random.random() < 0.4
         names = ['x', 'y', 'z'] if is_machine else ['done', 'other', 'failed']
-        child = Node(path, _outcomes(random, names), node)
+        child = RandomNode(path, _outcomes(random, names), node)
         if is_machine:
             _fill(random, child, depth - 1, left)
         else:
@@ -94,7 +96,7 @@ def _fill(random: Random, node: Node, depth: int, left: list[int]) -> None:
         following = node.children[number + 1 : number + 2]
         for outcome in child.outcomes:
             outwards = node.outcomes if node.parent is not None or random.random() < 0.1 else []
-            anywhere: list[Node | str] = [*node.children, *outwards]
+            anywhere: list[RandomNode | str] = [*node.children, *outwards]
             if node.kind is not StateKind.CONCURRENCY:
                 child.ways[outcome] = following.pop() if following else random.choice(anywhere)
             child.required[outcome] = random.choice([UNDECLARED, 0, 0, 1, 1, 2, 3])
@@ -102,7 +104,7 @@ def _fill(random: Random, node: Node, depth: int, left: list[int]) -> None:
         node.conditions = list(_conditions(random, node))
 
 
-def _conditions(random: Random, node: Node) -> Iterator[tuple[str, list[tuple[Node, str]]]]:
+def _conditions(random: Random, node: RandomNode) -> Iterator[tuple[str, list[tuple[RandomNode, str]]]]:
     for _ in range(random.randint(0, 3)):
         children = random.sample(node.children, random.randint(1, len(node.children)))
         yield random.choice(node.outcomes), [(child, random.choice(child.outcomes)) for child in children]
@@ -121,7 +123,7 @@ def _visit(random: Random, outcomes: list[str]) -> Visit:
 class Puppet(Scripted):
     """A state that does as its visits say, over and over."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: RandomNode) -> None:
         super().__init__(*node.outcomes)
         self.node = node
         self.runs_while_blocked = node.runs_on  # type: ignore[misc]
@@ -165,7 +167,7 @@ class Puppet(Scripted):
             raise ArithmeticError
 
 
-def build(node: Node) -> tuple[OperatableStateMachine, list[Puppet]]:
+def build(node: RandomNode) -> tuple[OperatableStateMachine, list[Puppet]]:
     """The machine of a node, and its states."""
     children, puppets = [], []
     for child in node.children:

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from flexbt_core.state_machine import StateKind
+from flexbt_core.state_machine.model.definition import StateKind
 
-from .random_machines import Node, Visit
+from .random_machines import RandomNode, Visit
 
 LIVELOCK: Final = 60
 REST_TIME: Final = 3.0
@@ -30,7 +30,7 @@ class Seat:
     """A place for an active state or machine. ``phase``: 'empty', 'coming', 'in', or 'left' and halting."""
 
     outer: Seat | None
-    node: Node | None = None
+    node: RandomNode | None = None
     phase: str = 'empty'
     wish: str | None = None
     why: str = 'OUTCOME'
@@ -60,7 +60,7 @@ class Seat:
             yield from seat.all()
 
     @property
-    def occupant(self) -> Node:
+    def occupant(self) -> RandomNode:
         assert self.node is not None
         return self.node
 
@@ -76,7 +76,7 @@ def inside(path: str, top: str) -> bool:
 class Model:
     """Each operation gives whether it is accepted, and leaves the model in its next stable state."""
 
-    def __init__(self, root: Node, level: int) -> None:
+    def __init__(self, root: RandomNode, level: int) -> None:
         self.events: list[str] = []
         self.transitions: list[tuple[str, str, str]] = []
         self.outcome: str | None = None
@@ -101,7 +101,7 @@ class Model:
         return [seat for seat in self._root.all() if seat.outer is not None and seat.phase in ('in', 'left')]
 
     @property
-    def active(self) -> list[Node]:
+    def active(self) -> list[RandomNode]:
         """The active states."""
         return [seat.occupant for seat in self.seats() if seat.is_state]
 
@@ -123,14 +123,14 @@ class Model:
 
     # -- operations --------------------------------------------------------------------------------------------------
 
-    def event(self, node: Node, outcome: str | None) -> None:
+    def event(self, node: RandomNode, outcome: str | None) -> None:
         """A state gets an event by which it wants to be left, or not any more."""
         for seat in self.seats():
             if seat.node is node:
                 seat.told, seat.is_woken = outcome, True
         self._go_on()
 
-    def rest(self, node: Node) -> None:
+    def rest(self, node: RandomNode) -> None:
         """A state has halted."""
         for seat in self.seats():
             if seat.node is node:
@@ -368,7 +368,7 @@ class Model:
             around = around.outer
         return path
 
-    def _after(self, seat: Seat, outcome: str) -> Node | str | None:
+    def _after(self, seat: Seat, outcome: str) -> RandomNode | str | None:
         """What comes of leaving by an outcome: a sibling, the outcome of what is around it, or nothing."""
         around = seat.outer
         assert around is not None
@@ -429,7 +429,7 @@ class Model:
         assert around is not None
         self.transitions.append((node.path, wish or '', seat.why))
         following = node if seat.is_repeated else self._after(seat, wish or '')
-        if isinstance(following, Node):
+        if isinstance(following, RandomNode):
             self._enter(seat, following)
             return True
         seat.phase, seat.node, seat.inner, seat.until = 'empty', None, [], None
@@ -449,7 +449,7 @@ class Model:
         seat.wish, seat.ending, seat.inner, seat.until = seat.ending, None, [], None
         return True
 
-    def _enter(self, seat: Seat, node: Node) -> None:
+    def _enter(self, seat: Seat, node: RandomNode) -> None:
         is_resumed = seat.is_resumed and seat.phase == 'coming'
         fresh = Seat(seat.outer, node, 'in')
         seat.__dict__.update(fresh.__dict__)

@@ -1,5 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot of real processes: started and killed, supervised by an operator, behind a bad network.
-
-Its modules are its front doors: who takes one is spared what the others import.
-"""
+"""A robot of real processes, started and killed, supervised by an operator, behind a bad network."""

@@ -2,7 +2,7 @@
 """Starts executables again and again, as forks of one process that has loaded what they need.
 
 Loading takes most of the time that a start takes of a processor, and is the same each time. A fork goes on where
-:func:`flexbt_common.executables.run_main` has loaded the module: it has the arguments, the environment and the standard
+:func:`run_main` has loaded the module: it has the arguments, the environment and the standard
 streams that it is given, and the working directory of who asks, and ends as the executable does. What differs is the
 beginning alone: the interpreter, its options and the entry point. Tests that are about these start the executable
 itself.
@@ -28,13 +28,14 @@ from typing import Any, Final
 
 from flexbt_common.executables import load, run_main
 from flexbt_testing.lock_order import watch_locks_if_asked
-from flexbt_testing.system.hold_up import listen
+
+from .hold_up import listen
 
 AVAILABLE: Final = hasattr(os, 'pidfd_open')
 """Whether there is what it stands on: Linux."""
 
 _MAX_REQUEST: Final = 1_000_000
-_NODES: Final = ('flexbt_onboard.', 'flexbt_server.', 'flexbt_sim.')
+_NODES: Final = ('flexbt_navigation.', 'flexbt_onboard.', 'flexbt_server.', 'flexbt_sim.')
 """Where the modules are whose programs no signal interrupts: their locks are watched."""
 _KEEP_STACKS: Final = f'glibc.pthread.stack_cache_size={1 << 40}'
 """LTTng, which rclpy loads, cancels its threads as a process ends. A fork does not have them; if it has many threads of

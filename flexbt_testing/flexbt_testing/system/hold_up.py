@@ -4,9 +4,10 @@
 Usage: python -m flexbt_testing.system.hold_up FIFO EXECUTABLE [ARGUMENT ...]
 
 A line that is written to FIFO names a method that the thread calls again and again, and seconds:
-``flexbt_common.runtime.NodeRuntime._run_posted 3.0``. Its next call takes so much longer. The interpreter goes on, and
-with it all other threads of the process: a stopped process (SIGSTOP) is another case. ``interpreter 3.0`` has the whole
-interpreter hang, as a collection of garbage or a call of C does that keeps the GIL, while the middleware goes on.
+``flexbt_common.runtime.node_runtime.NodeRuntime._run_posted 3.0``. Its next call takes so much longer. The interpreter
+goes on, and with it all other threads of the process: a stopped process (SIGSTOP) is another case. ``interpreter 3.0``
+has the whole interpreter hang, as a collection of garbage or a call of C does that keeps the GIL, while the middleware
+goes on.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-EXECUTOR = 'flexbt_common.runtime.NodeRuntime._run_posted'
+EXECUTOR = 'flexbt_common.runtime.node_runtime.NodeRuntime._run_posted'
 """Called in each turn of the executor of a node."""
 
-RUN = 'flexbt_core.state_machine.MachineRun.step'
+RUN = 'flexbt_core.state_machine.engine.run.MachineRun.step'
 """Called whenever something has happened to the run of a behavior."""
 
-TREE = 'flexbt_core.behavior_tree.TickControl.tick'
+TREE = 'flexbt_core.behavior_tree.engine.tick_control.TickControl.tick'
 """Called when a tree of the BT server is to be ticked."""
 
 WORLD = 'flexbt_sim.simulator.node.Simulator._step'

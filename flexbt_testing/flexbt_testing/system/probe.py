@@ -13,13 +13,14 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
-from flexbt_common.values import to_entry
+from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
-
-from ..nodes.operator import Operator
-from ..waiting import DEADLINE, MESSAGE_BYTES, uncontended_time, wait_until
+from flexbt_testing.nodes.operator import Operator
+from flexbt_testing.waiting import DEADLINE, MESSAGE_BYTES, uncontended_time, wait_until
 
 T = TypeVar('T')
 
@@ -148,7 +149,9 @@ class Probe(Operator):
         seen: list[GoalStatusArray] = []
         topic = f'{action}/_action/status'
         subscription = self.console.call(
-            lambda: self.console.node.create_subscription(GoalStatusArray, topic, seen.append, names.latched())
+            lambda: self.console.node.create_subscription(
+                GoalStatusArray, topic, seen.append, names.transient_local_qos()
+            )
         )
         self.wait(lambda: bool(seen), f'list of goals of {action}')
         self.console.call(lambda: self.console.node.destroy_subscription(subscription))

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The processes of a robot, started from the installed executables, and whatever a test wants to do to them."""
+"""The processes of a robot, started from the installed executables, and what a test does to them."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import random
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -15,14 +18,15 @@ from typing import Final
 
 from ament_index_python.packages import get_package_prefix
 
-from flexbt_testing.system import fork_server
-from flexbt_testing.system.network_namespace import NetworkNamespace
 from flexbt_testing.waiting import contended_time, uncontended_time
+
+from . import fork_server
+from .networks import NetworkNamespace
 
 PACKAGES: Final[Mapping[str, str]] = {
     'simulator': 'flexbt_sim',
-    'simulation': 'flexbt_sim',
-    'navigation': 'flexbt_sim',
+    'simulation': 'flexbt_navigation',
+    'navigation': 'flexbt_navigation',
     'bt_server': 'flexbt_server',
     'onboard_executive': 'flexbt_onboard',
     'console': 'flexbt_console',
@@ -34,15 +38,19 @@ PACKAGES: Final[Mapping[str, str]] = {
 
 MODULES: Final[Mapping[str, str]] = {
     'simulator': 'flexbt_sim.simulator.node',
-    'navigation': 'flexbt_sim.nodes.navigation_servers',
-    'simulation': 'flexbt_sim.simulation',
-    'bt_server': 'flexbt_server.node.bt_server',
+    'navigation': 'flexbt_navigation.node',
+    'simulation': 'flexbt_navigation.simulation',
+    'bt_server': 'flexbt_server.bt_server',
     'onboard_executive': 'flexbt_onboard.node.onboard_executive',
     'stop_guard': 'flexbt_onboard.node.stop_guard',
 }
 """What the executables of a robot run, which tests start often."""
 
-LOADED: Final = (*MODULES.values(), 'flexbt_sim.world.prepare_world', 'flexbt_sim.navigation.prepare_navigation')
+LOADED: Final = (
+    *MODULES.values(),
+    'flexbt_sim.world.world.prepare_world',
+    'flexbt_navigation.preparation.prepare_navigation',
+)
 """What they all are forked from has loaded: the most of it is the same for each."""
 
 LAST_CHARACTERS: Final = 3000
@@ -212,3 +220,22 @@ class Stack:
 
     def _log(self, name: str) -> Path:
         return self.directory / f'{name.replace("/", ".")}.log'
+
+
+# Ports of TCP for servers that tests start, and that cannot be asked which port they got.
+
+_PORTS: Final = range(10_000, 32_000, 2)
+"""Below those that Linux gives to connections (32768 to 60999)."""
+
+
+def free_pair() -> int:
+    """A port of 127.0.0.1 that nobody has, of which the next one is free, too.
+
+    They are drawn, so that tests that run side by side seldom want the same.
+    """
+    while True:
+        port = random.choice(_PORTS)
+        with contextlib.suppress(OSError), socket.socket() as first, socket.socket() as second:
+            first.bind(('127.0.0.1', port))
+            second.bind(('127.0.0.1', port + 1))
+            return port

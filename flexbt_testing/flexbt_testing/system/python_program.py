@@ -10,10 +10,14 @@ from pathlib import Path
 from types import ModuleType
 
 # What programs of tests import: a fork of a process that has loaded this need not load it.
-import flexbt_common.calls
-import flexbt_common.lifecycle
-import flexbt_common.liveness
-import flexbt_common.runtime  # noqa: F401
+import flexbt_common.calls.action_call
+import flexbt_common.calls.goal_server
+import flexbt_common.calls.links
+import flexbt_common.calls.service_call
+import flexbt_common.lifecycle.liveliness
+import flexbt_common.lifecycle.managed_node
+import flexbt_common.lifecycle.presence
+import flexbt_common.runtime.node_runtime  # noqa: F401
 
 
 def main() -> int:

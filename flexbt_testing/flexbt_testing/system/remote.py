@@ -16,38 +16,45 @@ from typing import Any, Final
 from rclpy.serialization import serialize_message
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.commands import CommandBuilder, build, parse
-from flexbt_console.link import OperatorLink, SurroundingsLink, snapshot_record
-from flexbt_console.mirror import Mirror, Snapshot, TrackedCommand, View
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.command_line import parse
+from flexbt_console.commands.registry import build
+from flexbt_console.link.messages import snapshot_record
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.link.surroundings_link import SurroundingsLink
+from flexbt_console.mirror.command_tracker import TrackedCommand
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import ExecutiveSnapshot
+from flexbt_console.mirror.view import View
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
 
-from .network_namespace import NetworkNamespace, enter
+from .networks import NetworkNamespace, enter
 
 LOOK_SECONDS: Final = 0.02
 
 
 @dataclass(slots=True)
-class Shown:
+class RemoteView:
     """What a console showed from a first to a last reading of it, in seconds of the machine's monotonic clock."""
 
     first: float
     last: float
     live: bool
-    snapshot: Snapshot | None
+    snapshot: ExecutiveSnapshot | None
 
 
-class Console:
+class RemoteConsole:
     """A console, and what it shows: with a ``scan_period``, or 0 for no scan, also what is around the robot."""
 
     def __init__(self, operator: str, scan_period: float | None = None) -> None:
         self._runtime = NodeRuntime('console', args=())
         self._mirror = Mirror(self._runtime.steady)
-        self._link = OperatorLink(self._runtime, self._mirror, operator)
+        self._link = ExecutiveLink(self._runtime, self._mirror, operator)
         if scan_period is not None:
             SurroundingsLink(self._runtime, self._mirror, scan_period=scan_period)
         self._make = CommandBuilder(operator)
-        self._shown: list[Shown] = []
+        self._shown: list[RemoteView] = []
         self._end = threading.Event()
         self._eye = threading.Thread(target=self._watch, daemon=True)
         self._eye.start()
@@ -62,7 +69,7 @@ class Console:
         """What is shown now."""
         return self._mirror.view()
 
-    def shown(self) -> list[Shown]:
+    def shown(self) -> list[RemoteView]:
         """All that was shown."""
         return list(self._shown)
 
@@ -82,15 +89,15 @@ class Console:
             if last is not None and (last.live, last.snapshot) == (view.live, view.snapshot):
                 last.last = before
             else:
-                self._shown.append(Shown(after, before, view.live, view.snapshot))
+                self._shown.append(RemoteView(after, before, view.live, view.snapshot))
 
 
-class Observer:
+class RemoteObserver:
     """What an executive publishes, and when; not an operator, and on a link without faults."""
 
     def __init__(self) -> None:
         self._runtime = NodeRuntime('observer', args=())
-        self._published: dict[int, tuple[float, Snapshot]] = {}
+        self._published: dict[int, tuple[float, ExecutiveSnapshot]] = {}
         self._bytes = 0
         self._runtime.call(self._subscribe)
 
@@ -98,11 +105,11 @@ class Observer:
         """Leave in order."""
         self._runtime.close()
 
-    def published(self) -> dict[int, tuple[float, Snapshot]]:
+    def published(self) -> dict[int, tuple[float, ExecutiveSnapshot]]:
         """Monotonic time and content of each status, by its sequence number."""
         return dict(self._published)
 
-    def latest(self) -> Snapshot | None:
+    def latest(self) -> ExecutiveSnapshot | None:
         """The newest status."""
         return self._published[max(self._published)][1] if self._published else None
 
@@ -116,9 +123,9 @@ class Observer:
             (BehaviorList, names.EXECUTIVE_BEHAVIORS),
             (ExecutiveLog, names.EXECUTIVE_LOG),
         ):
-            self._runtime.node.create_subscription(type, topic, self._count, names.latched(names.LOG_DEPTH))
+            self._runtime.node.create_subscription(type, topic, self._count, names.transient_local_qos(names.LOG_DEPTH))
         self._runtime.node.create_subscription(
-            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.latched(100)
+            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.transient_local_qos(100)
         )
 
     def _on_status(self, status: ExecutiveStatus) -> None:
@@ -133,21 +140,21 @@ class _Process(BaseManager):
     """Serves the classes above from another process."""
 
 
-_Process.register('Console', Console)
-_Process.register('Observer', Observer)
+_Process.register('Console', RemoteConsole)
+_Process.register('Observer', RemoteObserver)
 
 
 @contextlib.contextmanager
 def remote_console(
     network: NetworkNamespace, environment: Mapping[str, str], operator: str, scan_period: float | None = None
-) -> Iterator[Console]:
+) -> Iterator[RemoteConsole]:
     """A :class:`Console` in a process in that network; its values are copied between the processes."""
     with _remote(network, environment, 'Console', operator, scan_period) as console:
         yield console
 
 
 @contextlib.contextmanager
-def remote_observer(network: NetworkNamespace, environment: Mapping[str, str]) -> Iterator[Observer]:
+def remote_observer(network: NetworkNamespace, environment: Mapping[str, str]) -> Iterator[RemoteObserver]:
     """An observer in a process in that network; its values are copied between the processes."""
     with _remote(network, environment, 'Observer') as observer:
         yield observer

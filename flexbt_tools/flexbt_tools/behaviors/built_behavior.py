@@ -1,19 +1,32 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviors as the tools see them: built with the values of their parameters, never run."""
+"""Behaviors as the tools see them: built with their parameters but never run, and the trees that they use."""
 
 from __future__ import annotations
 
 import traceback
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from flexbt_core.state_machine import MachineDefinition, MachineError
-from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary, building, definition_of, machine_entry
+from flexbt_common.files import resolve_file
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
+from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_core.values.text import did_you_mean
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.behaviors.machine_behavior import machine_entry
+from flexbt_onboard.behaviors.run_building import definition_of
+from flexbt_onboard.behaviors.run_context import building
 from flexbt_onboard.errors import OnboardError
-from flexbt_tools.errors import UsageError
-from flexbt_tools.text_files import read_text
+from flexbt_states.goal_call import BtUse, UsesBtServer
+from flexbt_tools.errors import RefusedError, UsageError
+from flexbt_tools.files import read_text_file
+from flexbt_tools.tree_checks.diagnostics import Diagnostic
+from flexbt_tools.trees.files import read_library, shown_name
+
+from .findings import BROKEN_TREE, NO_TREE, Finding
 
 _MAX_BYTES: Final = 4_000_000
 """Of the file of a machine."""
@@ -57,7 +70,7 @@ def behavior_entry(name: str) -> BehaviorEntry:
     if file is None:
         (entry,) = installed([name])
         return entry
-    return machine_entry(file.stem, read_text(name, _MAX_BYTES))
+    return machine_entry(file.stem, read_text_file(name, _MAX_BYTES))
 
 
 def installed(names: Sequence[str]) -> list[BehaviorEntry]:
@@ -67,3 +80,105 @@ def installed(names: Sequence[str]) -> list[BehaviorEntry]:
         return [library.find(name) for name in names] if names else list(library.entries.values())
     except OnboardError as error:
         raise UsageError(str(error)) from error
+
+
+# The trees that a behavior uses: which files have them, and where its states name them.
+
+_SUFFIX = '.xml'
+
+
+@dataclass(frozen=True)
+class TreeUse:
+    """A state that uses the BT server. ``key`` is the tree that it runs: None for none, or one that is not known."""
+
+    path: str
+    use: BtUse
+    key: TreeKey | None = None
+
+    @property
+    def runs_unknown(self) -> bool:
+        """Whether it runs a tree of which nothing is known."""
+        return self.use.tree is not None and self.key is None
+
+
+@dataclass
+class UsedTrees:
+    """The trees of a behavior, and what is wrong with how it names them."""
+
+    uses: Sequence[TreeUse] = ()
+    library: TreeLibrary = field(default_factory=lambda: TreeLibrary([]))
+    findings: list[Finding] = field(default_factory=list)
+
+
+def used_trees(machine: MachineDefinition, files: Sequence[str], registry: NodeRegistry) -> UsedTrees:
+    """Find the trees that the states of a machine load and run; ``files`` are there besides."""
+    found = UsedTrees()
+    uses = list(_uses(machine))
+    paths: dict[str, str] = dict.fromkeys(files, '')  # of a file on disk: the state that names it
+    texts: dict[str, bytes] = {}
+    mains: dict[str, str] = {}  # of a name in a behavior: the file on disk
+    for path, use in uses:
+        for name in (*use.files, *([use.tree] if use.tree is not None and use.tree.endswith(_SUFFIX) else [])):
+            if name in mains:
+                continue
+            # That it is there was checked by the state.
+            mains[name] = name if name.startswith('/') else str(resolve_file(name))
+            paths.setdefault(mains[name], path)
+        if use.xml:
+            name = f'<xml of {path}>'
+            texts[name] = use.xml.encode()
+            paths[name] = path
+    found.library, broken = _read(list(paths), texts, registry, paths)
+    found.findings += broken
+    is_complete = not found.findings
+    for path, use in uses:
+        key = _key(use, found.library, mains)
+        if key is None and use.tree and is_complete:
+            found.findings.append(_no_tree(path, use.tree, found.library))
+        found.uses = [*found.uses, TreeUse(path, use, key)]
+    return found
+
+
+def _uses(machine: MachineDefinition) -> Iterator[tuple[str, BtUse]]:
+    for node in machine.nodes():
+        state: object = node.state.unwrapped if isinstance(node, StateDefinition) else None
+        if isinstance(state, UsesBtServer):
+            yield node.path, state.bt_use
+
+
+def _read(
+    files: Sequence[str], texts: Mapping[str, bytes], registry: NodeRegistry, owners: Mapping[str, str]
+) -> tuple[TreeLibrary, list[Finding]]:
+    """The files as one library; when some are refused, those that are not."""
+    try:
+        return read_library(files, registry, texts), []
+    except RefusedError as refused:
+        by_shown_name = {shown_name(file): path for file, path in owners.items()}
+        findings = [
+            Finding(BROKEN_TREE, by_shown_name.get(error.file, ''), error.message, Diagnostic(BROKEN_TREE, error))
+            for error in refused.errors
+        ]
+        bad = {error.file for error in refused.errors}
+        good = [file for file in files if shown_name(file) not in bad]
+        if not good or len(good) == len(files):
+            return TreeLibrary([]), findings
+        library, further = _read(good, texts, registry, owners)
+        return library, [*findings, *further]
+
+
+def _key(use: BtUse, library: TreeLibrary, mains: Mapping[str, str]) -> TreeKey | None:
+    if not use.tree:
+        return None
+    if not use.tree.endswith(_SUFFIX):
+        return library.find(use.tree)
+    document = library.documents.get(shown_name(mains.get(use.tree, '')))
+    return None if document is None or document.main is None else TreeKey(document.file, document.main)
+
+
+def _no_tree(path: str, tree: str, library: TreeLibrary) -> Finding:
+    known = library.tree_ids()
+    if tree.endswith(_SUFFIX):
+        return Finding(NO_TREE, path, f'{tree} has several trees and does not say which is the main one')
+    remedy = did_you_mean(tree, known, f'; known: {", ".join(known) or "none"}')
+    message = f'no tree {tree!r} in the files that the behavior loads{remedy}; name files of the server by --trees'
+    return Finding(NO_TREE, path, message)

@@ -6,34 +6,48 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_core.values import one_line
-from flexbt_tools.tree_checks import SHARED_RESOURCE, TOO_SHORT, Diagnostic, Rule, Severity
+from flexbt_core.values.text import one_line
+from flexbt_tools.tree_checks.diagnostics import SHARED_RESOURCE, TOO_SHORT, CheckRule, CheckSeverity, Diagnostic
 
-REFUSED: Final = Rule('refused', Severity.ERROR, 'the executive refuses to start it')
-NO_TREE: Final = Rule('no-tree', Severity.ERROR, 'a tree is run that no file has')
-BROKEN_TREE: Final = Rule('broken-tree', Severity.ERROR, 'the BT server refuses a tree file')
-KEY_CLASH: Final = Rule('key-clash', Severity.ERROR, 'a state and a tree have different types for a blackboard key')
-UNWRITTEN_KEY: Final = Rule('unwritten-key', Severity.ERROR, 'a blackboard key is read that nothing writes')
-NO_END: Final = Rule('no-end', Severity.WARNING, 'a state from which no outcome of its machine can be reached')
-DEAD_OUTCOME: Final = Rule('dead-outcome', Severity.WARNING, 'an outcome of a machine to which nothing leads')
-ENDLESS_LOOP: Final = Rule('endless-loop', Severity.WARNING, 'a loop that waits for nothing: operator, time or world')
-UNSURE_READ: Final = Rule('unsure-read', Severity.WARNING, 'userdata is read that is not written on every way there')
-WRITE_RACE: Final = Rule('write-race', Severity.WARNING, 'userdata that several states write at the same time')
-LOST_WRITE: Final = Rule(
-    'lost-write', Severity.WARNING, 'userdata, or a blackboard key, is written, and does not get to who should read it'
+REFUSED: Final = CheckRule('refused', CheckSeverity.ERROR, 'the executive refuses to start it')
+NO_TREE: Final = CheckRule('no-tree', CheckSeverity.ERROR, 'a tree is run that no file has')
+BROKEN_TREE: Final = CheckRule('broken-tree', CheckSeverity.ERROR, 'the BT server refuses a tree file')
+KEY_CLASH: Final = CheckRule(
+    'key-clash', CheckSeverity.ERROR, 'a state and a tree have different types for a blackboard key'
 )
-UNHEARD: Final = Rule(
-    'unheard-failure', Severity.WARNING, 'the failure of a child of a concurrency container, of which no condition is'
+UNWRITTEN_KEY: Final = CheckRule('unwritten-key', CheckSeverity.ERROR, 'a blackboard key is read that nothing writes')
+NO_END: Final = CheckRule(
+    'no-end', CheckSeverity.WARNING, 'a state from which no outcome of its machine can be reached'
 )
-CROSSED_WAYS: Final = Rule(
-    'crossed-ways', Severity.WARNING, 'success leads where failure should, and the other way round'
+DEAD_OUTCOME: Final = CheckRule('dead-outcome', CheckSeverity.WARNING, 'an outcome of a machine to which nothing leads')
+ENDLESS_LOOP: Final = CheckRule(
+    'endless-loop', CheckSeverity.WARNING, 'a loop that waits for nothing: operator, time or world'
 )
-OTHER_TREE: Final = Rule(
-    'other-tree', Severity.WARNING, 'a state is called after another tree than the one that it runs'
+UNSURE_READ: Final = CheckRule(
+    'unsure-read', CheckSeverity.WARNING, 'userdata is read that is not written on every way there'
 )
-UNREAD_KEY: Final = Rule('unread-key', Severity.WARNING, 'a state writes a blackboard key that nothing reads')
-SKILL: Final = Rule('skill', Severity.WARNING, 'a machine is not as the skills of its states say')
-ALWAYS_ASKS: Final = Rule('always-asks', Severity.INFO, 'a transition that needs the operator at every level')
+WRITE_RACE: Final = CheckRule(
+    'write-race', CheckSeverity.WARNING, 'userdata that several states write at the same time'
+)
+LOST_WRITE: Final = CheckRule(
+    'lost-write',
+    CheckSeverity.WARNING,
+    'userdata, or a blackboard key, is written, and does not get to who should read it',
+)
+UNHEARD: Final = CheckRule(
+    'unheard-failure',
+    CheckSeverity.WARNING,
+    'the failure of a child of a concurrency container, of which no condition is',
+)
+CROSSED_WAYS: Final = CheckRule(
+    'crossed-ways', CheckSeverity.WARNING, 'success leads where failure should, and the other way round'
+)
+OTHER_TREE: Final = CheckRule(
+    'other-tree', CheckSeverity.WARNING, 'a state is called after another tree than the one that it runs'
+)
+UNREAD_KEY: Final = CheckRule('unread-key', CheckSeverity.WARNING, 'a state writes a blackboard key that nothing reads')
+SKILL: Final = CheckRule('skill', CheckSeverity.WARNING, 'a machine is not as the skills of its states say')
+ALWAYS_ASKS: Final = CheckRule('always-asks', CheckSeverity.INFO, 'a transition that needs the operator at every level')
 
 RULES: Final = (
     REFUSED,
@@ -63,7 +77,7 @@ class Finding:
     """Something that is wrong, or suspicious. ``path`` is the state or machine that it is about, '' for none;
     ``place`` is where it was found in a tree file."""
 
-    rule: Rule
+    rule: CheckRule
     path: str
     message: str
     place: Diagnostic | None = None

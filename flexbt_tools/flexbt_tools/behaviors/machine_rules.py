@@ -10,19 +10,11 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Final
 
-from flexbt_core.skills import OutcomeClass, class_of
-from flexbt_core.state_machine import (
-    Autonomy,
-    MachineDefinition,
-    Read,
-    StateDefinition,
-    StateKind,
-    Transition,
-    lost_writes,
-    races,
-    state_skill,
-    unsure_reads,
-)
+from flexbt_core.skills.skill import OutcomeClass, usual_outcome_class
+from flexbt_core.state_machine.authoring.data_flow import KeyRead, lost_writes, races, unsure_reads
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind, Transition
+from flexbt_core.state_machine.model.event_state import state_skill
 
 from .findings import (
     ALWAYS_ASKS,
@@ -37,13 +29,13 @@ from .findings import (
     Finding,
 )
 
-Node = StateDefinition | MachineDefinition
+MachineNode = StateDefinition | MachineDefinition
 
-Graph = Mapping[str, Iterable[str]]
+MachineGraph = Mapping[str, Iterable[str]]
 """Where the edges of each node lead."""
 
 
-def findings_of(machine: MachineDefinition) -> Iterator[Finding]:
+def machine_findings(machine: MachineDefinition) -> Iterator[Finding]:
     """What is found in a machine and everything in it."""
     for node in machine.nodes():
         yield from _always_asks(node)
@@ -67,13 +59,13 @@ def findings_of(machine: MachineDefinition) -> Iterator[Finding]:
         yield Finding(LOST_WRITE, lost.path, message)
 
 
-def _shown(read: Read) -> str:
+def _shown(read: KeyRead) -> str:
     writers = f' ({" or ".join(read.writers)} writes it)' if read.writers else ''
     remapped = f' (remapped to {read.name!r})' if read.name != read.key else ''
     return f'userdata key {read.key!r}{remapped}{writers}'
 
 
-def _always_asks(node: Node) -> Iterator[Finding]:
+def _always_asks(node: MachineNode) -> Iterator[Finding]:
     """Success that needs the operator at every level. For failures and decisions that is what Full is there for."""
     for outcome in _outcomes_of(node, _SUCCESSES):
         transition = node.transitions.get(outcome)
@@ -117,10 +109,10 @@ _OF_FAILURE: Final = re.compile(r'recover|abort|error|fail', re.IGNORECASE)
 """What names of states have that are there for failures."""
 
 
-def _outcomes_of(node: Node, classes: Collection[OutcomeClass]) -> list[str]:
+def _outcomes_of(node: MachineNode, classes: Collection[OutcomeClass]) -> list[str]:
     """The outcomes of a state or machine that are of one of these classes."""
     if isinstance(node, MachineDefinition):
-        return [outcome for outcome in node.outcomes if class_of(outcome) in classes]
+        return [outcome for outcome in node.outcomes if usual_outcome_class(outcome) in classes]
     skill = state_skill(node.state)
     return [name for name, outcome in skill.outcomes.items() if name in node.outcomes and outcome.kind in classes]
 
@@ -142,8 +134,8 @@ def _crossed_ways(machine: MachineDefinition) -> Iterator[Finding]:
         bad = [child.transitions[one] for one in _outcomes_of(child, _FAILURES)]
         if not good or not bad:
             continue
-        ends_well = any(class_of(one.outcome or '') in _SUCCESSES for one in bad)
-        ends_badly = any(class_of(one.outcome or '') in _FAILURES for one in good)
+        ends_well = any(usual_outcome_class(one.outcome or '') in _SUCCESSES for one in bad)
+        ends_badly = any(usual_outcome_class(one.outcome or '') in _FAILURES for one in good)
         to_failure = [_OF_FAILURE.search(one.state or '') for one in good]
         from_failure = [one.state and not _OF_FAILURE.search(one.state) for one in bad]
         if (ends_badly and ends_well) or (all(to_failure) and (ends_well or all(from_failure))):
@@ -173,7 +165,7 @@ def _target(transition: Transition) -> str:
     return transition.state if transition.state is not None else f'={transition.outcome}'
 
 
-def _reachable(starts: Iterable[str], ways: Graph) -> set[str]:
+def _reachable(starts: Iterable[str], ways: MachineGraph) -> set[str]:
     reached: set[str] = set()
     ahead = list(starts)
     while ahead:
@@ -184,7 +176,7 @@ def _reachable(starts: Iterable[str], ways: Graph) -> set[str]:
     return reached
 
 
-def _loops(ways: Graph) -> Iterator[list[str]]:
+def _loops(ways: MachineGraph) -> Iterator[list[str]]:
     """One loop for each set of nodes that can all reach each other, in the order of the nodes."""
     done: set[str] = set()
     for start in ways:
@@ -197,7 +189,7 @@ def _loops(ways: Graph) -> Iterator[list[str]]:
             yield loop
 
 
-def _way_back(start: str, ways: Graph) -> list[str]:
+def _way_back(start: str, ways: MachineGraph) -> list[str]:
     """A shortest way from a node to itself; empty when there is none."""
     before: dict[str, str] = {}
     ahead = [start]

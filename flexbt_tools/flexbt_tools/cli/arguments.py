@@ -8,13 +8,16 @@ import math
 import sys
 from collections.abc import Sequence
 
-from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary, node_skills
-from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES
-from flexbt_core.skills import SkillLibrary
-from flexbt_core.values import one_line
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry, node_skills
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.values.text import one_line
 from flexbt_server.node_types import node_registry
-from flexbt_tools.skills import read_skill_files
-from flexbt_tools.trees import PORTS, OpenRegistry, find_tree, is_main, read_models, roots
+from flexbt_tools.files import read_skill_files
+from flexbt_tools.trees.files import read_models, roots
+from flexbt_tools.trees.outline import PORTS, find_tree, is_main
+from flexbt_tools.trees.stand_ins import OpenRegistry
 
 
 def positive(text: str) -> float:

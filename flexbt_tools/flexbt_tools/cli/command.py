@@ -2,65 +2,71 @@
 """An executable with commands: its arguments, its errors, its exit code.
 
 Packages that need more than this one add commands by entry points of the group :data:`ENTRY_POINTS`: the name is
-``<executable>.<command>``, the value the module.
+``<executable>.<command>``, the value a module with the functions ``add_arguments`` and ``run``.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
-from typing import Final, Protocol
+from typing import Final
 
-from flexbt_common.cli import HintingArgumentParser, abandon_stdout, make_streams_safe, report_full_output
-from flexbt_core.values import lines
+from flexbt_common.command_line import SuggestingArgumentParser, abandon_stdout, make_streams_safe, report_full_output
+from flexbt_core.values.text import escape_lines
 from flexbt_tools.errors import ExitCode, ToolError, missing_package
 
 ENTRY_POINTS: Final = 'flexbt.commands'
 
 
-class Command(Protocol):
-    """A module with one command of an executable."""
+@dataclass(frozen=True)
+class ToolCommand:
+    """A command of an executable: its name and summary, the function that declares its arguments, and the one that runs
+    it, which may raise ToolError.
 
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Declares what it takes."""
+    A command without functions is one that flexbt_formal adds.
+    """
 
-    def run(self, options: argparse.Namespace) -> ExitCode:
-        """Carries it out. Raises ToolError."""
+    name: str
+    summary: str
+    add_arguments: Callable[[argparse.ArgumentParser], None] | None = None
+    run: Callable[[argparse.Namespace], ExitCode] | None = None
 
 
 def run_command(
     program: str,
     description: str,
-    commands: Sequence[tuple[str, Command | None, str]],
+    commands: Sequence[ToolCommand],
     exit_codes: Sequence[tuple[str, str]],
     words: Sequence[str] | None,
 ) -> int:
-    """Run one of the commands (name, module, summary) of an executable and return its exit code.
+    """Run one of the commands of an executable and return its exit code.
 
-    A command without a module is one that flexbt_formal adds; where it is not installed, it is refused.
+    A command that flexbt_formal adds is refused where that package is not installed.
     """
     make_streams_safe()
     words = sys.argv[1:] if words is None else words
     added = {point.name: point for point in entry_points(group=ENTRY_POINTS)}
-    own: list[tuple[str, Command, str]] = []
+    available: list[ToolCommand] = []
     missing: list[str] = []
-    for name, module, summary in commands:
-        if module is not None:
-            own.append((name, module, summary))
-        elif point := added.get(f'{program}.{name}'):
-            own.append((name, point.load(), summary))
+    for command in commands:
+        if command.run is not None:
+            available.append(command)
+        elif point := added.get(f'{program}.{command.name}'):
+            module = point.load()
+            available.append(replace(command, add_arguments=module.add_arguments, run=module.run))
         else:
-            missing.append(name)
+            missing.append(command.name)
     try:
         if words and words[0] in missing:
             raise missing_package(f'{program} {words[0]}')
-        options = _parser(program, description, own, exit_codes).parse_args(words)
+        options = _parser(program, description, available, exit_codes).parse_args(words)
         code: ExitCode = options.run(options)
         sys.stdout.flush()
     except ToolError as error:
-        for line in lines(str(error), limit=1000):
+        for line in escape_lines(str(error), limit=1000):
             print(line, file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
@@ -76,18 +82,20 @@ def run_command(
 
 
 def _parser(
-    program: str, description: str, commands: Sequence[tuple[str, Command, str]], exit_codes: Sequence[tuple[str, str]]
+    program: str, description: str, commands: Sequence[ToolCommand], exit_codes: Sequence[tuple[str, str]]
 ) -> argparse.ArgumentParser:
     codes = '\n'.join(f'  {code:4} {meaning}' for code, meaning in exit_codes)
-    parser = HintingArgumentParser(
+    parser = SuggestingArgumentParser(
         prog=program,
         description=description,
         epilog=f'exit codes:\n{codes}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for name, module, summary in commands:
-        command = subparsers.add_parser(name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
-        module.add_arguments(command)
-        command.set_defaults(run=module.run)
+    for command in commands:
+        assert command.add_arguments is not None
+        summary = command.summary
+        added = subparsers.add_parser(command.name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
+        command.add_arguments(added)
+        added.set_defaults(run=command.run)
     return parser

@@ -15,20 +15,20 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
-from flexbt_common.cli import HintingArgumentParser, make_streams_safe
-from flexbt_common.interfaces import INTERFACES, ROLES, Kind
+from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
+from flexbt_common.interfaces import INTERFACES, ROLES, InterfaceKind
 from flexbt_tools.errors import ExitCode
 
-OFFERING: Final = {Kind.TOPIC: 'publish', Kind.SERVICE: 'reply', Kind.ACTION: 'execute'}
-USING: Final = {Kind.TOPIC: 'subscribe', Kind.SERVICE: 'request', Kind.ACTION: 'call'}
+OFFERING: Final = {InterfaceKind.TOPIC: 'publish', InterfaceKind.SERVICE: 'reply', InterfaceKind.ACTION: 'execute'}
+USING: Final = {InterfaceKind.TOPIC: 'subscribe', InterfaceKind.SERVICE: 'request', InterfaceKind.ACTION: 'call'}
 """The words of a policy for what a node may do."""
 
 _NAMESPACE: Final = re.compile(r'/|(/[A-Za-z_][A-Za-z0-9_]*)+')
 
 
-def permissions(node: str) -> Iterator[tuple[Kind, str, list[str]]]:
+def permissions(node: str) -> Iterator[tuple[InterfaceKind, str, list[str]]]:
     """What a node may do, as (kind, word of the policy, names), each kind and word once, the names sorted."""
-    for kind, (words, role) in itertools.product(Kind, ((OFFERING, 'offered_by'), (USING, 'used_by'))):
+    for kind, (words, role) in itertools.product(InterfaceKind, ((OFFERING, 'offered_by'), (USING, 'used_by'))):
         allowed = sorted({one.name for one in INTERFACES if one.kind is kind and node in getattr(one, role)})
         if allowed:
             yield kind, words[kind], allowed
@@ -59,7 +59,7 @@ def _namespace(text: str) -> str:
 def main(words: Sequence[str] | None = None) -> int:
     """Runs ``security_policy`` and gives its exit code."""
     make_streams_safe()
-    parser = HintingArgumentParser(prog='security_policy', description='An SROS2 policy for robots, as XML.')
+    parser = SuggestingArgumentParser(prog='security_policy', description='An SROS2 policy for robots, as XML.')
     parser.add_argument(
         'namespaces',
         nargs='*',

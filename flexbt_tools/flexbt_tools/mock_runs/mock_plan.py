@@ -25,19 +25,12 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_core.behavior_tree import LoadError, NodeStatus
-from flexbt_core.values import (
-    TextFileError,
-    YamlError,
-    compose_yaml,
-    construct_yaml,
-    excerpt,
-    finite_number,
-    hint,
-    load_yaml,
-    read_text,
-    shown,
-)
+from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.values.json_data import finite_number
+from flexbt_core.values.text import did_you_mean, short_repr, truncate_middle
+from flexbt_core.values.text_files import TextFileError, read_text
+from flexbt_core.values.yaml_data import YamlError, compose_yaml, construct_yaml, load_yaml
 from flexbt_tools.errors import RefusedError, UsageError
 
 REAL: Final = 'real'
@@ -47,7 +40,7 @@ _STEP_KEYS: Final = ('gives', 'after', 'outputs', 'reason')
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class MockStep:
     """One activation: RUNNING for ``after`` seconds, then ``gives``. ``outputs`` are written at its end, by ports;
     ``reason`` is why it fails."""
 
@@ -58,12 +51,12 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class MockRule:
     """What the nodes that ``pattern`` means do: they follow ``steps``, or are ``REAL``, or ``PASS`` the ticks to their
     child. ``place`` is where the rule is written."""
 
     pattern: str
-    does: tuple[Step, ...] | str
+    does: tuple[MockStep, ...] | str
     place: LoadError
 
     @property
@@ -79,7 +72,7 @@ class Rule:
 class MockPlan:
     """Rules, the ones that are to be tried first in front, and what is on the blackboard at the beginning."""
 
-    rules: list[Rule] = field(default_factory=list)
+    rules: list[MockRule] = field(default_factory=list)
     blackboard: dict[str, Any] = field(default_factory=dict)
 
 
@@ -108,27 +101,27 @@ def read_plan(mocks: list[str], values: list[str]) -> MockPlan:
     return plan
 
 
-def _rule_of_word(word: str) -> Rule:
+def _rule_of_word(word: str) -> MockRule:
     pattern, _, names = word.rpartition('=')
     place = LoadError('--mock', 1, 1, '', word)
     if names in (REAL, PASS):
-        return Rule(pattern, names, place)
+        return MockRule(pattern, names, place)
     for name in names.split(','):
         if name not in _STATUSES:
             raise UsageError(f'--mock {word}: {_no_status(name)}')
-    return Rule(pattern, tuple(Step(NodeStatus[name]) for name in names.split(',')), place)
+    return MockRule(pattern, tuple(MockStep(NodeStatus[name]) for name in names.split(',')), place)
 
 
 def _value_of_word(word: str, text: str) -> Any:
     try:
         return load_yaml(text, aliases=True)
     except YamlError as error:
-        raise UsageError(f'--set {excerpt(word)}: {error.reason}') from error
+        raise UsageError(f'--set {truncate_middle(word)}: {error.reason}') from error
 
 
 def _no_status(name: object) -> str:
-    remedy = hint(str(name).upper(), _STATUSES, f'; expected one of {", ".join(_STATUSES)}')
-    return f'{shown(name)} is no status{remedy}'
+    remedy = did_you_mean(str(name).upper(), _STATUSES, f'; expected one of {", ".join(_STATUSES)}')
+    return f'{short_repr(name)} is no status{remedy}'
 
 
 class _Reader:
@@ -180,24 +173,24 @@ class _Reader:
             self._error(node, f'no value: {error.reason}')
             return None
 
-    def _rule(self, pattern: str, node: yaml.Node) -> Rule:
+    def _rule(self, pattern: str, node: yaml.Node) -> MockRule:
         place = self._place(node, '')
         if isinstance(node, yaml.ScalarNode) and node.value in (REAL, PASS):
-            return Rule(pattern, node.value, place)
+            return MockRule(pattern, node.value, place)
         nodes = node.value if isinstance(node, yaml.SequenceNode) else [node]
         if not nodes:
             self._error(node, f'{pattern!r} has no step; write a status, or a list of them')
-        return Rule(pattern, tuple(self._step(pattern, inner) for inner in nodes), place)
+        return MockRule(pattern, tuple(self._step(pattern, inner) for inner in nodes), place)
 
-    def _step(self, pattern: str, node: yaml.Node) -> Step:
+    def _step(self, pattern: str, node: yaml.Node) -> MockStep:
         if not isinstance(node, yaml.MappingNode):
-            return Step(self._status(node))
+            return MockStep(self._status(node))
         parts = dict(self._items(node, f'a step of {pattern!r}'))
         for key in parts.keys() - set(_STEP_KEYS):
             self._error(parts[key], f'{key!r} means nothing in a step; expected {", ".join(_STEP_KEYS)}')
         if 'gives' not in parts:
             self._error(node, f'a step of {pattern!r} does not say what it gives: gives: SUCCESS')
-        return Step(
+        return MockStep(
             self._status(parts['gives']) if 'gives' in parts else NodeStatus.FAILURE,
             self._seconds(parts['after']) if 'after' in parts else 0.0,
             {name: self._value(inner) for name, inner in self._items(parts['outputs'], 'outputs')}
@@ -218,7 +211,7 @@ class _Reader:
         seconds = finite_number(value)
         if seconds is not None and seconds >= 0.0:
             return seconds
-        self._error(node, f'{shown(value)} is no duration in seconds')
+        self._error(node, f'{short_repr(value)} is no duration in seconds')
         return 0.0
 
     def _place(self, node: yaml.Node, message: str) -> LoadError:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A tree that runs with mocks, on a clock that jumps from event to event, or on that of the machine."""
+"""Run a tree with mocks, on a clock that jumps from event to event or on the clock of the machine."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import threading
 import time
@@ -11,26 +12,77 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from flexbt_core.behavior_tree import (
-    Blackboard,
-    BlackboardError,
-    ConversionError,
-    NodeExecutionError,
-    NodeStatus,
-    StatusLog,
-    Tree,
-    TreeKey,
-    TreeLibrary,
-    TreeLoadError,
-    TreeNode,
-)
-from flexbt_core.clock import Clock, ManualClock, SteadyClock
-from flexbt_server.groot2 import LogBuffer, LogWriter
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.observers import StatusLog
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes, export_blackboard, import_blackboard
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionError, NodeExecutionError, TreeLoadError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.clock import Clock, ManualClock, SteadyClock
+from flexbt_core.values.json_data import load_json
+from flexbt_core.values.text_files import read_text, write_text
+from flexbt_server.groot2.log_file import LogBuffer, LogWriter
 from flexbt_tools.errors import RefusedError, UsageError
-from flexbt_tools.trees import BlackboardFile
 
 from .mock_plan import MockPlan
 from .mocks import Mocking, written
+
+
+def json_types(registry: NodeRegistry) -> JsonTypes:
+    """What may be in the files: what is registered, and messages where there is ROS."""
+    try:
+        from flexbt_server.trees.ros_ports import RosJsonTypes
+    except ImportError:
+        return registry.json_types
+    return RosJsonTypes(registry.json_types)
+
+
+class BlackboardFile:
+    """The content of a file; without a name, nothing. Raises UsageError when it cannot be read."""
+
+    def __init__(self, name: str | None = None, types: JsonTypes | None = None) -> None:
+        self._name = name
+        self._types = types if types is not None else JsonTypes()
+        self._document: Mapping[str, Any] = {}
+        if name is None:
+            return
+        try:
+            document = load_json(read_text(name))
+        except (OSError, ValueError, RecursionError) as error:
+            raise UsageError(f'--blackboard {name}: {error}') from error
+        if not isinstance(document, dict):
+            raise UsageError(f'--blackboard {name}: expected an object, {{"key": value}}')
+        self._document = document
+
+    def fill_text(self, board: Blackboard) -> None:
+        """Writes what a tree may need to be made: text, which fixes no type."""
+        self._write(board, {key: value for key, value in self._document.items() if isinstance(value, str)})
+
+    def fill(self, board: Blackboard) -> None:
+        """Writes everything. Raises UsageError when something is not understood, or does not fit."""
+        self._write(board, self._document)
+
+    def _write(self, board: Blackboard, document: Mapping[str, Any]) -> None:
+        try:
+            import_blackboard(board, document, self._types)
+        except BlackboardError as error:
+            raise UsageError(f'--blackboard {self._name}: {error}') from error
+
+
+def save_blackboard(board: Blackboard, name: str, types: JsonTypes) -> list[str]:
+    """Writes a file as a whole; gives what could not be saved. Raises UsageError when the file cannot be written."""
+    document, problems = export_blackboard(board, types)
+    try:
+        write_text(name, json.dumps(document, indent=2, allow_nan=False) + '\n')
+    except OSError as error:
+        raise UsageError(f'--save-blackboard {name}: {error}') from error
+    return problems
+
+
+# A tree that runs with mocks, on a clock that jumps from event to event, or on that of the machine.
 
 DEFAULT_RATE: Final = 10.0
 NO_ENTRIES: Final = BlackboardFile()

@@ -8,27 +8,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, Final
 
-from flexbt_core.behavior_tree import (
-    BehaviorTreeError,
-    ConversionError,
-    Decorator,
-    LoadError,
-    NodeConfig,
-    NodeDefinition,
-    NodeKind,
-    NodeStatus,
-    Port,
-    PortType,
-    SyncAction,
-    TreeDefinition,
-    TreeLibrary,
-)
-from flexbt_core.behavior_tree.engine import LeafNode
-from flexbt_core.behavior_tree.model import FAILURE, NO_DEFAULT, RUNNING, SKIPPED, SUCCESS, is_fixed
-from flexbt_core.values import hint
-from flexbt_tools.trees import UNKNOWN_PORT, is_stand_in
+from flexbt_core.behavior_tree.engine.leaf import LeafNode, SyncAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, ConversionError, LoadError
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortType, is_fixed
+from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.values.text import did_you_mean
+from flexbt_tools.trees.stand_ins import UNKNOWN_PORT, is_stand_in
 
-from .mock_plan import PASS, REAL, MockPlan, Rule, Step
+from .mock_plan import PASS, REAL, MockPlan, MockRule, MockStep
 
 _ENGINE: Final = 'flexbt_core.behavior_tree.'
 _FOR_ROS: Final = ('flexbt_server.leaves.', 'flexbt_server.nav2.')
@@ -40,7 +30,7 @@ class Mock(LeafNode):
 
     __slots__ = ('_activations', '_end')
 
-    steps: ClassVar[tuple[Step, ...]]
+    steps: ClassVar[tuple[MockStep, ...]]
     synchronous: ClassVar[bool]
     """Whether every tick of a node that has completed is an activation; otherwise its result stands."""
     needed: ClassVar[tuple[str, ...]]
@@ -83,10 +73,10 @@ class Mock(LeafNode):
         step = self._step()
         return RUNNING if step.gives is RUNNING or self.clock.now() < self._end else self._finish(step)
 
-    def _step(self) -> Step:
+    def _step(self) -> MockStep:
         return self.steps[min(self._activations, len(self.steps)) - 1]
 
-    def _finish(self, step: Step) -> NodeStatus:
+    def _finish(self, step: MockStep) -> NodeStatus:
         self.cancel_wake()
         for name, value in step.outputs.items():
             self.set_output(name, written(value, self.ports[name].type))
@@ -163,10 +153,12 @@ class Mocking:
     def _meaningless_rules(self) -> Iterator[LoadError]:
         for rule in self._plan.rules:
             if not rule.is_wildcard and rule.pattern not in self._names:
-                remedy = hint(rule.pattern, sorted(self._names), '; give the type, the name or the path of a leaf')
+                remedy = did_you_mean(
+                    rule.pattern, sorted(self._names), '; give the type, the name or the path of a leaf'
+                )
                 yield replace(rule.place, message=f'the mock {rule.pattern!r} means no node of this tree{remedy}')
 
-    def _rule(self, node: NodeDefinition, path: str) -> Rule | None:
+    def _rule(self, node: NodeDefinition, path: str) -> MockRule | None:
         type = node.tree_id or node.manifest.id
         if not node.children:
             names: tuple[str, ...] = (path, node.name, type)
@@ -186,16 +178,16 @@ class Mocking:
                     return rule
         return None
 
-    def _refuse(self, rule: Rule, node: NodeDefinition, problem: str) -> None:
+    def _refuse(self, rule: MockRule, node: NodeDefinition, problem: str) -> None:
         self._errors[replace(rule.place, message=f'the mock {rule.pattern!r} of {node.label}: {problem}')] = None
 
-    def _passing(self, node: NodeDefinition, rule: Rule) -> NodeDefinition:
+    def _passing(self, node: NodeDefinition, rule: MockRule) -> NodeDefinition:
         if len(node.children) != 1:
             self._refuse(rule, node, f'only a node with one child can {PASS}')
             return node
         return node._replace(manifest=replace(node.manifest, node_class=_Pass))
 
-    def _mock(self, node: NodeDefinition, rule: Rule, steps: tuple[Step, ...]) -> NodeDefinition:
+    def _mock(self, node: NodeDefinition, rule: MockRule, steps: tuple[MockStep, ...]) -> NodeDefinition:
         manifest = node.manifest
         ports = manifest.ports if node.tree_id is None else dict.fromkeys(node.values, UNKNOWN_PORT)
         kind = NodeKind.CONDITION if manifest.kind is NodeKind.CONDITION else NodeKind.ACTION

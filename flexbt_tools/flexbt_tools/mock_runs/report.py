@@ -8,8 +8,10 @@ import math
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import FailureTrace, NodeExecutionError, NodeStatus, TreeNode
-from flexbt_core.values import counted, one_line
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.model.errors import FailureTrace, NodeExecutionError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.values.text import one_line, pluralize
 
 from .mock_run import MockRun
 
@@ -55,7 +57,7 @@ class TextPrinter:
 
     def result(self, report: dict[str, Any]) -> None:
         ticks = report['ticks']
-        print(f'{report["result"]} after {report["time"]:.3f} s and {counted(ticks, "tick")}')
+        print(f'{report["result"]} after {report["time"]:.3f} s and {pluralize(ticks, "tick")}')
         if report['reason']:
             print(one_line(f'  reason: {report["reason"]}'))
         for reason in report['reasons'][1:]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import LoadError
-from flexbt_core.values import one_line
+from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_core.values.text import one_line
 
 
-class Severity(Enum):
+class CheckSeverity(Enum):
     """How bad it is: an error is wrong in each run that comes to it, a warning may be meant."""
 
     ERROR = 'error'
@@ -20,43 +20,51 @@ class Severity(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class CheckRule:
     """A sort of findings. ``name`` is what ``--ignore`` takes."""
 
     name: str
-    severity: Severity
+    severity: CheckSeverity
     summary: str
 
 
-REFUSED: Final = Rule('refused', Severity.ERROR, 'the engine refuses it')
-ODDITY: Final = Rule('oddity', Severity.WARNING, 'the reader takes it, but it is not what it may look like')
-NEVER_WRITTEN: Final = Rule(
-    'never-written', Severity.ERROR, 'a key is read that nothing writes, and that is no input of the tree'
+REFUSED: Final = CheckRule('refused', CheckSeverity.ERROR, 'the engine refuses it')
+ODDITY: Final = CheckRule('oddity', CheckSeverity.WARNING, 'the reader takes it, but it is not what it may look like')
+NEVER_WRITTEN: Final = CheckRule(
+    'never-written', CheckSeverity.ERROR, 'a key is read that nothing writes, and that is no input of the tree'
 )
-UNDECLARED: Final = Rule(
-    'undeclared', Severity.WARNING, 'a key is read that nothing writes, in a tree that may be a sub-tree of other files'
+UNDECLARED: Final = CheckRule(
+    'undeclared',
+    CheckSeverity.WARNING,
+    'a key is read that nothing writes, in a tree that may be a sub-tree of other files',
 )
-LOST_WRITE: Final = Rule(
-    'lost-write', Severity.WARNING, 'a key is written that nothing reads, and who should read it reads another one'
+LOST_WRITE: Final = CheckRule(
+    'lost-write', CheckSeverity.WARNING, 'a key is written that nothing reads, and who should read it reads another one'
 )
-NEVER_READ: Final = Rule('never-read', Severity.INFO, 'a key is written that nothing reads')
-UNREACHABLE: Final = Rule('unreachable', Severity.WARNING, 'a child is never ticked')
-TOO_SHORT: Final = Rule('too-short', Severity.WARNING, 'a time limit is over before what is in it can succeed')
-UNUSED_PORT: Final = Rule('unused-port', Severity.WARNING, 'a sub-tree is given a port that it does not use')
-TYPE_CLASH: Final = Rule('type-clash', Severity.WARNING, 'what is written to a key is not what is read from it')
-CROSSED: Final = Rule(
-    'crossed', Severity.WARNING, 'what is given to a port, or a child, is what another one should get'
+NEVER_READ: Final = CheckRule('never-read', CheckSeverity.INFO, 'a key is written that nothing reads')
+UNREACHABLE: Final = CheckRule('unreachable', CheckSeverity.WARNING, 'a child is never ticked')
+TOO_SHORT: Final = CheckRule(
+    'too-short', CheckSeverity.WARNING, 'a time limit is over before what is in it can succeed'
 )
-INCOMPLETE: Final = Rule(
-    'incomplete', Severity.WARNING, 'a node has a number of children with which it cannot be ticked'
+UNUSED_PORT: Final = CheckRule('unused-port', CheckSeverity.WARNING, 'a sub-tree is given a port that it does not use')
+TYPE_CLASH: Final = CheckRule(
+    'type-clash', CheckSeverity.WARNING, 'what is written to a key is not what is read from it'
 )
-UNUSED_TREE: Final = Rule('unused-tree', Severity.WARNING, 'a tree is neither the main one nor a sub-tree')
-MISNAMED: Final = Rule('misnamed', Severity.WARNING, 'a leaf or sub-tree has the name of another type or tree')
-TWICE: Final = Rule('twice', Severity.WARNING, 'the same stands twice in a row in a sequence')
-SHARED_RESOURCE: Final = Rule(
-    'shared-resource', Severity.WARNING, 'what may run at the same time needs the same actuator'
+CROSSED: Final = CheckRule(
+    'crossed', CheckSeverity.WARNING, 'what is given to a port, or a child, is what another one should get'
 )
-MISSION: Final = Rule('mission', Severity.WARNING, 'a mission cannot be read, or its goal not be reached')
+INCOMPLETE: Final = CheckRule(
+    'incomplete', CheckSeverity.WARNING, 'a node has a number of children with which it cannot be ticked'
+)
+UNUSED_TREE: Final = CheckRule('unused-tree', CheckSeverity.WARNING, 'a tree is neither the main one nor a sub-tree')
+MISNAMED: Final = CheckRule(
+    'misnamed', CheckSeverity.WARNING, 'a leaf or sub-tree has the name of another type or tree'
+)
+TWICE: Final = CheckRule('twice', CheckSeverity.WARNING, 'the same stands twice in a row in a sequence')
+SHARED_RESOURCE: Final = CheckRule(
+    'shared-resource', CheckSeverity.WARNING, 'what may run at the same time needs the same actuator'
+)
+MISSION: Final = CheckRule('mission', CheckSeverity.WARNING, 'a mission cannot be read, or its goal not be reached')
 
 RULES: Final = (
     REFUSED,
@@ -83,7 +91,7 @@ RULES: Final = (
 class Diagnostic:
     """One finding, at its place."""
 
-    rule: Rule
+    rule: CheckRule
     place: LoadError
 
     def __str__(self) -> str:

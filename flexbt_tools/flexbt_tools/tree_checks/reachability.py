@@ -7,22 +7,13 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree import NodeDefinition, NodeKind, SyncAction, TreeDefinition, TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.engine import ControlNode
-from flexbt_core.behavior_tree.model import (
-    FAILURE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Earliest,
-    NodeStatus,
-    OneOf,
-    Outcomes,
-    Results,
-    TimeLimit,
-)
-from flexbt_core.skills import SkillLibrary
-from flexbt_tools.trees import sub_trees_first
+from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.outcomes import Earliest, OneOf, Outcomes, Results, TimeLimit
+from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_tools.trees.files import sub_trees_first
 
 from .diagnostics import TOO_SHORT, UNREACHABLE, Diagnostic
 from .resources import skill_of

@@ -7,10 +7,12 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import Final
 
-from flexbt_core.behavior_tree import NodeDefinition, TreeKey, TreeLibrary, node_skill
-from flexbt_core.behavior_tree.engine import ControlNode
-from flexbt_core.skills import Skill, SkillLibrary
-from flexbt_tools.trees import sub_trees_first
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.engine.registry import node_skill
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.skill import Skill
+from flexbt_tools.trees.files import sub_trees_first
 
 from .diagnostics import SHARED_RESOURCE, Diagnostic
 

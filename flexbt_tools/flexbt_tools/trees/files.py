@@ -1,21 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tree files of this computer: reading them, with what they include, and everything that is wrong with them."""
+"""Tree files of this computer: what they include, what is wrong with them, and the order of their trees."""
 
 from __future__ import annotations
 
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.behavior_tree import LoadError, NodeRegistry, TreeDocument, TreeLibrary, TreeLoadError, load_xml
-from flexbt_core.behavior_tree.model import tree_name_problem
-from flexbt_core.behavior_tree.xml import MAX_BYTES
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import (
+    NodeDefinition,
+    TreeDocument,
+    TreeKey,
+    TreeLibrary,
+    tree_name_problem,
+)
+from flexbt_core.behavior_tree.model.errors import LoadError, TreeLoadError
+from flexbt_core.behavior_tree.xml.parser import MAX_BYTES
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import open_regular
+from flexbt_core.values.text_files import open_regular
 from flexbt_tools.errors import RefusedError
 
 from .stand_ins import OpenRegistry, add_models
@@ -110,10 +118,57 @@ def _include(path: str, package: str | None, including: str) -> tuple[str, bytes
 def find_resource(name: str) -> Path:
     """``package/relative/path`` in the share directory of a package. Raises OSError."""
     try:
-        from flexbt_common.runtime import resolve_file
+        from flexbt_common.files import resolve_file
     except ImportError as error:
         raise OSError(f'packages are found by ROS, which is not here: {error}') from error
     try:
         return resolve_file(name)
     except FlexbtError as error:
         raise OSError(str(error)) from error
+
+
+# How the trees of a library refer to each other.
+
+
+def references(library: TreeLibrary, key: TreeKey) -> Iterator[tuple[NodeDefinition, TreeKey]]:
+    """The sub-trees of a tree, and the trees that they mean."""
+    for node in library.definition(key).nodes():
+        if node.tree_id is not None:
+            target = library.find(node.tree_id, key.file)
+            assert target is not None, 'a library has no open references'
+            yield node, target
+
+
+def sub_trees_first(library: TreeLibrary) -> list[TreeKey]:
+    """All trees, each after those that it refers to."""
+    order: dict[TreeKey, None] = {}
+    for start in library.tree_keys():
+        path = [(start, references(library, start))] if start not in order else []
+        while path:
+            key, rest = path[-1]
+            target = next((target for _, target in rest if target not in order), None)
+            if target is None:
+                order[key] = None
+                path.pop()
+            else:
+                path.append((target, references(library, target)))
+    return list(order)
+
+
+def used_trees(library: TreeLibrary) -> set[TreeKey]:
+    """The trees that are sub-trees of others. One that several documents have, by includes, is one tree."""
+    targets = {target for key in library.tree_keys() for _, target in references(library, key)}
+    places = {_place(library, target) for target in targets}
+    return {key for key in library.tree_keys() if _place(library, key) in places}
+
+
+def _place(library: TreeLibrary, key: TreeKey) -> tuple[str, int]:
+    tree = library.definition(key)
+    return tree.source.file, tree.offset
+
+
+def roots(library: TreeLibrary) -> list[TreeKey]:
+    """The trees that are run by themselves, if any: those that are no sub-trees, and the main ones of all files."""
+    used = used_trees(library)
+    mains = {TreeKey(document.file, document.main) for document in library.documents.values() if document.main}
+    return [key for key in library.tree_keys() if key not in used or key in mains]

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who reads and who writes the blackboard entries of a tree, sub-trees included.
-
-The tree is made as if it were to run, of nodes that do nothing. So it is the engine that says which entry a key means,
-through remappings, defaults of models and ``@``, and which types clash.
-"""
+"""Which nodes read and write which blackboard entries: by their ports, by name, and in their scripts."""
 
 from __future__ import annotations
 
@@ -15,26 +11,108 @@ from dataclasses import dataclass, field, replace
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
-from flexbt_core.behavior_tree import (
-    EMPTY,
-    Blackboard,
-    BlackboardError,
-    Entry,
-    LoadError,
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
+from flexbt_core.behavior_tree.model.definition import (
+    NO_CONDITIONS,
     NodeDefinition,
-    NodeStatus,
-    Tree,
+    ParsedScript,
     TreeDefinition,
     TreeKey,
     TreeLibrary,
 )
-from flexbt_core.behavior_tree.engine import ControlNode
-from flexbt_core.behavior_tree.model import NO_CONDITIONS
+from flexbt_core.behavior_tree.model.errors import BlackboardError, LoadError
+from flexbt_core.behavior_tree.model.ports import KEY, KEYS, NO_DEFAULT, Port, separated
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.script.interpreter import CompiledScript
+from flexbt_core.behavior_tree.script.parser import (
+    Assignment,
+    Binary,
+    Comparison,
+    Conditional,
+    Expression,
+    Name,
+    Unary,
+    parse_script,
+)
 
-from .keys import KeyUse, uses
+
+class KeyUse(NamedTuple):
+    """A node uses ``key``, as its ``attribute`` says. A key that it only ``may_read`` need not be there.
+
+    ``port`` is the declared port; None for a script.
+    """
+
+    key: str
+    attribute: str
+    reads: bool = False
+    writes: bool = False
+    may_read: bool = False
+    port: Port | None = None
 
 
-class Place(NamedTuple):
+def uses(node: NodeDefinition, enums: Collection[str]) -> Iterator[KeyUse]:
+    """The uses of a node in its own scope. ``enums`` are the names that are constants in scripts.
+
+    What a sub-tree is given leads to entries that others use; it is no use itself.
+    """
+    if node.tree_id is None:
+        yield from _uses_of_ports(node, enums)
+    for attribute, script in node.conditions.items():
+        yield from _uses_of_script(attribute, script, enums)
+
+
+def _uses_of_ports(node: NodeDefinition, enums: Collection[str]) -> Iterator[KeyUse]:
+    for name, port in node.manifest.ports.items():
+        value = node.values.get(name)
+        if value is None:
+            # Nodes of Nav2 take an entry of the same name for a port that is not given.
+            if port.readable and port.default is NO_DEFAULT:
+                yield KeyUse(name, name, may_read=True)
+        elif isinstance(value.literal, CompiledScript):
+            yield from _uses_of_script(name, value.literal, enums)
+        elif value.key is not None:
+            yield KeyUse(value.key, name, reads=port.readable, writes=port.writable, port=port)
+        elif port.literal in (KEY, KEYS):
+            for key in separated(value.text) if port.literal is KEYS else [value.text]:
+                yield KeyUse(key, name, reads=not port.writable, writes=port.writable)
+
+
+def _uses_of_script(attribute: str, script: ParsedScript, enums: Collection[str]) -> Iterator[KeyUse]:
+    for statement in parse_script(script.text):
+        for use in _uses_of_expression(attribute, statement):
+            if use.writes or use.key not in enums:
+                yield use
+
+
+def _uses_of_expression(attribute: str, expression: Expression) -> Iterator[KeyUse]:
+    inner: tuple[Expression, ...] = ()
+    match expression:
+        case Name(_, name):
+            yield KeyUse(name, attribute, reads=True)
+        case Assignment(_, operator, target, value):
+            yield KeyUse(target, attribute, reads=operator not in (':=', '='), writes=True)
+            inner = (value,)
+        case Unary(_, _, operand):
+            inner = (operand,)
+        case Binary(_, _, left, right):
+            inner = (left, right)
+        case Comparison(_, _, operands):
+            inner = operands
+        case Conditional(_, condition, then, otherwise):
+            inner = (condition, then, otherwise)
+    for part in inner:
+        yield from _uses_of_expression(attribute, part)
+
+
+# Who reads and who writes the blackboard entries of a tree, sub-trees included.
+#
+# The tree is made as if it were to run, of nodes that do nothing. So it is the engine that says which entry a key
+# means, through remappings, defaults of models and ``@``, and which types clash.
+
+
+class NodePlace(NamedTuple):
     """Where an entry is used. ``number`` grows in the order of the nodes of the running tree, sub-trees included."""
 
     tree: TreeDefinition
@@ -51,9 +129,9 @@ class EntryUsage:
     """An entry of the running tree. ``constants`` are the places that give it a text when the tree is made."""
 
     entry: Entry
-    readers: list[Place] = field(default_factory=list)
-    writers: list[Place] = field(default_factory=list)
-    constants: list[tuple[Place, str]] = field(default_factory=list)
+    readers: list[NodePlace] = field(default_factory=list)
+    writers: list[NodePlace] = field(default_factory=list)
+    constants: list[tuple[NodePlace, str]] = field(default_factory=list)
     may_be_read: bool = False
 
     @property
@@ -61,7 +139,7 @@ class EntryUsage:
         """Whether something reads it, or may: a node takes an entry of this name for a port that is not given."""
         return bool(self.readers) or self.may_be_read
 
-    def add(self, place: Place) -> None:
+    def add(self, place: NodePlace) -> None:
         if place.use.reads:
             self.readers.append(place)
         if place.use.writes:
@@ -116,7 +194,7 @@ class KeyUsage:
             for use in node_uses:
                 # What cannot be declared was reported, or is an error when a script runs.
                 with contextlib.suppress(BlackboardError):
-                    usage(node.blackboard, use.key).add(Place(owner, definition, use, number))
+                    usage(node.blackboard, use.key).add(NodePlace(owner, definition, use, number))
             if definition.tree_id is not None:
                 for place, text in _constants(owner, definition):
                     usage(boards[node.path], place.use.key).constants.append((place, text))
@@ -126,8 +204,8 @@ class LostWrite(NamedTuple):
     """A value that ``writer`` writes to an ``entry`` that nothing reads, while ``reader`` reads another one."""
 
     entry: Entry
-    writer: Place
-    reader: Place
+    writer: NodePlace
+    reader: NodePlace
 
 
 def lost_writes(usages: Collection[EntryUsage]) -> Iterator[LostWrite]:
@@ -138,7 +216,7 @@ def lost_writes(usages: Collection[EntryUsage]) -> Iterator[LostWrite]:
     planned to see whether there is one is no such write, nor what is read in another place of the same sub-tree.
     """
     needed = {_output(place) for usage in usages if usage.is_read for place in usage.writers}
-    readers: dict[tuple[str, str], list[tuple[int, Place, EntryUsage]]] = {}
+    readers: dict[tuple[str, str], list[tuple[int, NodePlace, EntryUsage]]] = {}
     for usage in usages:
         for place in usage.readers:
             if (kind := _kind(place)) is not None:
@@ -160,18 +238,18 @@ def lost_writes(usages: Collection[EntryUsage]) -> Iterator[LostWrite]:
                 yield LostWrite(usage.entry, writer, reader)
 
 
-def _last_before(number: int, places: Sequence[Place]) -> int:
+def _last_before(number: int, places: Sequence[NodePlace]) -> int:
     """Return the number of the last of the places before a number; -1 for none. They are in the order of theirs."""
     index = bisect_left(places, number, key=attrgetter('number'))
     return places[index - 1].number if index else -1
 
 
-def _output(place: Place) -> tuple[int, str]:
+def _output(place: NodePlace) -> tuple[int, str]:
     """Return what tells a port of a file, wherever the tree that it is in is used."""
     return id(place.node), place.use.attribute
 
 
-def _kind(place: Place) -> tuple[str, str] | None:
+def _kind(place: NodePlace) -> tuple[str, str] | None:
     """Return what a port of objects holds: its type, and the last word of its name. None for numbers and texts, of
     which many are alike and mean something else."""
     port = place.use.port
@@ -180,7 +258,7 @@ def _kind(place: Place) -> tuple[str, str] | None:
     return port.type.name, place.use.attribute.rpartition('_')[2]
 
 
-def _constants(tree: TreeDefinition, node: NodeDefinition) -> Iterator[tuple[Place, str]]:
+def _constants(tree: TreeDefinition, node: NodeDefinition) -> Iterator[tuple[NodePlace, str]]:
     for name, value in node.values.items():
         if value.key is None:
-            yield Place(tree, node, KeyUse(name, name)), value.text
+            yield NodePlace(tree, node, KeyUse(name, name)), value.text

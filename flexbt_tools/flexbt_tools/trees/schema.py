@@ -11,9 +11,10 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from flexbt_core.behavior_tree import NodeKind, NodeManifest, Port, PortType
-from flexbt_core.behavior_tree.model import BOOL, NO_DEFAULT, PRE_POST_ATTRIBUTES
-from flexbt_core.values import xml_attribute, xml_text
+from flexbt_core.behavior_tree.model.definition import PRE_POST_ATTRIBUTES, NodeManifest
+from flexbt_core.behavior_tree.model.ports import BOOL, NO_DEFAULT, Port, PortType
+from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.values.text import xml_attribute, xml_text
 
 _EXPLICIT: Final = (NodeKind.ACTION, NodeKind.CONDITION, NodeKind.CONTROL, NodeKind.DECORATOR)
 _METADATA: Final = ('_description', '_fullpath', '_uid')

@@ -9,25 +9,16 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any, ClassVar, Final
 
-from flexbt_core.behavior_tree import (
-    LoadError,
-    NodeDefinition,
-    NodeKind,
-    NodeManifest,
-    NodeRegistry,
-    NodeStatus,
-    Port,
-    PortDirection,
-    PortType,
-    RegistrationError,
-    TreeDefinition,
-    TreeDocument,
-    TreeNode,
-)
-from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
-from flexbt_core.behavior_tree.model import NO_DEFAULT, Source
-from flexbt_core.behavior_tree.model import port_types as types
-from flexbt_core.behavior_tree.xml import Element, parse
+from flexbt_core.behavior_tree.engine.leaf import LeafNode
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.parents import ControlNode, DecoratorNode
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model import ports as types
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, NodeManifest, TreeDefinition, TreeDocument
+from flexbt_core.behavior_tree.model.errors import LoadError, RegistrationError, Source
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortDirection, PortType
+from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
+from flexbt_core.behavior_tree.xml.parser import Element, parse
 
 _BASES: Final[Mapping[NodeKind, Any]] = {
     NodeKind.ACTION: LeafNode,

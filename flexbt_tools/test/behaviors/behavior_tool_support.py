@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import functools
 
-from flexbt_core.behavior_tree import NodeRegistry
-from flexbt_core.state_machine import EventState, OperatableStateMachine, define
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_server.node_types import node_registry
-from flexbt_tools.behaviors import BuiltBehavior, check_behavior
+from flexbt_tools.behaviors.built_behavior import BuiltBehavior
+from flexbt_tools.behaviors.check import check_behavior
 
 
 class Leaf(EventState):

@@ -10,7 +10,10 @@ from behavior_tool_support import Leaf, found
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.state_machine import Autonomy, ConcurrencyContainer, EventState, MachineError, OperatableStateMachine
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import MachineError
 
 LABELS = ('A', 'B', 'C', 'D', 'E')
 ENDS = ('done', 'failed')

@@ -8,14 +8,10 @@ from pathlib import Path
 import pytest
 from behavior_tool_support import Leaf, found
 
-from flexbt_core.skills import Outcome, Skill
-from flexbt_core.state_machine import (
-    Autonomy,
-    ConcurrencyContainer,
-    EventState,
-    OperatableStateMachine,
-    PriorityContainer,
-)
+from flexbt_core.skills.skill import Outcome, Skill
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_states import BtExecuteState, BtLoaderState
 from flexbt_testing.behavior_trees.bt_tool import behavior_tool as tool
 

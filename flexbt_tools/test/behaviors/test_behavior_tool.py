@@ -33,14 +33,16 @@ def test_errors_come_first_and_remarks_only_when_they_are_asked_for(tmp_path: Pa
 
 
 def test_a_wrong_parameter_is_found() -> None:
-    done = tool('check', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/trees/recovery.xml')
+    done = tool('check', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/navigate/recovery.xml')
     assert done.code == 0  # a warning: the tree is not given its goal
     assert '/Drive' in done.out and "'goal'" in done.out and '[unread-key]' in done.out
     assert done.err == '1 behavior: 1 warning\n'
-    twice = tool('check', 'Navigate', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/trees/recovery.xml')
+    twice = tool('check', 'Navigate', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/navigate/recovery.xml')
     assert twice.err == '2 behaviors: 2 warnings\n'
-    assert tool('check', 'Navigate', '--strict', '--param', 'tree=flexbt_demo_behaviors/trees/recovery.xml').code == 1
-    done = tool('check', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/trees/none.xml')
+    assert (
+        tool('check', 'Navigate', '--strict', '--param', 'tree=flexbt_demo_behaviors/navigate/recovery.xml').code == 1
+    )
+    done = tool('check', 'Navigate', '--param', 'tree=flexbt_demo_behaviors/navigate/none.xml')
     assert done.code == 1 and 'no such file' in done.out and '[refused]' in done.out
     done = tool('check', 'Navigate', '--param', 'three=x')
     assert done.code == 1 and "no parameter 'three'" in done.out

@@ -8,15 +8,10 @@ from pathlib import Path
 import pytest
 from behavior_tool_support import found
 
-from flexbt_core.state_machine import EventState, OperatableStateMachine, with_retry, with_timeout
-from flexbt_states import (
-    BtExecuteGoalState,
-    BtExecuteState,
-    BtGetDataState,
-    BtLoaderState,
-    BtSetDataState,
-    WaitState,
-)
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.authoring.wrappers import with_retry, with_timeout
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_states import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, BtSetDataState, WaitState
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 PATH = 'nav_msgs/msg/Path'

@@ -12,10 +12,11 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import Blackboard, JsonTypes
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_testing.behavior_trees.bt_tool import Done, document, tool
 from flexbt_tools.errors import UsageError
-from flexbt_tools.trees import save_blackboard
+from flexbt_tools.mock_runs.mock_run import save_blackboard
 
 COUNTING = document(
     'Main: <Sequence><Sleep msec="{wait}"/><Script code="n := n + 1; last := text"/>'

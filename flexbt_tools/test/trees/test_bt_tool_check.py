@@ -12,13 +12,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import NodeRegistry, NodeStatus, StatefulAction, SyncAction, input_port, output_port
-from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING, PortType
-from flexbt_core.skills import Skill
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, PortType, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.skills.skill import Skill
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool, without_marks
-from flexbt_tools.tree_checks import REFUSED, check_trees
-from flexbt_tools.trees import OpenRegistry, read_library, tree_as_json
+from flexbt_tools.tree_checks.check import check_trees
+from flexbt_tools.tree_checks.diagnostics import REFUSED
+from flexbt_tools.trees.files import read_library
+from flexbt_tools.trees.outline import tree_as_json
+from flexbt_tools.trees.stand_ins import OpenRegistry
 
 THING = PortType('Thing', object)
 
@@ -514,7 +519,8 @@ def test_node_types_that_are_not_installed(tmp_path: Path) -> None:
 
 
 LEAVES = """
-from flexbt_core.behavior_tree import NodeStatus, simple_action
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.engine.function_nodes import simple_action
 
 def act(node):
     return NodeStatus.SUCCESS
@@ -542,7 +548,7 @@ def test_of_a_package_only_what_has_a_name_that_is_taken_is_left_out(
     assert (done.code, done.out) == (0, '')
     assert done.err.splitlines() == [
         'note: without the node type [AlwaysSuccess] of one = leaves_of_one:register: node ID [AlwaysSuccess] is '
-        'registered already, for flexbt_core.behavior_tree.nodes.actions.AlwaysSuccess; choose another ID',
+        'registered already, for flexbt_core.behavior_tree.nodes.blackboard.AlwaysSuccess; choose another ID',
         'note: without the node type [OpenDoor] of two = leaves_of_two:register: node ID [OpenDoor] is registered '
         'already, for leaves_of_one.act; choose another ID',
         '1 file: no problems found',

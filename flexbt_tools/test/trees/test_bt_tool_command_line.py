@@ -14,7 +14,7 @@ import pytest
 from flexbt_testing.behavior_trees.bt_tool import document, tool
 from flexbt_tools.cli.bt_tool import COMMANDS, EXIT_CODES, main
 from flexbt_tools.errors import ExitCode
-from flexbt_tools.tree_checks import RULES
+from flexbt_tools.tree_checks.diagnostics import RULES
 
 PAGE = (Path(__file__).parents[3] / 'docs' / 'reference' / 'bt_tool.md').read_text(encoding='utf-8')
 
@@ -154,7 +154,7 @@ def test_many_deep_sub_trees_can_be_shown_drawn_and_checked(tmp_path: Path) -> N
     assert tool('run', '--quiet', str(file)).code == 0
 
 
-@pytest.mark.parametrize('command', [name for name, _, _ in COMMANDS])
+@pytest.mark.parametrize('command', [command.name for command in COMMANDS])
 def test_each_command_has_help_and_is_on_the_page(command: str) -> None:
     done = tool(command, '--help')
     assert done.code == 0

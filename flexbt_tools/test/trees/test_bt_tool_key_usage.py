@@ -11,22 +11,17 @@ from typing import NamedTuple
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    NodeExecutionError,
-    NodeStatus,
-    PortError,
-    SyncAction,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    input_port,
-    load_xml,
-    output_port,
-)
-from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
+from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, PortError, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_testing.behavior_trees.bt_tool import document
-from flexbt_tools.tree_checks import NEVER_WRITTEN, REFUSED, TYPE_CLASH, UNUSED_PORT, findings
+from flexbt_tools.tree_checks.check import findings
+from flexbt_tools.tree_checks.diagnostics import NEVER_WRITTEN, REFUSED, TYPE_CLASH, UNUSED_PORT
 
 KEYS = ('a', 'b', '_c', '@a')
 PORTS = {'int': INT, 'real': DOUBLE, 'text': STRING, 'any': None}

@@ -11,7 +11,7 @@ from ament_index_python.packages import get_package_share_directory
 
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document
-from flexbt_tools.tree_checks import check_trees
+from flexbt_tools.tree_checks.check import check_trees
 
 TREES = Path(get_package_share_directory('flexbt_server')) / 'behavior_trees'
 SOUND = (TREES / 'navigate_to_pose.xml').read_text('utf-8')

@@ -12,25 +12,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    NodeKind,
-    NodeManifest,
-    NodeRegistry,
-    NodeStatus,
-    Port,
-    PortDirection,
-    PortType,
-    SyncAction,
-    TreeLoadError,
-    builtin_registry,
-)
-from flexbt_core.behavior_tree.model import FORBIDDEN_IN_NAMES, NO_DEFAULT, RESERVED_ATTRIBUTES, port_types
-from flexbt_server.groot2 import models_document
+from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model import ports
+from flexbt_core.behavior_tree.model.definition import FORBIDDEN_IN_NAMES, RESERVED_ATTRIBUTES, NodeManifest
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortDirection, PortType
+from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_server.groot2.protocol import models_document
 from flexbt_server.node_types import node_registry
-from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
-from flexbt_testing.behavior_trees.xml_schema import Schema
-from flexbt_testing.random_trees.nodes import make_case
-from flexbt_tools.trees import add_models, schema_lines
+from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, Schema, document, tool
+from flexbt_testing.behavior_trees.random_trees import control_case
+from flexbt_tools.trees.schema import schema_lines
+from flexbt_tools.trees.stand_ins import add_models
 
 Signature = dict[str, tuple[PortDirection, str | None, str | None]]
 
@@ -74,7 +69,7 @@ NAMES = st.from_regex(r'[A-Za-z][A-Za-z0-9_(){}\u00e9-]{0,8}', fullmatch=True).f
     lambda name: name not in RESERVED_ATTRIBUTES
 )
 TEXTS = st.text(st.characters(codec='utf-8', exclude_categories=['Cc', 'Cs'], exclude_characters='\ufffe\uffff'))
-TYPES = st.sampled_from([None, *(kind for kind in vars(port_types).values() if isinstance(kind, PortType))])
+TYPES = st.sampled_from([None, *(kind for kind in vars(ports).values() if isinstance(kind, PortType))])
 
 
 @given(NAMES, st.dictionaries(NAMES, st.tuples(st.sampled_from(PortDirection), TYPES, TEXTS), max_size=4), TEXTS)
@@ -148,7 +143,7 @@ def test_the_schema_refuses_what_the_engine_refuses(tmp_path: Path, tree: str, e
 @pytest.mark.parametrize('seed', range(0, 60, 3))
 def test_random_trees_are_valid_by_the_schema(seed: int) -> None:
     """Of those types that are registered; their leaves are not."""
-    text = make_case(seed)['xml']
+    text = control_case(seed)['xml']
     assert {error for error in SCHEMA.errors(text) if not re.search('<(Act|Sync|Cond|Deco)>', error)} == set()
 
 

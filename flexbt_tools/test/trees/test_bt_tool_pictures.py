@@ -17,9 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.pictures import DrawnNode, NodeShape, fitted, svg, trees_as_dot
+from flexbt_common.pictures.markup import fitted, svg
+from flexbt_common.pictures.tree_picture import DrawnNode, NodeShape, trees_as_dot
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
-from flexbt_testing.random_trees.nodes import make_case
+from flexbt_testing.behavior_trees.random_trees import control_case
 
 pytestmark = pytest.mark.filterwarnings('ignore::DeprecationWarning:pydot')
 
@@ -130,7 +131,7 @@ def test_a_broken_file_is_refused_with_all_its_errors(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('seed', range(10))
 def test_random_trees(tmp_path: Path, seed: int) -> None:
-    text = make_case(seed)['xml']
+    text = control_case(seed)['xml']
     file, expected = write(tmp_path, text), rows(text)
     for options in ([], ['--ascii']):
         assert shown_rows(tool('show', '--ports', 'none', *options, file).out) == expected
@@ -310,7 +311,7 @@ def test_long_lines_are_broken_below_their_node(tmp_path: Path) -> None:
 
 def test_without_graphviz_the_message_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PATH', str(tmp_path))
-    monkeypatch.setattr('flexbt_common.pictures.graphviz.find_spec', lambda name: None)
+    monkeypatch.setattr('flexbt_common.pictures.markup.find_spec', lambda name: None)
     picture = tmp_path / 'tree.svg'
     done = tool('draw', write(tmp_path, TWO_TREES), '-o', str(picture))
     assert done.code == 2

@@ -10,25 +10,21 @@ import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    Decorator,
-    Exchanged,
-    NodeConfig,
-    NodeExecutionError,
-    NodeStatus,
-    StatefulAction,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    TreeNode,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
-from flexbt_core.clock import ManualClock
-from flexbt_core.skills import SkillLibrary
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
+from flexbt_core.behavior_tree.model.outcomes import Exchanged
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.skills.library import SkillLibrary
 from flexbt_testing.behavior_trees.steps import LETTERS
-from flexbt_tools.tree_checks import never_ticked, short_limits
+from flexbt_tools.tree_checks.reachability import never_ticked, short_limits
 
 TICKS = 8
 

@@ -9,25 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    NodeConfig,
-    NodeExecutionError,
-    NodeStatus,
-    RegistrationError,
-    StatefulAction,
-    SyncAction,
-    Tree,
-    TreeLibrary,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.behavior_tree.engine import ControlNode
-from flexbt_core.clock import ManualClock
-from flexbt_core.skills import Skill, read_skills
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, RegistrationError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.skills.skill import Skill
+from flexbt_core.skills.yaml_files import read_skills
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document
 from flexbt_testing.behavior_trees.steps import LETTERS
-from flexbt_tools.tree_checks import check_trees
+from flexbt_tools.tree_checks.check import check_trees
 
 
 class Use(StatefulAction):

@@ -12,27 +12,22 @@ import rclpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    Decorator,
-    NodeRegistry,
-    NodeStatus,
-    StatefulAction,
-    SyncAction,
-    TreeLibrary,
-    TreeNode,
-    builtin_registry,
-    input_port,
-    load_xml,
-    output_port,
-)
-from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
-from flexbt_core.values import shown
+from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.values.text import short_repr
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, Done, document, tool, without_marks
-from flexbt_testing.random_trees.nodes import make_case
+from flexbt_testing.behavior_trees.random_trees import control_case
 from flexbt_tools.errors import ToolError
-from flexbt_tools.mock_runs import MockRun, read_plan
-from flexbt_tools.trees import find_tree
+from flexbt_tools.mock_runs.mock_plan import read_plan
+from flexbt_tools.mock_runs.mock_run import MockRun
+from flexbt_tools.trees.outline import find_tree
 
 
 class Drive(StatefulAction):
@@ -239,7 +234,7 @@ WRONG_PLANS: list[tuple[str, list[str]]] = [
         'mocks: {Drive: [{gives: SUCCESS, after: ^-1, outputs: ^3}]}',
         ['-1 is no duration in seconds', 'outputs has to be a mapping, key: value'],
     ),
-    (f'mocks: {{Drive: {{gives: SUCCESS, after: ^{10**400}}}}}', [f'{shown(10**400)} is no duration in seconds']),
+    (f'mocks: {{Drive: {{gives: SUCCESS, after: ^{10**400}}}}}', [f'{short_repr(10**400)} is no duration in seconds']),
     (
         'mocks: {Drive: {gives: SUCCESS, delay: ^1}}',
         ["'delay' means nothing in a step; expected gives, after, outputs, reason"],
@@ -433,7 +428,7 @@ STATUSES = st.lists(st.sampled_from(['SUCCESS', 'FAILURE', 'SKIPPED', 'RUNNING']
 def test_a_run_is_the_same_each_time_and_its_trace_has_no_gaps(
     tmp_path_factory: pytest.TempPathFactory, seed: int, some: str, others: str
 ) -> None:
-    text = make_case(seed)['xml']
+    text = control_case(seed)['xml']
     words = ['--mock', f'*={others}', '--json', '--timeout', '20', '--set', 'a=1', '--set', 's=x']
     for type, result in (('Act', some), ('Cond', 'FAILURE,SUCCESS'), ('Deco', 'pass')):
         words += ['--mock', f'{type}={result}'] if f'<{type} ' in text or f'ID="{type}"' in text else []

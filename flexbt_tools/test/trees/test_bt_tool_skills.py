@@ -9,16 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.behavior_tree import NodeStatus, SyncAction, builtin_registry, node_skill, node_skills
-from flexbt_core.skills import (
-    OutcomeClass,
-    Predicate,
-    Skill,
-    SkillError,
-    capability_file,
-    literals,
-    read_skills,
-)
+from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.engine.registry import node_skill, node_skills
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.skills.literals import Predicate, SkillError, parse_literals
+from flexbt_core.skills.skill import OutcomeClass, Skill
+from flexbt_core.skills.yaml_files import capability_file, read_skills
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import tool
 
@@ -106,9 +103,11 @@ def test_the_example_of_the_page_is_right(tmp_path: Path) -> None:
     assert (told.code, told.err) == (0, '')
     assert 'needs: at(from), from != to, charged' in told.out
     skills = read_skills(file.read_text())
-    assert 'NavigateToPose_kitchen_office:' in capability_file(skills, literals(['at(office)', 'charged']), 'errand')
+    assert 'NavigateToPose_kitchen_office:' in capability_file(
+        skills, parse_literals(['at(office)', 'charged']), 'errand'
+    )
     with pytest.raises(SkillError, match='say what no skill changes, too: charged'):
-        capability_file(skills, literals(['at(office)']), 'errand')
+        capability_file(skills, parse_literals(['at(office)']), 'errand')
     mission = tmp_path / 'errand.yaml'
     mission.write_text('skills: [mission.yaml]\nstart: [at(kitchen), charged]\ngoal: at(office)\n')
     tree = tmp_path / 'plan.xml'

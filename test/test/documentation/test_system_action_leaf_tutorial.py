@@ -8,8 +8,8 @@ from pathlib import Path
 from nav2_msgs.action import Spin
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack

@@ -78,7 +78,7 @@ def test_the_package_of_the_tutorial_builds_and_runs_an_errand(workspace: Path) 
     script.insert(next(n for n, line in enumerate(script) if line.startswith('console start')), ALL_ARE_READY)
     assert script[-1].startswith('console watch')
     script[-1] = f'console watch --json --timeout {OUTCOME_TIMEOUT_S}'
-    programs = ('flexbt_sim', 'flexbt_server', 'flexbt_onboard', 'flexbt_console', 'flexbt_tools')
+    programs = ('flexbt_sim', 'flexbt_navigation', 'flexbt_server', 'flexbt_onboard', 'flexbt_console', 'flexbt_tools')
     path = [f'{get_package_prefix(name)}/lib/{name}' for name in programs]
     process = subprocess.Popen(
         ['bash', '-e', '-c', '\n'.join(script)],

@@ -13,11 +13,12 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import to_entry
-from flexbt_core.state_machine import Child, OperatableStateMachine
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.definition import Child
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
-from flexbt_testing.state_machines import Bench
+from flexbt_testing.state_machines.bench import Bench
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 

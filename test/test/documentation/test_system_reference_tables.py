@@ -15,12 +15,13 @@ from rclpy.parameter import Parameter
 
 import flexbt_console.recording.recorder
 import flexbt_onboard.node.executive_parameters
-import flexbt_server.node.parameters
-from flexbt_common.runtime import NodeRuntime, ParameterDeclarer
+import flexbt_server.parameters
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_navigation.lifecycle_manager import declare_manager_parameters
+from flexbt_navigation.parameters import declare_navigation_parameters
 from flexbt_onboard.node.executive_parameters import declare_motion
-from flexbt_sim.nodes import declare_navigation_parameters
-from flexbt_sim.nodes.lifecycle_manager import declare_manager_parameters
-from flexbt_sim.simulator import declare_simulator_parameters
+from flexbt_sim.simulator.parameters import declare_simulator_parameters
 
 ROOT = Path(__file__).parents[3]
 REFERENCE = ROOT / 'docs' / 'reference'

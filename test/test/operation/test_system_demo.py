@@ -19,9 +19,9 @@ DEMO_SECONDS = 60.0  # of uncontended time, for each demonstration at speed fact
 END_SECONDS = 2.0
 
 DEMO = 'flexbt_demo_behaviors/demo'
-NIGHT_WATCH = 'flexbt_demo_night_watch/night_watch'
-NAV2_ROBOT = 'flexbt_demo_nav2_robot/nav2_robot'
-GOALS = 'flexbt_demo_goals/goals'
+NIGHT_WATCH = 'flexbt_demo_behaviors/night_watch'
+NAV2_ROBOT = 'flexbt_demo_behaviors/nav2_robot'
+GOALS = 'flexbt_demo_behaviors/goals'
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ def test_a_signal_ends_every_process_and_is_no_success(mark: str, tmp_path: Path
 def test_a_process_that_dies_fails_the_demonstration_and_is_named(mark: str, tmp_path: Path) -> None:
     process = start(mark, tmp_path, '--demo', '1')
     wait_for_line(process, '/Drive')
-    (victim,) = (pid for pid, command in marked(mark).items() if 'lib/flexbt_sim/navigation' in command)
+    (victim,) = (pid for pid, command in marked(mark).items() if 'lib/flexbt_navigation/navigation' in command)
     (log,) = (tmp_path / 'logs').glob('navigation*')
     wait_until(lambda: 'ready' in log.read_text(), 'readiness')
     os.kill(victim, signal.SIGKILL)

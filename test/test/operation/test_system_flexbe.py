@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_testing.system.console_process import console_answer, run_console
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import console_answer, run_console
 from flexbt_testing.waiting import wait_until
 
 PACKAGE = 'mission_flexbe_behaviors'

@@ -14,13 +14,13 @@ from typing import Any
 
 from aiohttp import ClientSession, WSMsgType
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.mirror import View
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.mirror.view import View
 from flexbt_console.recording.player import RunPlayer
 from flexbt_msgs.msg import ExecutiveStatus, PendingDecision
 from flexbt_testing.nodes.operator import Operator
-from flexbt_testing.system.console_process import console_answer, run_console, start_console
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import console_answer, run_console, start_console
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 120.0

@@ -30,7 +30,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, TreeStatus
 from flexbt_msgs.srv import SetFault
 from flexbt_testing.system.probe import Probe

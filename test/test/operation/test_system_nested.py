@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.nodes.operator import Operator
-from flexbt_testing.system.console_process import console_answer
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import console_answer
 
 INNER = 'inspector/onboard_executive'
 

@@ -17,8 +17,8 @@ from rclpy.serialization import deserialize_message
 from flexbt_common.names import EXECUTIVE_LOG
 from flexbt_console.recording.run_file import read_run
 from flexbt_msgs.msg import ExecutiveLog
-from flexbt_testing.system.console_process import console_answer, run_console, start_console
 from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.python_processes import console_answer, run_console, start_console
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 NOTE = 'the floor is wet \x1b[2J'

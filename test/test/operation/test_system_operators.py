@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.liveness import PRESENCE_LEASE_SECONDS
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.lifecycle.presence import PRESENCE_LEASE_SECONDS
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_testing.system.console_process import console_answer, silent_console
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import console_answer, silent_console
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 TIMEOUT = 2.0

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_testing.system.console_process import console_answer
 from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.python_processes import console_answer
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 120.0

@@ -22,11 +22,11 @@ from nav2_msgs.srv import ClearEntireCostmap
 from std_srvs.srv import SetBool, Trigger
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
-from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES, Nav2Branch
 from flexbt_msgs.srv import SetFault
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
-from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.sim_world import RobotProbe, open_probe, pose
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -97,7 +97,9 @@ class Robot:
         for action in self._begun:
             runtime, see = probe.runtime, partial(self._see, action)
             topic = f'{action}/_action/status'
-            runtime.call(partial(runtime.node.create_subscription, GoalStatusArray, topic, see, names.latched()))
+            runtime.call(
+                partial(runtime.node.create_subscription, GoalStatusArray, topic, see, names.transient_local_qos())
+            )
 
     def _see(self, action: str, message: GoalStatusArray) -> None:
         self._begun[action] |= {

@@ -8,14 +8,14 @@ from pathlib import Path
 
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import to_entry
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import to_entry
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_testing.system.console_process import console_answer
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import console_answer
 
-CAPABILITIES = 'flexbt_demo_behaviors/capabilities/visit.yaml'
+CAPABILITIES = 'flexbt_demo_behaviors/navigate/visit.yaml'
 
 
 def test_a_machine_that_was_asked_for_drives_the_robot(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
-from flexbt_testing.system.console_process import start_console
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import start_console
 
 DEADLINE = 120.0
 BEHAVIOR = 'Navigate Split'

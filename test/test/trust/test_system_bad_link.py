@@ -16,22 +16,19 @@ from typing import Any
 import pytest
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime, Received
-from flexbt_console.commands import CommandBuilder
-from flexbt_console.link import OperatorLink
-from flexbt_console.mirror import (
-    LIVE_PERIODS,
-    AutonomyLevel,
-    Command,
-    CommandState,
-    LinkState,
-    Mirror,
-    TrackedCommand,
-    View,
-)
+from flexbt_common.middleware.received_messages import Received
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
+from flexbt_console.mirror.freshness import LIVE_PERIODS, LinkState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import AutonomyLevel, OperatorCommand
+from flexbt_console.mirror.view import View
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.node import ExecutiveParameters, open_executive
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
+from flexbt_onboard.node.executive import open_executive
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_system_tests.gates import Gate, Gates
 from flexbt_testing.waiting import uncontended_time, wait_until
 
@@ -66,7 +63,7 @@ class Nemesis:
             self._runtime.steady.call_at(late, lambda: self._runtime.post(deliver))
 
 
-class BadLink(OperatorLink):
+class BadLink(ExecutiveLink):
     """A console's link whose statuses and commands go through a nemesis."""
 
     def __init__(self, runtime: NodeRuntime, mirror: Mirror, nemesis: Nemesis) -> None:
@@ -90,7 +87,7 @@ class Truth:
         self.last = ExecutiveStatus()
         runtime.call(
             lambda: runtime.node.create_subscription(
-                ExecutiveStatus, names.EXECUTIVE_STATUS, self._hear, names.latched(100)
+                ExecutiveStatus, names.EXECUTIVE_STATUS, self._hear, names.transient_local_qos(100)
             )
         )
 
@@ -111,7 +108,7 @@ class Scene:
         self.mirror = Mirror(console.steady)
         self.link = BadLink(console, self.mirror, nemesis)
         self.make = CommandBuilder('ann')
-        self.commands: list[Command] = []
+        self.commands: list[OperatorCommand] = []
         self.wrong: list[str] = []
         self.mirror.add_listener(lambda _: self.check())
 
@@ -124,7 +121,7 @@ class Scene:
         if since is not None and now - since > LIVE_PERIODS * HEARTBEAT_S + 0.25:
             self.wrong.append(f'{view.snapshot.sequence} was shown as live {now - since:.2f} s after it was outdated')
 
-    def send(self, command: Command) -> TrackedCommand:
+    def send(self, command: OperatorCommand) -> TrackedCommand:
         self.commands.append(command)
         return self.link.send(command, DEADLINE_S)
 

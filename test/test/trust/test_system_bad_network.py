@@ -16,22 +16,14 @@ from typing import Any, TypeVar, cast
 import pytest
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_console.mirror import (
-    LIVE_PERIODS,
-    LOST_SECONDS,
-    AutonomyLevel,
-    CommandState,
-    ExecutiveState,
-    LinkState,
-    Snapshot,
-    TrackedCommand,
-)
+from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
+from flexbt_console.mirror.freshness import LIVE_PERIODS, LOST_SECONDS, LinkState
+from flexbt_console.mirror.records import AutonomyLevel, ExecutiveSnapshot, ExecutiveState
 from flexbt_system_tests.gates import GATES, offer_gates
-from flexbt_testing.system import network_namespace
-from flexbt_testing.system.lossy_link import FAIR, LossyLink, Weather
-from flexbt_testing.system.network_namespace import NetworkNamespace
+from flexbt_testing.system import networks
+from flexbt_testing.system.networks import FAIR, LossyLink, NetworkNamespace, Weather
 from flexbt_testing.system.processes import Stack
-from flexbt_testing.system.remote import Console, Observer, remote_console, remote_observer
+from flexbt_testing.system.remote import RemoteConsole, RemoteObserver, remote_console, remote_observer
 from flexbt_testing.waiting import contended_time, uncontended_time, wait_until
 
 T = TypeVar('T')
@@ -46,7 +38,7 @@ DEADLINE_S = 60.0
 LIVE_S = LIVE_PERIODS * HEARTBEAT_S + BAD.delay[1] + 0.25
 """How old a picture may be that claims to be live: the way is not told from a difference of the clocks."""
 
-REASON = network_namespace.missing()
+REASON = networks.missing()
 pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON)
 
 
@@ -57,7 +49,7 @@ class Scene:
         self._record = directory
         self._stack = stack
         self._began = contended_time()
-        self._sent: list[tuple[Console, str]] = []
+        self._sent: list[tuple[RemoteConsole, str]] = []
         robot, self._station = (stack.enter_context(NetworkNamespace()) for _ in range(2))
         self.link = stack.enter_context(LossyLink(robot, self._station, seed=4))
         processes = stack.enter_context(Stack(directory, robot))
@@ -68,9 +60,9 @@ class Scene:
             'authority_timeout': str(AUTHORITY_TIMEOUT_S),
         }
         processes.start('onboard_executive', parameters, {**middleware('robot'), **offer_gates(directory)})
-        self.observer: Observer = stack.enter_context(remote_observer(robot, {}))
+        self.observer: RemoteObserver = stack.enter_context(remote_observer(robot, {}))
 
-    def console(self, operator: str) -> Console:
+    def console(self, operator: str) -> RemoteConsole:
         """Another console, in the other network."""
         console = self._stack.enter_context(remote_console(self._station, middleware('console'), operator))
         self.wait(lambda: console.view().live and console.view().behaviors, f'first picture of {operator}')
@@ -93,13 +85,13 @@ class Scene:
         end = time.monotonic() + seconds
         return lambda: time.monotonic() > end
 
-    def send(self, console: Console, *words: str, timeout: float = DEADLINE_S) -> str:
+    def send(self, console: RemoteConsole, *words: str, timeout: float = DEADLINE_S) -> str:
         """A command from a console, see :meth:`Console.send`."""
         command_id = console.send(*words, timeout=timeout)
         self._sent.append((console, command_id))
         return command_id
 
-    def settled(self, console: Console, command_id: str) -> TrackedCommand:
+    def settled(self, console: RemoteConsole, command_id: str) -> TrackedCommand:
         """What the operator sees of a command in the end."""
 
         def answer() -> TrackedCommand | None:
@@ -111,17 +103,17 @@ class Scene:
         assert settled is not None
         return settled
 
-    def apply(self, console: Console, *words: str) -> None:
+    def apply(self, console: RemoteConsole, *words: str) -> None:
         """A command that must be applied."""
         settled = self.settled(console, self.send(console, *words))
         assert settled.state is CommandState.APPLIED, settled
 
-    def is_right(self, console: Console) -> bool:
+    def is_right(self, console: RemoteConsole) -> bool:
         """Whether a console says that it is live, and shows what is so."""
         view, truth = console.view(), self.observer.latest()
         return view.live and view.snapshot is not None and truth is not None and gist(view.snapshot) == gist(truth)
 
-    def decision(self, console: Console, other_than: str = '') -> str:
+    def decision(self, console: RemoteConsole, other_than: str = '') -> str:
         """Identifier of the decision that a console shows, as soon as it is not that one."""
 
         def found() -> str:
@@ -143,7 +135,7 @@ class Scene:
         left = [event for event in events if event['event'] == 'left' and event['path'].strip('/') in GATES]
         assert len(left) == confirmed > 0
 
-    def check_claims(self, console: Console) -> None:
+    def check_claims(self, console: RemoteConsole) -> None:
         """What a console showed as live was so, and not too long ago, as far as the machine had time to show it."""
         late = contended_time() - self._began
         published = self.observer.published()
@@ -162,7 +154,7 @@ def middleware(side: str) -> dict[str, str]:
     return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
 
 
-def gist(snapshot: Snapshot) -> tuple[Any, ...]:
+def gist(snapshot: ExecutiveSnapshot) -> tuple[Any, ...]:
     """What an operator acts on."""
     return (
         snapshot.state,

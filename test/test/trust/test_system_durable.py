@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack

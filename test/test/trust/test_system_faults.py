@@ -13,9 +13,9 @@ from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock
 
 from flexbt_common.names import CLOCK
-from flexbt_common.runtime import NodeRuntime
-from flexbt_console.link import OperatorLink
-from flexbt_console.mirror import Mirror
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.system.probe import Probe
@@ -67,7 +67,7 @@ def console() -> Iterator[Mirror]:
     """What an operator sees."""
     with NodeRuntime.open('console') as runtime:
         mirror = Mirror(runtime.steady)
-        OperatorLink(runtime, mirror, operator=None).open_surroundings()
+        ExecutiveLink(runtime, mirror, operator=None).open_surroundings()
         yield mirror
 
 
@@ -210,7 +210,7 @@ def test_a_simulator_that_is_killed_while_driving(stack: Stack, probe: Probe) ->
 
 def test_a_result_says_why_when_navigation_is_not_there(stack: Stack, probe: Probe) -> None:
     assert stack.end('navigation', signal.SIGINT, DEADLINE).exit_code == 0
-    goal = BtExecute.Goal(behavior_tree='flexbt_demo_behaviors/trees/recovery.xml')
+    goal = BtExecute.Goal(behavior_tree='flexbt_demo_behaviors/navigate/recovery.xml')
     outcome = probe.call(BtExecute, 'bt_executor', goal)
     assert outcome.result is not None
     assert outcome.result.code == BtExecute.Result.FAILURE

@@ -11,10 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime, reports_writers
-from flexbt_console.commands import CommandBuilder
-from flexbt_console.link import OperatorLink
-from flexbt_console.mirror import Command, CommandKind, CommandState, ExecutiveState, Mirror, View
+from flexbt_common.middleware.received_messages import reports_writers
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.command_tracker import CommandState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import CommandKind, ExecutiveState, OperatorCommand
+from flexbt_console.mirror.view import View
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -22,8 +26,10 @@ MEMORY = 150_000_000
 """Bytes that a flood may cost at most: the large messages that wait to be taken."""
 
 BEHAVIOR = """
-from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
 
 class Ask(EventState):
     def __init__(self):
@@ -94,7 +100,7 @@ class Console:
 
     def __init__(self, runtime: NodeRuntime, operator: str) -> None:
         self.mirror = Mirror(runtime.steady)
-        self.link = OperatorLink(runtime, self.mirror, operator)
+        self.link = ExecutiveLink(runtime, self.mirror, operator)
         self.make = CommandBuilder(operator)
 
     @property
@@ -107,7 +113,7 @@ class Console:
         snapshot = self.view.snapshot
         return snapshot.sequence if snapshot is not None else 0
 
-    def give(self, command: Command) -> None:
+    def give(self, command: OperatorCommand) -> None:
         """Give a command, which has to be applied."""
         self.link.send(command, DEADLINE)
         settled = self.link.settled(command.id, DEADLINE)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_testing.fuzzing import CORPUS, TARGETS, Fuzzer, Target
+from flexbt_testing.fuzzing.fuzzer import CORPUS, Fuzzer, Target
+from flexbt_testing.fuzzing.targets import TARGETS
 
 SECONDS = float(os.environ.get('FLEXBT_FUZZ_SECONDS', '2'))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_testing.system.probe import Probe
@@ -106,7 +106,7 @@ def test_all_or_nothing(probe: Probe, allowed: Path) -> None:
     [
         ('/etc/passwd', 'outside the allowed directories'),
         ('flexbt_demo_behaviors/../../../../../../etc/passwd', '..'),
-        ('flexbt_demo_behaviors/trees/missing.xml', 'no such file'),
+        ('flexbt_demo_behaviors/navigate/missing.xml', 'no such file'),
         ('no_such_package/tree.xml', 'no installed package'),
     ],
 )

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.system.console_process import console_answer, run_console
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_testing.nodes.clients import LifecycleClient
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import console_answer, run_console
 from flexbt_testing.waiting import uncontended_time
 
 MANAGED = ('bt_server', 'onboard_executive')

@@ -18,13 +18,14 @@ from rclpy.duration import Duration
 from rclpy.qos import LivelinessPolicy, QoSProfile
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, ServiceLinks, service_outcome
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.liveness import LEASE_SECONDS
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import check_limits
+from flexbt_common.lifecycle.liveliness import LEASE_SECONDS
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import check_limits
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.oversized import oversized
-from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack, executable
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -102,7 +103,7 @@ def memory(stack: Stack, name: str) -> int:
 
 def quality(topic: str) -> QoSProfile:
     """With which everybody hears a topic."""
-    profile = names.latched()
+    profile = names.transient_local_qos()
     if topic.endswith('/alive'):
         profile.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
         profile.liveliness_lease_duration = Duration(seconds=LEASE_SECONDS)

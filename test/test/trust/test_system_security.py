@@ -16,11 +16,11 @@ from ament_index_python.packages import get_package_prefix
 
 from flexbt_common import interfaces
 from flexbt_common.names import SIMULATOR
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
-from flexbt_testing.system.console_process import silent_console
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import silent_console
 
 NAMES = ('simulator', 'navigation', 'bt_server', 'onboard_executive', 'stop_guard', 'console', 'observer', 'recorder')
 READING = {'publisher': 'publish', 'subscriber': 'subscribe', 'service': 'reply', 'client': 'request'}

@@ -12,12 +12,12 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus
-from flexbt_common.liveness import PEER_TIMEOUT, LivelinessWatch
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.lifecycle.liveliness import PEER_TIMEOUT, LivelinessWatch
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.system.hold_up import THREADS
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
@@ -162,7 +162,7 @@ def test_a_goal_of_somebody_else_waits_for_the_end_of_the_pause(stack: Stack, pr
     elsewhere.pose.position.x, elsewhere.pose.position.y, elsewhere.pose.orientation.w = *HOME, 1.0
     goal = SentGoal(
         ActionLinks(probe.console).link(BtExecute, names.BT_EXECUTOR),
-        BtExecute.Goal(behavior_tree='flexbt_demo_behaviors/trees/navigate.xml', goals=[elsewhere]),
+        BtExecute.Goal(behavior_tree='flexbt_demo_behaviors/navigate/navigate.xml', goals=[elsewhere]),
     )
     probe.wait(lambda: goal.feedback, 'the tree works for the other goal')
     probe.wait_at_rest()

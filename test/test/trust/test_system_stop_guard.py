@@ -16,18 +16,18 @@ from nav_msgs.msg import Path as PathMessage
 from std_msgs.msg import Header
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, StopGuardStatus
-from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.system.console_process import run_console
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.python_processes import run_console
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 FAR: Final = (10.0, 2.3)
-TREE: Final = 'flexbt_demo_behaviors/trees/navigate.xml'
+TREE: Final = 'flexbt_demo_behaviors/navigate/navigate.xml'
 REST_SECONDS: Final = 1.0
 REST_METRES: Final = 0.3
 """From a STOP to rest."""
@@ -50,7 +50,7 @@ class Guard:
         runtime = probe.console
         runtime.call(
             lambda: runtime.node.create_subscription(
-                StopGuardStatus, names.STOP_GUARD_STATUS, self.statuses.append, names.latched()
+                StopGuardStatus, names.STOP_GUARD_STATUS, self.statuses.append, names.transient_local_qos()
             )
         )
 

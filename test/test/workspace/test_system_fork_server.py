@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_testing.system import fork_server, processes, python_process
+from flexbt_testing.system import fork_server, processes, python_processes
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import wait_until
 
@@ -98,10 +98,10 @@ def test_forks_end_with_whoever_had_them_started(sleeper: str, tmp_path: Path) -
 def test_programs_have_modules_of_their_environment_and_are_waited_for_in_bounded_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(python_process, 'PROGRAM', module_of(TALKER, tmp_path, monkeypatch))
+    monkeypatch.setattr(python_processes, 'PROGRAM', module_of(TALKER, tmp_path, monkeypatch))
     for setting in ('one', 'other'):
         monkeypatch.setenv('FLEXBT_SETTING', setting)
-        with pytest.raises(subprocess.TimeoutExpired), python_process.python_process([]) as process:
+        with pytest.raises(subprocess.TimeoutExpired), python_processes.python_process([]) as process:
             assert process.stdout is not None
             said, child = process.stdout.readline().split()
             process.communicate(timeout=0.1)  # it ends, and its child can still say something

@@ -15,20 +15,15 @@ from typing import Any
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration import (
-    DemoError,
-    DemoSettings,
-    EndedProcess,
-    Process,
-    ProcessGroup,
-    RunOptions,
-    Timeline,
-)
+from flexbt_demo_behaviors.demonstration.demo_processes import DemoSettings, Process
+from flexbt_demo_behaviors.demonstration.options import RunOptions
+from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
+from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
 from flexbt_demo_behaviors.demonstration.session import open_session
-from flexbt_demo_goals.demonstration import main as goals
-from flexbt_demo_nav2_robot.demonstration import PROGRAM
-from flexbt_demo_nav2_robot.demonstration import main as nav2_robot
-from flexbt_demo_night_watch.demonstration import open_watch
+from flexbt_demo_behaviors.goals import main as goals
+from flexbt_demo_behaviors.nav2_robot import main as nav2_robot
+from flexbt_demo_behaviors.nav2_robot.processes import PROGRAM
+from flexbt_demo_behaviors.night_watch.watch import open_watch
 
 LAUNCH_FILES = sorted(Path(__file__).parents[3].glob('flexbt_*/launch/*.launch.py'))
 EXECUTABLES = Path(__file__).parents[3] / 'docs' / 'reference' / 'executables.md'
@@ -71,7 +66,7 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> None:
         module = ModuleType(name)
         vars(module).update(classes)
         monkeypatch.setitem(sys.modules, name, module)
-    spec = importlib.util.find_spec('flexbt_demo_behaviors.launching')
+    spec = importlib.util.find_spec('flexbt_demo_behaviors.demonstration.launching')
     assert spec is not None and spec.loader is not None
     launching = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, spec.name, launching)

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.waiting import DEADLINE
 
-LEFT_OUT = {'flexbt_formal', 'flexbt_testing', 'flexbt_system_tests', 'flexbt_demo_goals'}
+LEFT_OUT = {'flexbt_formal', 'flexbt_testing', 'flexbt_system_tests'}
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Fetch"><ReachGoal mission="cup.yaml"/></BehaviorTree></root>'
 ROBOT = (
     ('simulation', '--ros-args', '-p', 'speed_factor:=5.0'),
@@ -66,7 +66,7 @@ def test_a_robot_drives_and_names_the_package_that_it_lacks(
         probe.wait_ready()
         probe.drive_to(10.0, 2.3)
         probe.stop()
-    asked = ('console', 'synthesize', 'flexbt_demo_behaviors/capabilities/visit.yaml', '--goal', 'look')
+    asked = ('console', 'synthesize', 'flexbt_demo_behaviors/navigate/visit.yaml', '--goal', 'look')
     assert 'install the package flexbt_formal' in answer(environment, *asked, '--name', 'Look')[1]
     (tmp_path / 'fetch.xml').write_text(TREE)
     code, told = answer(environment, 'bt_tool', 'check', str(tmp_path / 'fetch.xml'))

@@ -21,8 +21,7 @@ ROOT = Path(__file__).parents[3]
 TIMEOUT_S = 120
 
 sys.path.append(str(ROOT / 'tools'))
-from workspace import terminal  # noqa: E402
-from workspace.checks import test_run  # noqa: E402
+from workspace import terminal, test_run  # noqa: E402
 from workspace.errors import CommandError, WorkspaceError  # noqa: E402
 from workspace.installer import Installer, bundled_pip, cache_variables, progress_of_uv, uv_variables  # noqa: E402
 from workspace.layout import Layout, Package  # noqa: E402

@@ -1,7 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The line mode: one command, its answer, an exit code."""
-
-from .line_mode import Session, run
-from .robots import found_robots, list_robots
-
-__all__ = ['Session', 'found_robots', 'list_robots', 'run']
+"""The line mode, which runs one command, and the interactive prompt, which needs prompt_toolkit."""

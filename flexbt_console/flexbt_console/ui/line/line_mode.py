@@ -1,41 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The line mode: one command, its answer on stdout, and an exit code that a script can act on."""
+"""The line mode: run one command, print its answer on stdout, and return an exit code for scripts."""
 
 from __future__ import annotations
 
 import sys
+import threading
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
-from flexbt_console.commands import Ask, CommandBuilder, CommandLine, CommandSpec, LinkNeed, Send, Show, Shown, build
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.registry import build
+from flexbt_console.commands.spec import Ask, CommandLine, CommandSpec, LinkNeed, Send, Show, ShownAnswer
 from flexbt_console.errors import ExitCode, NoAnswerError, NoLinkError, RefusedError
-from flexbt_console.link import OperatorLink
-from flexbt_console.mirror import (
-    CommandKind,
-    CommandState,
-    ExecutiveEvent,
-    ExecutiveState,
-    LinkState,
-    LogLine,
-    Mirror,
-    Snapshot,
-    TrackedCommand,
-    View,
-)
-from flexbt_console.present import (
-    behavior_line,
-    coloured,
-    command_result_lines,
-    encode_json,
-    has_colours,
-    result_json,
-)
-from flexbt_core.clock import Clock
-
-from .waiting import tell_progress, told_wait
-from .watch import watch
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import CommandKind, ExecutiveEvent, ExecutiveSnapshot, ExecutiveState, LogLine
+from flexbt_console.mirror.view import View
+from flexbt_console.present.events import SETTLE_SECONDS, Event, Follower
+from flexbt_console.present.json_form import encode_json, result_json, robots_json
+from flexbt_console.present.rendering import behavior_line, command_result_lines, left_out_text, robot_line
+from flexbt_console.present.style import coloured, has_colours
+from flexbt_core.clock.clock import Clock
+from flexbt_core.clock.work_thread import watchdog
+from flexbt_core.values.text import one_line
 
 T = TypeVar('T')
 
@@ -54,19 +47,19 @@ EXIT_CODES: Final = {
 
 
 @dataclass(frozen=True)
-class Session:
+class LineSession:
     """What a command works with; ``timeout`` in seconds, for the executive and for its answer."""
 
     mirror: Mirror
-    link: OperatorLink
+    link: ExecutiveLink
     make: CommandBuilder
     line: CommandLine
     timeout: float
     clock: Clock
 
     def waiting_for(self, what: Callable[[], str]) -> AbstractContextManager[None]:
-        """As :func:`flexbt_console.ui.line.waiting.told_wait`."""
-        return told_wait(self.clock, what, self.timeout)
+        """As :func:`report_wait`."""
+        return report_wait(self.clock, what, self.timeout)
 
     def live_view(self) -> View:
         """As that of the link, within the time-out."""
@@ -103,7 +96,7 @@ class Session:
             now = more
 
 
-def run(session: Session) -> ExitCode:
+def run(session: LineSession) -> ExitCode:
     """Run the command of the session and print its answer.
 
     Raises:
@@ -117,14 +110,14 @@ def run(session: Session) -> ExitCode:
         return _show(session, spec, spec.action)
     if isinstance(spec.action, Ask):
         session.live_view()
-        shown = spec.action.ask(session.line, session.link, session.timeout, tell_progress)
+        shown = spec.action.ask(session.line, session.link, session.timeout, print_progress)
         _print(session, shown)
         return ExitCode.REFUSED if shown.is_refusal else ExitCode.OK
     as_json = session.json or session.line.has('--jsonl')
     return watch(session.mirror, session.link, as_json=as_json, seconds=session.line.seconds('--timeout'))
 
 
-def _show(session: Session, spec: CommandSpec, action: Show) -> ExitCode:
+def _show(session: LineSession, spec: CommandSpec, action: Show) -> ExitCode:
     exit_code = ExitCode.OK
     view = session.mirror.view()
     if spec.link is not LinkNeed.NONE:
@@ -140,7 +133,7 @@ def _show(session: Session, spec: CommandSpec, action: Show) -> ExitCode:
     return exit_code
 
 
-def _prepared(session: Session, spec: CommandSpec, view: View, timeout: float) -> View:
+def _prepared(session: LineSession, spec: CommandSpec, view: View, timeout: float) -> View:
     """The view with what the command shows, or is checked against, if that arrives within so many seconds."""
     has_arrived = spec.has_arrived
     if has_arrived is None:
@@ -149,7 +142,7 @@ def _prepared(session: Session, spec: CommandSpec, view: View, timeout: float) -
         return session.link.wait_for(lambda now: now if has_arrived(now) else None, timeout) or view
 
 
-def _send(session: Session, spec: CommandSpec) -> ExitCode:
+def _send(session: LineSession, spec: CommandSpec) -> ExitCode:
     assert isinstance(spec.action, Send)
     is_stop = CommandKind.STOP in spec.action.kinds  # which waits for nothing: the stop guard may be all that is there
     seen = session.mirror.view() if is_stop else session.live_view()
@@ -166,13 +159,13 @@ def _send(session: Session, spec: CommandSpec) -> ExitCode:
         exit_code = ExitCode.NO_LINK
     if exit_code is ExitCode.OK and session.line.has('--wait'):
         return _wait_for_end(session, spec.name, tracked, run_before)
-    _print(session, Shown(result_json(spec.name, tracked, exit_code), command_result_lines(tracked)))
+    _print(session, ShownAnswer(result_json(spec.name, tracked, exit_code), command_result_lines(tracked)))
     return exit_code
 
 
-def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_before: str) -> ExitCode:
+def _wait_for_end(session: LineSession, name: str, tracked: TrackedCommand, run_before: str) -> ExitCode:
     if not session.json:
-        _print(session, Shown(None, command_result_lines(tracked)))
+        _print(session, ShownAnswer(None, command_result_lines(tracked)))
     starting = name == 'start'
     answer = session.mirror.view().snapshot
     if answer is None:
@@ -180,7 +173,7 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
     executive_id = tracked.command.executive_id or answer.executive_id  # a STOP names none
     run: list[str] = [] if starting else [answer.run_id]
 
-    def end_of_run(view: View) -> Snapshot | None:
+    def end_of_run(view: View) -> ExecutiveSnapshot | None:
         snapshot = view.snapshot
         if view.link is LinkState.LOST and view.age is not None and view.age > session.timeout:
             raise NoLinkError(f'the link was lost {view.age:.1f} s ago; the run may go on')
@@ -203,11 +196,11 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
     by_itself = ended.outcome not in ('', 'preempted', 'error')
     exit_code = ExitCode.OK if by_itself or not starting else ExitCode.REFUSED
     result = result_json(name, tracked, exit_code, outcome=ended.outcome, message=ended.message)
-    _print(session, Shown(result, [behavior_line(session.mirror.view())]))
+    _print(session, ShownAnswer(result, [behavior_line(session.mirror.view())]))
     return exit_code
 
 
-def _print(session: Session, shown: Shown) -> None:
+def _print(session: LineSession, shown: ShownAnswer) -> None:
     colours = has_colours(sys.stdout)
     text = '\n'.join(coloured(line, colours) for line in shown.text)
     print(encode_json(shown.value) if session.json else text, file=sys.stdout, flush=True)
@@ -215,3 +208,131 @@ def _print(session: Session, shown: Shown) -> None:
 
 def _other(now: tuple[Any, ...], before: tuple[Any, ...]) -> tuple[Any, ...] | None:
     return now if now != before else None
+
+
+# Following an executive: a line for each event, for people or for programs.
+
+
+def watch(mirror: Mirror, link: ExecutiveLink, *, as_json: bool, seconds: float | None) -> ExitCode:
+    """Print every change, until interrupted or for so many seconds.
+
+    Raises:
+        NoLinkError: the time is over, and no executive was heard.
+    """
+    follower, colours = Follower(mirror), has_colours(sys.stdout)
+    end = None if seconds is None else time.monotonic() + seconds
+    is_settled = as_json  # people are told in its order what is latched beside the first status
+
+    def further_events(view: View) -> list[Event] | None:
+        return [] if view.snapshot is not None and not is_settled else follower.events(view) or None
+
+    while True:
+        left = None if end is None else max(0.0, end - time.monotonic())
+        events = link.wait_for(further_events, left)
+        if events is None:
+            break
+        if not events:
+            link.wait_for(lambda view: None, SETTLE_SECONDS)
+            is_settled = True
+        for name, value, text in events:
+            if as_json:
+                print(encode_json({'event': name, 'time': time.time(), **value}), flush=True)
+            elif text:
+                stamp = time.strftime('%H:%M:%S')
+                print('\n'.join(f'{stamp} {coloured(line, colours)}' for line in text), flush=True)
+    view = mirror.view()
+    if view.snapshot is None:
+        raise NoLinkError(f'no executive was heard in {seconds:g} s')
+    return ExitCode.OK if view.link is not LinkState.LOST else ExitCode.NO_LINK
+
+
+# Listing the robots of the domain, the most urgent first.
+
+ROBOTS_QUIET_SECONDS: Final = 1.0
+"""Robots are found one after the other: they are all there when none comes, and none becomes live, for so long."""
+
+HEAR_SECONDS: Final = 5.0
+"""For so long a robot that was found, and not heard yet, is waited for."""
+
+NAME_SECONDS: Final = 1.2
+"""The names of robots are all there when none has come for so long, which is longer than from look to look."""
+
+
+def found_robots(fleet: Fleet, clock: Clock, timeout: float) -> tuple[str, ...]:
+    """The names of the robots that are found: of all as soon as no further one comes, within ``timeout`` seconds."""
+    return _settled(fleet, clock, timeout, lambda: tuple(fleet.names), lambda _: NAME_SECONDS)
+
+
+def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) -> ExitCode:
+    """Print the robots that are found within ``timeout`` seconds; who is not heard within HEAR_SECONDS is unreachable.
+
+    Raises:
+        NoLinkError: there is none.
+    """
+
+    def heard() -> tuple[tuple[str, bool, bool], ...]:
+        return tuple(sorted((one.name, one.view.snapshot is not None, one.view.live) for one in fleet.overview()))
+
+    def quiet(robots: tuple[tuple[str, bool, bool], ...]) -> float:
+        return ROBOTS_QUIET_SECONDS if all(one[1] for one in robots) else HEAR_SECONDS
+
+    def wanted() -> str:
+        unheard = [name for name, is_heard, _ in heard() if not is_heard]
+        return f'the status of {", ".join(unheard)}' if unheard else '' if heard() else 'robots'
+
+    with report_wait(clock, wanted, timeout):
+        _settled(fleet, clock, timeout, heard, quiet)
+    robots = fleet.overview()
+    if not any(one.view.snapshot for one in robots):
+        raise NoLinkError(f'no robot was heard within {timeout:g} s in this ROS_DOMAIN_ID')
+    colours = has_colours(sys.stdout)
+    lines = [coloured(robot_line(one), colours) for one in robots]
+    print(encode_json(robots_json(robots)) if as_json else '\n'.join(lines), flush=True)
+    for text in left_out_text(fleet.left_out):
+        print_progress(text)
+    return ExitCode.OK
+
+
+def _settled(
+    fleet: Fleet,
+    clock: Clock,
+    timeout: float,
+    look: Callable[[], tuple[T, ...]],
+    quiet: Callable[[tuple[T, ...]], float],
+) -> tuple[T, ...]:
+    """What is known of the robots when nothing of it has changed for so long, and all that are found are joined that
+    may be, or after ``timeout`` seconds."""
+    changed = threading.Event()
+    fleet.add_listener(changed.set)
+    until = end = clock.now() + timeout
+    known: tuple[tuple[T, ...], bool] = (), False
+    while True:
+        changed.clear()
+        found, is_growing, now = look(), fleet.is_growing, clock.now()
+        if (found, is_growing) != known:
+            known, until = (found, is_growing), end if is_growing else min(end, now + quiet(found))
+        if now >= until:
+            return found
+        changed.wait(until - now)
+
+
+# What a command waits for is said, beside its answer: on standard error, and only when it takes long.
+
+SILENT_SECONDS: Final = 1.0
+"""For so long nobody wonders what is going on."""
+
+
+def report_wait(clock: Clock, what: Callable[[], str], timeout: float) -> AbstractContextManager[None]:
+    """Say what the block waits for, ``timeout`` seconds at most, when it takes longer than SILENT_SECONDS; nothing when
+    ``what`` is '' then."""
+
+    def tell() -> None:
+        if wanted := what():
+            print_progress(f'waiting for {one_line(wanted)}, {timeout:g} s at most ...')
+
+    return watchdog(clock, SILENT_SECONDS, tell)
+
+
+def print_progress(text: str) -> None:
+    """Say a line that is no part of the answer."""
+    print(text, file=sys.stderr, flush=True)

@@ -21,55 +21,32 @@ from textual.containers import Horizontal
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 
-from flexbt_console.commands import UNSEEN, CommandedRobot, CommandSpec, find, prompt_help
+from flexbt_console.commands.command_line import prompt_help
+from flexbt_console.commands.registry import find
+from flexbt_console.commands.spec import UNSEEN, CommandSpec, RobotCommands
 from flexbt_console.errors import ConsoleError, NotShownError, RefusedError
-from flexbt_console.mirror import Behavior, Change, Command, Fleet, Mirror, RobotOverview, View
-from flexbt_console.present import Line, Tone
-from flexbt_console.ui.interaction import (
-    CHANGED,
-    KEYS,
-    Bound,
-    Key,
-    Later,
-    Local,
-    Meaning,
-    Reading,
-    Restarts,
-    SentCommands,
-    Station,
-    carry_out,
-    choose,
-    help_lines,
-    interpret,
-)
-from flexbt_core.clock import Clock
-from flexbt_core.values import lines, one_line
+from flexbt_console.mirror.fleet import Fleet, RobotOverview
+from flexbt_console.mirror.mirror import Change, Mirror
+from flexbt_console.mirror.records import Behavior, OperatorCommand
+from flexbt_console.mirror.view import View
+from flexbt_console.present.style import Line, Tone
+from flexbt_console.ui.answers import CHANGED, Bound, Local, Meaning, choose, interpret
+from flexbt_console.ui.keys import KEYS, KeyBinding, help_lines
+from flexbt_console.ui.station import Reading, Restarts, RobotRequest, SentCommands, Station, carry_out
+from flexbt_core.clock.clock import Clock
+from flexbt_core.values.text import escape_lines, one_line
 
-from .dialogs import ChoiceList, Entry, MapImage, ReadingDialog, StartForm
-from .ordered_app import OrderedApp
-from .overview import Overview
-from .panes import (
-    CURSOR_STEPS,
-    CURSOR_TURNS,
-    MOVES,
-    PANES,
-    ROWS,
-    Burst,
-    Layout,
-    Pane,
-    Panes,
-    ReplayBar,
-    Shown,
-    TypedLine,
-    choice_texts,
-    outcome_texts,
-    replay_help_lines,
-    waiting_texts,
-)
-from .terminal_driver import TerminalDriver
+from .decision_bar import ROWS, Burst, choice_texts, waiting_texts
+from .dialogs import ChoiceList, Entry, MapImage, Overview, ReadingDialog, StartForm
+from .lines import CommandInput
+from .pane import Pane
+from .panes import PANES, Layout, Panes, ShownRobot
+from .replay_bar import MOVES, ReplayBar, replay_help_lines
+from .robot_panes import CURSOR_STEPS, CURSOR_TURNS, outcome_texts
+from .textual_app import OrderedApp, TerminalDriver
 
 if TYPE_CHECKING:
-    from .terminal_images import ImageWidget
+    from .textual_app import ImageWidget
 
 REDRAW_SECONDS: Final = 0.05
 """Shortest time between two drawings, which limits what goes over a slow connection."""
@@ -85,13 +62,13 @@ _BESIDE_VIEW: Final = frozenset({Change.LOG, Change.EVENTS, Change.COMMAND})
 """What changes without a view that tells so."""
 
 
-class Robots(Protocol):
-    """Several robots, one of which is on the screen; see :class:`flexbt_console.link.FleetLink`."""
+class ScreenRobots(Protocol):
+    """Several robots, one of which is on the screen; see :class:`FleetLink`."""
 
     fleet: Fleet
     own: str
 
-    def select(self, name: str) -> tuple[Mirror, CommandedRobot]:
+    def select(self, name: str) -> tuple[Mirror, RobotCommands]:
         """Have map and trees come from a robot, and give its mirror and its link."""
 
 
@@ -159,7 +136,7 @@ class OperatorScreen(OrderedApp):
         self,
         station: Station,
         clock: Clock,
-        robots: Robots | None = None,
+        robots: ScreenRobots | None = None,
         replay: ReplayBar | None = None,
         layout: Layout | None = None,
         image_widget: ImageWidget | None = None,
@@ -174,7 +151,7 @@ class OperatorScreen(OrderedApp):
         self._overview: list[RobotOverview] = []
         self._followed: list[Mirror] = []
         self._turned_to = ''
-        self._line = TypedLine(self._view, self.tell_error)
+        self._line = CommandInput(self._view, self.tell_error)
         self._panes = Panes(clock, station, layout or Layout(), self._line, replay)
         if not self._panes.signs.has_braille:
             self.add_class('ascii')
@@ -233,11 +210,11 @@ class OperatorScreen(OrderedApp):
         if isinstance(error, ConsoleError):
             self._warn(str(error))
         else:
-            fault = lines(''.join(traceback.format_exception(error)))
+            fault = escape_lines(''.join(traceback.format_exception(error)))
             self.tell([Line(line, Tone.ERROR) for line in ('fault in the console, which goes on:', *fault)])
 
     def _warn(self, text: str) -> None:
-        self.tell([Line(line, Tone.WARNING) for line in lines(text)])
+        self.tell([Line(line, Tone.WARNING) for line in escape_lines(text)])
 
     def _view(self) -> View:
         """The picture, with the decision first to which the operator has turned."""
@@ -258,7 +235,7 @@ class OperatorScreen(OrderedApp):
             station, view = self._station, self._station.mirror.view()
             with contextlib.suppress(Exception):  # it is told when the key has its turn
                 done = carry_out(interpret('stop', view, station.make, Bound(None)), view, station)
-                if isinstance(done, Command):
+                if isinstance(done, OperatorCommand):
                     self._stopped.append((station.mirror, done.id))
 
     async def on_event(self, event: events.Event) -> None:
@@ -323,7 +300,7 @@ class OperatorScreen(OrderedApp):
             base.query_one(f'#{name}').set_class(name not in visible, 'hidden')
         base.query_one('#panes').set_class(not {'machine', 'map'} & {*visible}, 'hidden')
         base.query_one('#map').set_class('machine' not in visible, 'alone')
-        shown = Shown(view, self._station.mirror, self._overview, self._robot)
+        shown = ShownRobot(view, self._station.mirror, self._overview, self._robot)
         for pane in base.query(Pane):
             if pane.id == 'alarm' or (pane.size.width > 0 and pane.size.height > 0):
                 columns = pane.content_size.width or self.size.width
@@ -501,7 +478,7 @@ class OperatorScreen(OrderedApp):
 
     def _carry_out(self, meaning: Meaning, view: View) -> None:
         done = carry_out(meaning, view, self._station)
-        if isinstance(done, Command):
+        if isinstance(done, OperatorCommand):
             self._sent.add(self._station.mirror, done.id)
             if done.decision_id:  # it is answered: there is nothing left to point at
                 self._panes.map.leave()
@@ -516,14 +493,14 @@ class OperatorScreen(OrderedApp):
         elif meaning.local is Local.QUIT:
             self.exit()
 
-    def _ask(self, later: Later, robot: CommandedRobot) -> None:
+    def _ask(self, later: RobotRequest, robot: RobotCommands) -> None:
         try:
             self.call_later(self._read, later(robot, self._tell_later))
         except Exception as error:
             self.call_later(self.tell_error, error)
 
     def _tell_later(self, text: str) -> None:
-        self.call_later(self.tell, lines(text))
+        self.call_later(self.tell, escape_lines(text))
 
     def _read(self, reading: Reading) -> None:
         if reading.is_map and self._image_widget is not None:
@@ -535,7 +512,7 @@ class OperatorScreen(OrderedApp):
         """Have one of the entries chosen, and do something with its number."""
         self.open(ChoiceList(title, entries), do)
 
-    def _do_confirm(self, key: Key, view: View) -> None:
+    def _do_confirm(self, key: KeyBinding, view: View) -> None:
         decision, answer = view.decision, ''
         try:
             if self._panes.map.is_pointing:
@@ -568,12 +545,12 @@ class OperatorScreen(OrderedApp):
         entries = [Entry('send nothing, and wait for it', ('wait',)), entry]
         self._choose('what this is about was not received', entries, lambda number: insist() if number == 1 else None)
 
-    def _do_point(self, key: Key, view: View) -> None:
+    def _do_point(self, key: KeyBinding, view: View) -> None:
         if not self._panes.map.point(view):
             raise RefusedError('there is no map to point at yet; ":" types a place, or x y yaw')
         self.draw()
 
-    def _do_waiting(self, key: Key, view: View) -> None:
+    def _do_waiting(self, key: KeyBinding, view: View) -> None:
         waiting = view.decisions
 
         def chosen(number: int) -> None:
@@ -584,7 +561,7 @@ class OperatorScreen(OrderedApp):
         texts = zip(waiting_texts(view), waiting, strict=True)
         self._choose(key.help, [Entry(text, (one.path, _label(one.path))) for text, one in texts], chosen)
 
-    def _do_robots(self, key: Key, view: View) -> None:
+    def _do_robots(self, key: KeyBinding, view: View) -> None:
         if self._robots is None:
             raise RefusedError('there is one robot here')
         self.open(Overview(self._robots.fleet, self._robot), self.switch)
@@ -606,7 +583,7 @@ class OperatorScreen(OrderedApp):
         self.tell([f'this is {one_line(name)}'])
         self.draw()
 
-    def _do_force(self, key: Key, view: View) -> None:
+    def _do_force(self, key: KeyBinding, view: View) -> None:
         choices = [(path, outcome) for path in view.active_paths for outcome in view.outcomes(path)]
         if not choices:
             raise RefusedError('the outcomes of the active state are not known yet')
@@ -618,7 +595,7 @@ class OperatorScreen(OrderedApp):
             entries.append(Entry(f'{path}: {texts.get(outcome, outcome)}', names))
         self._choose('leave a state by', entries, lambda number: self.do(shlex.join(('force', *choices[number]))))
 
-    def _do_start(self, key: Key, view: View) -> None:
+    def _do_start(self, key: KeyBinding, view: View) -> None:
         behaviors = view.behaviors
         if not behaviors:
             raise RefusedError('the robot has not said which behaviors it has')
@@ -644,34 +621,34 @@ class OperatorScreen(OrderedApp):
 
         self.open(StartForm(command, behavior, self._view(), self._clock), filled)
 
-    def _do_note(self, key: Key, view: View) -> None:
+    def _do_note(self, key: KeyBinding, view: View) -> None:
         self._line.open('note ')
 
-    def _do_command_line(self, key: Key, view: View) -> None:
+    def _do_command_line(self, key: KeyBinding, view: View) -> None:
         self._line.open('')
 
-    def _do_focus(self, key: Key, view: View) -> None:
+    def _do_focus(self, key: KeyBinding, view: View) -> None:
         self._panes.layout.focus_next()
 
-    def _do_zoom(self, key: Key, view: View) -> None:
+    def _do_zoom(self, key: KeyBinding, view: View) -> None:
         self._panes.layout.enlarge()
 
-    def _do_hide(self, key: Key, view: View) -> None:
+    def _do_hide(self, key: KeyBinding, view: View) -> None:
         self._panes.layout.hide()
 
-    def _do_scroll_back(self, key: Key, view: View) -> None:
+    def _do_scroll_back(self, key: KeyBinding, view: View) -> None:
         self._panes.scroll(self._station.mirror, -1)
 
-    def _do_scroll_on(self, key: Key, view: View) -> None:
+    def _do_scroll_on(self, key: KeyBinding, view: View) -> None:
         self._panes.scroll(self._station.mirror, 1)
 
-    def _do_help(self, key: Key, view: View) -> None:
+    def _do_help(self, key: KeyBinding, view: View) -> None:
         page = [f'In a browser: {one_line(self._station.page)}', ''] if self._station.page else []
         keys = [*page, *help_lines(), '', *prompt_help(self._station.leaving)]
         shown = replay_help_lines() if self._replay else keys
         self._read(Reading('keys', shown))
 
-    def _do_leave(self, key: Key, view: View) -> None:
+    def _do_leave(self, key: KeyBinding, view: View) -> None:
         if view.running and not self._is_quitting and self._replay is None:
             self._is_quitting = True
             raise RefusedError(f'q again leaves: {self._station.leaving}; Esc stays')

@@ -5,23 +5,25 @@ from __future__ import annotations
 
 import asyncio
 
-from flexbt_common.cli import USER_DIRECTORY, home_path
-from flexbt_console.commands import CommandBuilder
-from flexbt_console.present import Line, Tone
-from flexbt_console.ui.interaction import Attention, OnSignal, Station, standard_error_as_lines
-from flexbt_core.clock import Clock
+from flexbt_common.files import USER_DIRECTORY, home_path
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.present.style import Line, Tone
+from flexbt_console.ui.station import Attention, Station
+from flexbt_console.ui.terminal import OnSignal, standard_error_as_lines
+from flexbt_core.clock.clock import Clock
 
-from .app import OperatorScreen, Robots
-from .panes import NOTHING_SENT, Layout, NoLink, Player, ReplayBar
-from .terminal_images import image_widget
+from .app import OperatorScreen, ScreenRobots
+from .panes import Layout
+from .replay_bar import NOTHING_SENT, NoLink, Player, ReplayBar
+from .textual_app import image_widget
 
 LAYOUT_FILE = f'{USER_DIRECTORY}/screen_layout'
 """Where the layout is kept from one time to the next."""
 
 
-def run_screen(station: Station, clock: Clock, on_signal: OnSignal, robots: Robots | None = None) -> None:
+def run_screen(station: Station, clock: Clock, on_signal: OnSignal, robots: ScreenRobots | None = None) -> None:
     """Run the screen in this terminal until the operator leaves it, or a signal ends it, of which ``on_signal`` tells
-    (see :class:`flexbt_console.ui.terminal_watch.TerminalWatch`)."""
+    (see :class:`TerminalWatch`)."""
     _run(OperatorScreen(station, clock, robots, layout=_layout(), image_widget=image_widget()), on_signal)
 
 

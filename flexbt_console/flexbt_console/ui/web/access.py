@@ -18,7 +18,7 @@ from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 
 from flexbt_console.errors import UsageError
-from flexbt_core.values import shown
+from flexbt_core.values.text import short_repr
 
 CLOSED_HEADERS: Final = {
     'X-Content-Type-Options': 'nosniff',
@@ -129,7 +129,7 @@ def guard(access: Access) -> Middleware:
     @web.middleware
     async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
         if not access.knows_host(request.host):
-            raise web.HTTPMisdirectedRequest(text=f'this server is not called {shown(request.host)}')
+            raise web.HTTPMisdirectedRequest(text=f'this server is not called {short_repr(request.host)}')
         if not access.knows_origin(request.headers.get('Origin'), request.host):
             raise web.HTTPForbidden(text='a page of another site may not use this server')
         return await handler(request)

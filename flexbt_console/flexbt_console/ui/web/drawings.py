@@ -11,18 +11,11 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.pictures import (
-    LAYOUT_SECONDS,
-    DrawnNode,
-    DrawnState,
-    NodeShape,
-    finished,
-    graphviz_command,
-    machine_as_dot,
-    machine_graph,
-    trees_as_dot,
-)
-from flexbt_console.mirror import NodeKind, Structure, TreeNode, TreeRun
+from flexbt_common.pictures.machine_picture import DrawnState, machine_as_dot, machine_graph
+from flexbt_common.pictures.markup import LAYOUT_SECONDS, finished, graphviz_command
+from flexbt_common.pictures.tree_picture import DrawnNode, NodeShape, trees_as_dot
+from flexbt_console.mirror.records import Structure
+from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredTree
 
 REMEMBERED: Final = 64
 NO_DRAWING: Final = ''
@@ -98,7 +91,7 @@ def _machine_drawing(structure: Structure) -> Drawing:
     return _drawing(machine_as_dot(machine_graph(states), structure.behavior), has_legend=True)
 
 
-def tree_drawing(run: TreeRun) -> Drawing:
+def tree_drawing(run: MirroredTree) -> Drawing:
     """The tree of a run: the element of its node ``uid`` has the identifier ``t0nX``, where X is ``uid`` - 1."""
     if len(run.nodes) > MOST_NODES or not run.nodes:
         return Drawing(NO_DRAWING, '')
@@ -106,7 +99,7 @@ def tree_drawing(run: TreeRun) -> Drawing:
 
 
 @functools.lru_cache(maxsize=REMEMBERED)
-def _tree_drawing(tree: str, nodes: tuple[TreeNode, ...]) -> Drawing:
+def _tree_drawing(tree: str, nodes: tuple[MirroredNode, ...]) -> Drawing:
     drawn = [
         DrawnNode(
             node.registration,
@@ -120,12 +113,12 @@ def _tree_drawing(tree: str, nodes: tuple[TreeNode, ...]) -> Drawing:
 
 
 _SHAPES: Final = {
-    NodeKind.UNKNOWN: NodeShape.UNKNOWN,
-    NodeKind.ACTION: NodeShape.ACTION,
-    NodeKind.CONDITION: NodeShape.CONDITION,
-    NodeKind.CONTROL: NodeShape.CONTROL,
-    NodeKind.DECORATOR: NodeShape.DECORATOR,
-    NodeKind.SUBTREE: NodeShape.SUBTREE,
+    MirroredNodeKind.UNKNOWN: NodeShape.UNKNOWN,
+    MirroredNodeKind.ACTION: NodeShape.ACTION,
+    MirroredNodeKind.CONDITION: NodeShape.CONDITION,
+    MirroredNodeKind.CONTROL: NodeShape.CONTROL,
+    MirroredNodeKind.DECORATOR: NodeShape.DECORATOR,
+    MirroredNodeKind.SUBTREE: NodeShape.SUBTREE,
 }
 
 

@@ -15,17 +15,18 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common.errors import ResourceError
 from flexbt_console.errors import ConsoleError, RefusedError
-from flexbt_console.mirror import Command, RobotOverview
-from flexbt_console.present import encode_json, tone_of
-from flexbt_console.ui.interaction import Restarts, SentCommands
-from flexbt_core.clock import SteadyClock
-from flexbt_core.values import lines, one_line
+from flexbt_console.mirror.fleet import RobotOverview
+from flexbt_console.mirror.records import OperatorCommand
+from flexbt_console.present.json_form import encode_json
+from flexbt_console.present.style import tone_of
+from flexbt_console.ui.station import Restarts, SentCommands
+from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.values.text import escape_lines, one_line
 
 from .access import Access, WrongTokens
 from .drawings import NO_DRAWING, Drawings
 from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
-from .requests import Allowance, Later, Told, answered, read
-from .station import PageStation
+from .requests import Allowance, PageRequest, PageStation, Told, answered, read
 
 PULSE: Final = 1.0
 """Seconds after which a page hears something in any case: without that it takes the server for lost."""
@@ -117,7 +118,7 @@ class PageLink:
             _LOGGER.exception('fault in the server of the page')
             text = ''.join(traceback.format_exception(error))
             with contextlib.suppress(Exception):
-                await self._tell(['fault in the server of the page:', *lines(text)], 'error')
+                await self._tell(['fault in the server of the page:', *escape_lines(text)], 'error')
             await self._socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b'fault in the server, see its log')
 
     async def _tell_changes(self) -> None:
@@ -190,7 +191,7 @@ class PageLink:
             answer = answered(read(text), self._station, self._left)  # here, so that a stop waits for nothing
             if callable(answer):
                 answer = await self._later(answer)
-            if isinstance(answer, Command):
+            if isinstance(answer, OperatorCommand):
                 self._sent.add(self._station.mirror, answer.id)
                 self._changed.set()
             elif isinstance(answer, dict):
@@ -200,15 +201,15 @@ class PageLink:
             elif answer is not None:
                 await self._tell(answer.text, 'plain')
         except ConsoleError as error:
-            await self._tell(lines(str(error)), 'warning')
+            await self._tell(escape_lines(str(error)), 'warning')
         except (ConnectionError, TimeoutError):
             pass  # the page is gone
         except Exception as error:
             text = ''.join(traceback.format_exception(error))
             with contextlib.suppress(ConnectionError, TimeoutError):
-                await self._tell(['fault in the server of the page, which goes on:', *lines(text)], 'error')
+                await self._tell(['fault in the server of the page, which goes on:', *escape_lines(text)], 'error')
 
-    async def _later(self, wait: Later) -> Told:
+    async def _later(self, wait: PageRequest) -> Told:
         """On another thread. Raises ConsoleError."""
         if self._waiting >= MOST_AT_ONCE:
             raise RefusedError(f'{MOST_AT_ONCE} requests of this page wait for their answers; ask again later')

@@ -10,20 +10,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any, Final, NamedTuple, TypeVar
 
-from flexbt_console.commands import COMMANDS, Typed
-from flexbt_console.mirror import (
-    OCCUPIED,
-    Decision,
-    Fleet,
-    GridMap,
-    LinkState,
-    LogLine,
-    RobotOverview,
-    TreeNode,
-    TreeRun,
-    View,
-)
-from flexbt_console.present import (
+from flexbt_console.commands.registry import COMMANDS
+from flexbt_console.commands.spec import Typed
+from flexbt_console.mirror.fleet import Fleet, RobotOverview
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.records import OCCUPIED, Decision, GridMap, LogLine
+from flexbt_console.mirror.trees import MirroredNode, MirroredTree
+from flexbt_console.mirror.view import View
+from flexbt_console.present.json_form import encode_json
+from flexbt_console.present.rendering import (
     BOOLEANS,
     age_text,
     alarm_line,
@@ -31,7 +26,6 @@ from flexbt_console.present import (
     authority_asked_line,
     authority_text,
     autonomy_text,
-    encode_json,
     left_out_text,
     link_word,
     log_lines,
@@ -44,16 +38,16 @@ from flexbt_console.present import (
     reason_lines,
     robot_line,
     subject_lines,
-    tone_of,
     unreachable_text,
     what_runs,
     where_lines,
 )
-from flexbt_console.ui.interaction import KEYS
-from flexbt_core.values import one_line
+from flexbt_console.present.style import tone_of
+from flexbt_console.ui.keys import KEYS
+from flexbt_core.values.text import one_line
 
 from .drawings import Drawing, machine_drawing, tree_drawing
-from .station import PageStation
+from .requests import PageStation
 
 T = TypeVar('T')
 
@@ -206,7 +200,7 @@ def _machine(view: View) -> dict[str, Any] | None:
     }
 
 
-def _tree(run: TreeRun) -> dict[str, Any]:
+def _tree(run: MirroredTree) -> dict[str, Any]:
     return {
         'id': run.run_id,
         'tree': one_line(run.tree),
@@ -215,7 +209,7 @@ def _tree(run: TreeRun) -> dict[str, Any]:
     }
 
 
-def _tree_state(run: TreeRun) -> dict[str, Any]:
+def _tree_state(run: MirroredTree) -> dict[str, Any]:
     nodes = run.nodes[:MOST_LISTED]
     return {
         'paused': run.paused,
@@ -226,7 +220,7 @@ def _tree_state(run: TreeRun) -> dict[str, Any]:
     }
 
 
-def _node_names(nodes: Sequence[TreeNode]) -> list[str]:
+def _node_names(nodes: Sequence[MirroredNode]) -> list[str]:
     return [one_line(node.name or node.registration, NODE_CHARACTERS) for node in nodes[:MOST_LISTED]]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a page asks for: read with bounds, and carried out as the prompt and the screen do it."""
+"""Requests of a page: read with bounds, and carried out on the robots, as prompt and screen do it."""
 
 from __future__ import annotations
 
@@ -9,15 +9,63 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from flexbt_console.commands import AskedRobot, candidates
+from flexbt_console.commands.completion import candidates
+from flexbt_console.commands.spec import RobotCommands, RobotQueries
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import Command, Synthesis, SynthesisRequest, UserdataScope, View
-from flexbt_console.ui.interaction import Bound, Local, Meaning, Reading, carry_out, choose, interpret
-from flexbt_core.values import load_json
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import OperatorCommand, Synthesis, SynthesisRequest, UserdataScope
+from flexbt_console.mirror.view import View
+from flexbt_console.ui.answers import Bound, Local, Meaning, choose, interpret
+from flexbt_console.ui.station import Reading, Station, carry_out
+from flexbt_core.values.json_data import load_json
 
-from .station import PageStation
+
+class Obstacles(Protocol):
+    """Obstacles that an operator drops into a simulated world. Each method raises ConsoleError."""
+
+    @property
+    def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
+        """Those that were dropped here: name, centre (m) and radius (m) of each."""
+
+    def is_possible(self) -> bool:
+        """Whether there is a simulator."""
+
+    def drop(self, x: float, y: float, timeout: float) -> str:
+        """Put one there; gives its name. Not on the executor thread."""
+
+    def remove(self, name: str, timeout: float) -> None:
+        """Take it away again."""
+
+
+@dataclass(frozen=True)
+class PageStation(Station):
+    """A robot as the operator of a page has it."""
+
+    leaving: str = 'close the page: the robot goes on'
+    obstacles: Obstacles | None = None
+
+
+class PageRobots(Protocol):
+    """The robots by their namespaces; see :class:`FleetLink`."""
+
+    fleet: Fleet
+    own: str
+    """The one that is shown where none is named, if it is there."""
+
+    def robot(self, name: str) -> tuple[Mirror, RobotCommands]:
+        """The mirror and the link of a robot. Raises KeyError when it is not known."""
+
+    def open(self, name: str) -> None:
+        """Have map, trees and scan of a robot come until :meth:`close` was called as often. Both may take a moment."""
+
+    def close(self, name: str) -> None:
+        """See :meth:`open`."""
+
+
+# What a page asks for: read with bounds, and carried out as the prompt and the screen do it.
 
 MESSAGE_BYTES: Final = 65_536
 """Of a message of a page, at most."""
@@ -62,14 +110,16 @@ def read(text: str) -> dict[str, Any]:
     return message
 
 
-Told = Command | Reading
+Told = OperatorCommand | Reading
 """What becomes of a request: the command that was sent, or lines to read; without a title they are for the log."""
 
-Later = Callable[[], Told]
+PageRequest = Callable[[], Told]
 """What has to wait for the robot or the simulator, and ends with the page. Raises ConsoleError."""
 
 
-def answered(message: dict[str, Any], station: PageStation, left: Future[None]) -> Told | dict[str, Any] | Later | None:
+def answered(
+    message: dict[str, Any], station: PageStation, left: Future[None]
+) -> Told | dict[str, Any] | PageRequest | None:
     """Do what a page asks for; a dictionary is a message for the page. Only :data:`Later` waits for anybody.
 
     ``left`` is done once the page is closed: what is synthesized for it is canceled.
@@ -104,7 +154,7 @@ def answered(message: dict[str, Any], station: PageStation, left: Future[None]) 
     )
 
 
-def _done(meaning: Meaning, view: View, station: PageStation, left: Future[None]) -> Told | Later | None:
+def _done(meaning: Meaning, view: View, station: PageStation, left: Future[None]) -> Told | PageRequest | None:
     if meaning.local is Local.QUIT:
         return Reading('', [station.leaving])
     done = carry_out(meaning, view, station)
@@ -117,7 +167,7 @@ def _done(meaning: Meaning, view: View, station: PageStation, left: Future[None]
 class _AskedByPage:
     """The robot as a page asks it that may be closed before the answer has come."""
 
-    robot: AskedRobot
+    robot: RobotQueries
     left: Future[None]
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:

@@ -9,19 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal, NamedTuple
 
-from flexbt_core.behavior_tree.model import INT64, Entry
-from flexbt_core.behavior_tree.script import (
-    SAME_NUMBER,
-    SMALL_TEXT,
+from flexbt_core.behavior_tree.model.blackboard import Entry
+from flexbt_core.behavior_tree.model.ports import INT64
+from flexbt_core.behavior_tree.script.parser import (
     Assignment,
     Binary,
     Comparison,
     Conditional,
+    Constant,
     Expression,
     Name,
     Unary,
 )
-from flexbt_core.behavior_tree.script import Literal as Constant
+from flexbt_core.behavior_tree.script.values import SAME_NUMBER, SMALL_TEXT
 
 Kind = Literal['integer', 'bool', 'real', 'text']
 

@@ -13,18 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree.model import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    NodeExecutionError,
-    NodeStatus,
-    RunnableScript,
-    Script,
-    ScriptError,
-)
+from flexbt_core.behavior_tree.model.definition import ParsedScript, RunnableScript
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 from .context import Tick
 from .node import TreeNode
@@ -68,7 +59,7 @@ class Conditions:
 
     __slots__ = ('_halted', '_node', '_pending', '_post', '_pre')
 
-    def __init__(self, node: TreeNode, scripts: Mapping[str, Script]) -> None:
+    def __init__(self, node: TreeNode, scripts: Mapping[str, ParsedScript]) -> None:
         def bound(*attributes: str) -> tuple[NodeScript, ...]:
             return tuple(
                 NodeScript(

@@ -9,8 +9,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
-from flexbt_core.behavior_tree.model import NodeExecutionError, NodeStatus, Scripts
-from flexbt_core.clock import Clock, WakeEvent
+from flexbt_core.behavior_tree.model.definition import ScriptFactory
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.clock import Clock
+from flexbt_core.clock.waiting import WakeEvent
 
 Tick = Callable[[], NodeStatus]
 """What ticks a node: gives the status that the tick gives, after it was stored."""
@@ -63,7 +66,7 @@ class TreeContext:
     ``expansions`` has the trees that are to be made below nodes before the next round.
     """
 
-    def __init__(self, clock: Clock, services: Any, scripts: Scripts) -> None:
+    def __init__(self, clock: Clock, services: Any, scripts: ScriptFactory) -> None:
         self.clock = clock
         self.services = services
         self.scripts = scripts

@@ -1,47 +1,32 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The base of all nodes: identity, status, wake-ups, ports, errors.
-
-A parent ticks a child through a callable that it fetched once, when the tree was built (``ticking.tick_function``).
-For most nodes that is :meth:`TreeNode.execute` itself, which *stores the status*; only what a node has of conditions
-and callbacks is wrapped around it. The rules that every ``execute`` keeps:
-
-* it stores the status that it returns, but never SKIPPED (so a node that was RUNNING stays so);
-* of the statuses of children it keeps what ``control`` and ``decorator`` say.
-"""
+"""The base of all nodes: identity, status, ports, wake-ups and errors; how a parent ticks and halts a node."""
 
 from __future__ import annotations
 
+import functools
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
-from flexbt_core.behavior_tree.model import (
-    EMPTY,
-    FAILURE,
-    IDLE,
-    MISSING,
-    NO_DEFAULT,
-    RUNNING,
-    SUCCESS,
-    Blackboard,
-    BlackboardError,
-    ConversionError,
-    Entry,
-    Example,
-    NodeExecutionError,
-    NodeKind,
-    NodeStatus,
-    Outcomes,
-    Port,
-    PortError,
-    PortValue,
-    cast,
-)
-from flexbt_core.clock import Clock
-from flexbt_core.values import shown
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Blackboard, Entry
+from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionError, NodeExecutionError, PortError
+from flexbt_core.behavior_tree.model.outcomes import Example, Outcomes
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue, cast
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.clock.clock import Clock
+from flexbt_core.values.text import short_repr
 
 from .context import Tick, TreeContext
+
+# The base of all nodes: identity, status, wake-ups, ports, errors.
+#
+# A parent ticks a child through a callable that it fetched once, when the tree was built (``ticking.tick_function``).
+# For most nodes that is :meth:`TreeNode.execute` itself, which *stores the status*; only what a node has of conditions
+# and callbacks is wrapped around it. The rules that every ``execute`` keeps:
+#
+# * it stores the status that it returns, but never SKIPPED (so a node that was RUNNING stays so);
+# * of the statuses of children it keeps what ``control`` and ``decorator`` say.
 
 StatusObserver = Callable[['TreeNode', NodeStatus, NodeStatus], None]
 """Hears of a change of a status: the node, the status before, and the one after. On the ticking thread, at once."""
@@ -382,7 +367,7 @@ class TreeNode(ABC):
         if status is IDLE:
             raise self.fault('a tick must not return IDLE')
         if not isinstance(status, NodeStatus):
-            raise self.fault(f'a tick has to return a NodeStatus, not {shown(status)}')
+            raise self.fault(f'a tick has to return a NodeStatus, not {short_repr(status)}')
         if status is RUNNING and self.kind is NodeKind.CONDITION:
             raise self.fault('a condition must not return RUNNING; use StatefulAction for a test that takes time')
         return status
@@ -392,3 +377,54 @@ def node_path(scope: str, id: str, name: str, uid: int) -> str:
     """The path of a node in the sub-tree instance ``scope``; see :attr:`TreeNode.path`."""
     own = f'{name}::{uid}' if name == id else name
     return f'{scope}/{own}' if scope else own
+
+
+# How nodes are ticked and halted from outside: what executeTick() and haltNode() are in BehaviorTree.CPP.
+
+
+def tick_function(node: TreeNode) -> Tick:
+    """The callable by which a parent, or the tree, ticks ``node``.
+
+    From the inside to the outside, as in BehaviorTree.CPP: the tick itself, the pre-tick callback, the post-conditions,
+    the pre-conditions, the post-tick callback. A node that has none of them is ticked by its ``execute``.
+    """
+    callbacks = node.context.callbacks
+    conditions = node.conditions
+    tick: Tick = node.execute
+    if callbacks is not None:
+        tick = callbacks.before(node, tick)
+    if conditions is not None:
+        tick = conditions.around(tick)
+    if callbacks is not None:
+        tick = callbacks.after(node, tick)
+    return tick
+
+
+def halt_child(child: TreeNode) -> None:
+    """Halts the child when it is RUNNING, and sets it to IDLE in any case."""
+    status = child.status
+    if status is not IDLE:
+        if status is RUNNING:
+            child.halt_node()
+        child.status = IDLE
+
+
+# Classes that are made of the classes of nodes: each once, for as long as the class exists of which it is made.
+
+_KEPT: Final = '_derived_classes'
+
+
+def kept_by_class(make: Callable[..., type[Any]]) -> Callable[..., type[Any]]:
+    """As functools.cache, for a function that derives from the class that is its first argument: what it makes goes
+    with that class, where a proof or a reload has made one for a time only."""
+
+    @functools.wraps(make)
+    def made(plain: type[Any], *rest: Any) -> type[Any]:
+        known = plain.__dict__.get(_KEPT)
+        if known is None:
+            known = {}
+            setattr(plain, _KEPT, known)
+        found: type[Any] | None = known.get((make, rest))
+        return found or known.setdefault((make, rest), make(plain, *rest))
+
+    return made

@@ -1,32 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node classes that XML may name."""
+"""The registry of node classes that XML may name, and the skills of their leaves."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 
-from flexbt_core.behavior_tree.model import (
-    NO_DEFAULT,
-    ConversionError,
-    JsonTypes,
-    NodeKind,
-    NodeManifest,
-    Port,
-    RegistrationError,
-    is_fixed,
-    model_name_problem,
-    pointer_key,
-    port_name_problem,
-)
-from flexbt_core.behavior_tree.script import ScriptLibrary
-from flexbt_core.skills import Skill
-from flexbt_core.values import shown, similar_names
+from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
+from flexbt_core.behavior_tree.model.definition import NodeManifest, model_name_problem, port_name_problem
+from flexbt_core.behavior_tree.model.errors import ConversionError, RegistrationError
+from flexbt_core.behavior_tree.model.outcomes import OneOf
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, is_fixed, pointer_key
+from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeKind
+from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.skill import Outcome, OutcomeClass, Skill
+from flexbt_core.values.text import short_repr, similar_names
 
-from .control import ControlNode
-from .decorator import DecoratorNode
-from .leaf import LeafNode
+from .leaf import Condition, LeafNode, SyncAction
 from .node import TreeNode
+from .parents import ControlNode, DecoratorNode
 
 Elements = Iterable[tuple[str, Mapping[str, str]]]
 """The elements of a file: the ID of each, or what it is if it is no node, and its attributes."""
@@ -91,7 +85,7 @@ class NodeRegistry:
         if not isinstance(node_class.ports, Mapping):
             raise RegistrationError(
                 f'node ID [{id}]: ports of {node_class.__qualname__} has to be an attribute of the class that has the '
-                f"ports by their names, ports = {{'name': input_port(STRING)}}, not {shown(node_class.ports)}"
+                f"ports by their names, ports = {{'name': input_port(STRING)}}, not {short_repr(node_class.ports)}"
             )
         for name, port in node_class.ports.items():
             problem = _port_problem(name, port)
@@ -193,7 +187,7 @@ def _skill_problem(node_class: type[TreeNode]) -> str:
         return ''  # the attribute of somebody's class may be something else
     for name in node_class.skill.outcomes:
         if name not in ('SUCCESS', 'FAILURE'):
-            return f'{shown(name)} is no outcome of a leaf; it ends by SUCCESS or FAILURE'
+            return f'{short_repr(name)} is no outcome of a leaf; it ends by SUCCESS or FAILURE'
     return next((f'{" ".join(at)}: {problem}' for at, problem in node_class.skill.problems()), '')
 
 
@@ -215,3 +209,71 @@ def _port_problem(name: str, port: object) -> str:
         except ConversionError as error:
             return f'the default does not fit the type: {error}'
     return ''
+
+
+# The skills of leaves: what their classes declare, completed by what ports and outcomes tell.
+
+
+def node_skill(manifest: NodeManifest) -> Skill | None:
+    """The skill of a node type; None when it is no leaf.
+
+    A leaf reads and writes its ports, and ends by SUCCESS or FAILURE; a condition answers by them. One that derives
+    from another has its skill, unless it declares its own.
+    """
+    node_class = manifest.node_class
+    if not issubclass(node_class, LeafNode):
+        return None
+    rule = manifest.outcomes
+    possible = rule.results if isinstance(rule, OneOf) else (SUCCESS, FAILURE, RUNNING)
+    if manifest.kind is NodeKind.CONDITION:
+        classes = {SUCCESS: OutcomeClass.ANSWERED, FAILURE: OutcomeClass.ANSWERED}
+    else:
+        classes = {SUCCESS: OutcomeClass.COMPLETED, FAILURE: OutcomeClass.FAILED}
+    declared: object = node_class.skill
+    skill = (declared if isinstance(declared, Skill) else Skill()).completed_by(
+        manifest.id,
+        {status.name: Outcome(kind) for status, kind in classes.items() if status in possible},
+        reads=[name for name, port in manifest.ports.items() if port.readable],
+        writes=[name for name, port in manifest.ports.items() if port.writable],
+    )
+    is_at_once = issubclass(node_class, SyncAction | Condition) or RUNNING not in possible
+    return skill.lasting(0.0, 0.0) if is_at_once else skill
+
+
+def node_skills(registry: NodeRegistry, broken: Callable[[str], None]) -> SkillLibrary:
+    """The skills of all leaves of a registry.
+
+    What a class declares and does not fit is told to ``broken``, with file and line of the class; of its skill only the
+    resources and what the outcomes mean are kept then, so that one wrong package does not keep others from their work.
+    """
+    manifests = {manifest.id: manifest for manifest in registry}
+    skills = {id: skill for id, manifest in manifests.items() if (skill := node_skill(manifest)) is not None}
+    while True:
+        library, problems = SkillLibrary.joined(skills.values())
+        if not problems:
+            return library
+        for at, text in problems:
+            section, name, *inside = at
+            ids = [name] if section == 'skills' else [id for id, one in skills.items() if _declares(one, name)]
+            for id in ids:
+                where = ' '.join(inside) if section == 'skills' else f'predicate {name}'
+                broken(f'{_place(manifests[id])}: skill of {id}: {where + ": " if where else ""}{text}')
+                skills[id] = _without_literals(skills[id])
+
+
+def _declares(skill: Skill, predicate: str) -> bool:
+    return any(one.name == predicate for one in skill.predicates)
+
+
+def _without_literals(skill: Skill) -> Skill:
+    outcomes = {name: replace(one, effects=()) for name, one in skill.outcomes.items()}
+    return replace(skill, parameters={}, preconditions=(), outcomes=outcomes, arguments={}, predicates=())
+
+
+def _place(manifest: NodeManifest) -> str:
+    """File and line of the class of a node type."""
+    node_class = manifest.node_class
+    try:
+        return f'{inspect.getsourcefile(node_class)}:{inspect.getsourcelines(node_class)[1]}'
+    except (OSError, TypeError):  # made by a program
+        return f'{node_class.__module__}.{node_class.__qualname__}'

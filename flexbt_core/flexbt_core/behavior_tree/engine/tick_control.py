@@ -17,11 +17,11 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Final
 
-from flexbt_core.behavior_tree.model import NodeStatus
+from flexbt_core.behavior_tree.model.status import NodeStatus
 
 from .tree import Tree
 
-Answer = Callable[[str], None]
+TickCommandReply = Callable[[str], None]
 """Told, once, by '' that a command has had its effect, or why it has none; on the thread of the host or the caller."""
 
 
@@ -48,7 +48,7 @@ class TickControl:
     def __init__(self, on_command: Callable[[], None], on_change: Callable[[bool], None]) -> None:
         self._on_command = on_command
         self._on_change = on_change
-        self._commands: deque[tuple[TickCommand, Answer]] = deque()
+        self._commands: deque[tuple[TickCommand, TickCommandReply]] = deque()
         self._lock = threading.Lock()
         self._asked_to_pause = False
         self._hold = ''
@@ -66,7 +66,7 @@ class TickControl:
         """Whether there is something that :meth:`tick` would obey."""
         return bool(self._commands) or self._is_to_pause is not self._paused
 
-    def command(self, command: TickCommand, answer: Answer) -> None:
+    def command(self, command: TickCommand, answer: TickCommandReply) -> None:
         """Asks for something. PAUSE is answered when no tick is under way any more, STEP when its tick is over."""
         with self._lock:
             refusal = self._closed
@@ -117,7 +117,7 @@ class TickControl:
     def _is_to_pause(self) -> bool:
         return self._asked_to_pause or bool(self._hold)
 
-    def _obey(self, tree: Tree) -> Answer | None:
+    def _obey(self, tree: Tree) -> TickCommandReply | None:
         """Gives the answer to the STEP that is to be done now."""
         while True:
             with self._lock:

@@ -1,43 +1,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A running tree: the three calls of BehaviorTree.CPP that tick it, halting, and what can be seen of it."""
+"""A running tree: ticking it as BehaviorTree.CPP does, halting it, and reading its state."""
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
+import sys
+import types
 from collections.abc import Callable, Container, Sequence
-from typing import Any
+from typing import Any, Final, TypeVar
 
-from flexbt_core.behavior_tree.model import (
-    EMPTY,
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    Blackboard,
+from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import (
     FailureTrace,
-    NodeDefinition,
     NodeExecutionError,
-    NodeKind,
-    NodeStatus,
     PortError,
-    TreeKey,
-    TreeLibrary,
-    acceleration,
     trace_error,
     trace_failure,
 )
-from flexbt_core.clock import Clock, SteadyClock
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, NodeKind, NodeStatus
+from flexbt_core.clock.clock import Clock, SteadyClock
 
-from .call_stack import with_room
 from .context import Tick, TreeContext
-from .control import ControlNode
-from .decorator import DecoratorNode
-from .expanding import ExpandingAction
-from .leaf import LeafNode
-from .node import StatusObserver, TreeNode
-from .tick_callbacks import TickCallbacks
-from .ticking import tick_function
+from .leaf import ExpandingAction, LeafNode
+from .node import StatusObserver, TreeNode, tick_function
+from .observers import TickCallbacks
+from .parents import ControlNode, DecoratorNode
 from .tree_builder import Instance, Substitute, SubTreeInstance, instantiate
 
 _logger = logging.getLogger(__name__)
@@ -410,3 +401,44 @@ def _acts_itself(node: TreeNode) -> bool:
     """Whether it is a leaf that has not left the work to a tree below it."""
     below = any(child.status is RUNNING for child in node.attached)
     return node.kind in (NodeKind.ACTION, NodeKind.CONDITION) and not below
+
+
+# Room for the nested calls by which a deep tree is ticked.
+
+T = TypeVar('T')
+
+# Nested Python frames per level of a tree (a node whose tick is Python code in a base class of ours has three; its
+# pre- and post-conditions have up to three more), and what host and leaves need on top.
+_FRAMES_PER_LEVEL: Final = 6
+_FRAMES_OF_HOST: Final = 1000
+
+# CPython keeps the frames of Python calls in chunks of 16 KiB, which it gets from the system, and gives back, one by
+# one as calls nest and return. A call whose frame is larger gets a chunk of the next power of two that holds it.
+_CHUNK_BYTES: Final = 1 << 14
+_SLOT_BYTES: Final = 8
+_SLOTS_PER_FRAME: Final = 24
+_FEW_CHUNKS: Final = 20
+
+
+def with_room(call: Callable[[], T], depth: int) -> Callable[[], T]:
+    """``call``, to be called instead of it when it nests as deep as a tree of ``depth`` levels.
+
+    Raises the recursion limit if need be. It holds for the whole process, so it is only ever raised; it guards the
+    C stack against recursion without end, and calls from Python to Python, which ticks are, do not use the C stack.
+    """
+    frames = depth * _FRAMES_PER_LEVEL
+    if sys.getrecursionlimit() < frames + _FRAMES_OF_HOST:
+        sys.setrecursionlimit(frames + _FRAMES_OF_HOST)
+    wanted = frames * _SLOTS_PER_FRAME * _SLOT_BYTES
+    if wanted <= _FEW_CHUNKS * _CHUNK_BYTES:
+        return call
+    # Half of the chunk is the frame of this call, which does not use it; the other half is for the calls within.
+    half = _CHUNK_BYTES
+    while half < wanted:
+        half *= 2
+    code = _call.__code__.replace(co_stacksize=half // _SLOT_BYTES)
+    return functools.partial(types.FunctionType(code, globals()), call)
+
+
+def _call(call: Callable[[], T]) -> T:
+    return call()

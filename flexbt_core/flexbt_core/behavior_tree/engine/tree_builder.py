@@ -6,30 +6,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from flexbt_core.behavior_tree.model import (
-    STRING,
-    Blackboard,
-    BlackboardError,
-    LoadError,
-    NodeDefinition,
-    PortDirection,
-    PortError,
-    PortValue,
-    ScriptError,
-    TreeDefinition,
-    TreeKey,
-    TreeLibrary,
-    TreeLoadError,
-    acceleration,
-    is_fixed,
-    pointer_key,
-)
+from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import STRING, PortDirection, PortValue, is_fixed, pointer_key
 
 from .conditions import Conditions
 from .context import TreeContext
-from .control import ControlNode
-from .decorator import DecoratorNode
 from .node import NodeConfig, TreeNode, node_path
+from .parents import ControlNode, DecoratorNode
 
 Substitute = Callable[[NodeDefinition, str], NodeDefinition]
 """Says what is made in the place of a node, from its definition and its path: that definition, or another one."""

@@ -3,11 +3,14 @@
 
 The engine asks :func:`acceleration` wherever it makes an object for which there may be a faster class. What is
 installed has to do what the plain class does, only sooner; without it, everything works as the plain classes say.
+FLEXBT_ACCELERATION=0 leaves the folder out, as does its absence.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 from typing import Any, TypeVar
 
 T = TypeVar('T')
@@ -32,15 +35,31 @@ class Acceleration:
 
 
 _PLAIN = Acceleration()
-_installed = _PLAIN
+_installed: Acceleration | None = None  # until the first question
 
 
 def acceleration() -> Acceleration:
-    """What is installed."""
+    """Return what is installed: on the first call the folder ``acceleration``, if it is there and wanted."""
+    global _installed
+    if _installed is None:
+        _installed = _find()
     return _installed
 
 
+def _find() -> Acceleration:
+    if os.environ.get('FLEXBT_ACCELERATION', '1') == '0':
+        return _PLAIN
+    package = f'{__package__.rpartition(".")[0]}.acceleration'
+    try:
+        accelerated: Acceleration = import_module(f'{package}.installation').Accelerated()
+    except ModuleNotFoundError as error:
+        if error.name != package:
+            raise
+        return _PLAIN
+    return accelerated
+
+
 def install(acceleration: Acceleration | None) -> None:
-    """For all that is made from now on; None: the plain classes."""
+    """Use this for all that is made from now on; None: the plain classes."""
     global _installed
     _installed = _PLAIN if acceleration is None else acceleration

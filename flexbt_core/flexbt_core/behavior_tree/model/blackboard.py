@@ -13,10 +13,10 @@ from collections.abc import Iterable, Iterator, MutableMapping
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_core.values import shown
+from flexbt_core.values.text import short_repr
 
 from .errors import BlackboardError, ConversionError
-from .port_types import ANY, BOOL, PortType, cast, is_fixed, type_of
+from .ports import ANY, BOOL, PortType, cast, is_fixed, type_of
 
 _NUMBERS: Final = ('integer', 'real', 'bool')
 
@@ -316,7 +316,7 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
     if present is not EMPTY and isinstance(present, str) is not isinstance(value, str):
         # It got there through the port of a sub-tree, or by a script when the entry was only declared.
         raise BlackboardError(
-            f'entry [{key}] of type {declared.name} holds {shown(present)}, and so does not take {shown(value)}; '
-            'it has to be removed first'
+            f'entry [{key}] of type {declared.name} holds {short_repr(present)}, '
+            f'and so does not take {short_repr(value)}; it has to be removed first'
         )
     return float(value) if present.__class__ is float and kind.category != 'text' else value

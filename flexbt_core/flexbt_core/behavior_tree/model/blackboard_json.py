@@ -20,10 +20,10 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any, Final, NamedTuple, TypeVar
 
-from . import port_types
+from . import ports
 from .blackboard import EMPTY, Blackboard, Entry
 from .errors import BlackboardError, ConversionError
-from .port_types import PortType, cast, is_fixed, list_of, type_of
+from .ports import PortType, cast, is_fixed, list_of, type_of
 from .status import NodeStatus
 
 TYPE_FIELD: Final = '__type'
@@ -33,8 +33,8 @@ UNTYPED: Final = 'BT::AnyTypeAllowed'
 _MAX_DEPTH: Final = 100
 _SCALARS: Final = {
     kind.name: kind
-    for kind in vars(port_types).values()
-    if isinstance(kind, PortType) and kind not in (port_types.KEY, port_types.KEYS)
+    for kind in vars(ports).values()
+    if isinstance(kind, PortType) and kind not in (ports.KEY, ports.KEYS)
 }
 _BUILTIN_VALUES: Final = {
     kind.__qualname__: PortType(kind.__qualname__, kind) for kind in (list, tuple, dict, deque, type(None))
@@ -256,7 +256,7 @@ def _encode(value: Any, types: JsonTypes, depth: int) -> Any:
     if known is not None:
         return {TYPE_FIELD: known.name, **_checked(known.to_json(value), known.name)}
     if isinstance(value, NodeStatus):
-        return {TYPE_FIELD: port_types.NODE_STATUS.name, 'value': value.name}
+        return {TYPE_FIELD: ports.NODE_STATUS.name, 'value': value.name}
     if isinstance(value, int | float) and not isinstance(value, Enum):
         if isinstance(value, int):
             return int(value)
@@ -296,7 +296,7 @@ def _decode(item: Any, types: JsonTypes, depth: int) -> Any:
     try:
         if known is not None:
             return known.from_json(fields)
-        if name == port_types.NODE_STATUS.name:
+        if name == ports.NODE_STATUS.name:
             return NodeStatus[fields['value']]
         if name == 'double':
             return _FLOATS[fields['value']]

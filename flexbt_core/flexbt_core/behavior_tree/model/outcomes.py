@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a tick of a node may give, when, and which of its children it may tick: the rule that a node class declares.
-
-A rule looks at one node and at what its children may give, not at what they do: all that a run can bring is within what
-it says, and ``bt_tool check`` warns of the children that are outside of it in every run, and of time limits that are
-over before anything can succeed.
-"""
+"""Declarations of a node class about its ticks: which statuses it can return, when, and an example."""
 
 from __future__ import annotations
 
@@ -14,10 +9,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from .ports import PortValue
 from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+
+# What a tick of a node may give, when, and which of its children it may tick: the rule that a node class declares.
+#
+# A rule looks at one node and at what its children may give, not at what they do: all that a run can bring is within
+# what it says, and ``bt_tool check`` warns of the children that are outside of it in every run, and of time limits that
+# are over before anything can succeed.
 
 Results = frozenset[NodeStatus]
 """What ticks may give."""
@@ -29,7 +30,7 @@ _SKIPPED: Final = frozenset((SKIPPED,))
 _SUCCESS: Final = frozenset((SUCCESS,))
 
 
-class Possible(NamedTuple):
+class PossibleTick(NamedTuple):
     """What is possible for a node: the ``results`` of its ticks, and for each child whether it may be ``ticked``."""
 
     results: Results
@@ -65,7 +66,7 @@ class Outcomes(ABC):
     __slots__ = ()
 
     @abstractmethod
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
         """What is possible with these ports, when the children may give ``children``, one for each."""
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
@@ -90,8 +91,8 @@ class OneOf(Outcomes):
 
     results: tuple[NodeStatus, ...]
 
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
-        return Possible(frozenset(self.results), (True,) * len(children))
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
+        return PossibleTick(frozenset(self.results), (True,) * len(children))
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         return Earliest(_at_once(self.results), (0.0,) * len(children))
@@ -118,10 +119,10 @@ class WithDefault(Outcomes):
 
     port: str
 
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
         default = values.get(self.port)
         is_given = default is not None and default.key is None and bool(default.text)
-        return Possible(_SUCCESS if is_given else _SUCCESS | _FAILURE, ())
+        return PossibleTick(_SUCCESS if is_given else _SUCCESS | _FAILURE, ())
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         return Earliest(_at_once(self.possible(values, ()).results), ())
@@ -139,7 +140,7 @@ class InOrder(Outcomes):
     yields: bool = False
     remembers: bool = False
 
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
         ticked: list[bool] = []
         results = _RUNNING if self.yields else _NOTHING
         goes_on = True
@@ -151,7 +152,7 @@ class InOrder(Outcomes):
         if goes_on:
             results |= reduce(or_, children, _NOTHING) & {self.passing}
             results |= _SKIPPED if all(SKIPPED in child for child in children) else _NOTHING
-        return Possible(results, ticked)
+        return PossibleTick(results, ticked)
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         results: dict[NodeStatus, float] = {}
@@ -175,12 +176,12 @@ class InOrder(Outcomes):
 class Choice(Outcomes):
     """The first child decides between the second and the third, if there is one; without it, FAILURE is the result."""
 
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
         condition, then, *others = children
         ticked = [True, SUCCESS in condition, *(FAILURE in condition for _ in others)]
         results = (condition & _RUNNING) | (then if SUCCESS in condition else _NOTHING)
         otherwise = others[0] if others else _FAILURE
-        return Possible(results | (otherwise if FAILURE in condition else _NOTHING), ticked)
+        return PossibleTick(results | (otherwise if FAILURE in condition else _NOTHING), ticked)
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         condition, *branches = children
@@ -208,10 +209,10 @@ class Exchanged(Outcomes):
     waits: bool = False
     delay: str = ''
 
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
         exchanged = self._exchanged()
         results = frozenset(exchanged[result] for result in children[0])
-        return Possible(results | _RUNNING if self.waits else results, (True,))
+        return PossibleTick(results | _RUNNING if self.waits else results, (True,))
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         # After a child that was skipped the delay is over, also when the node begins anew.
@@ -232,18 +233,18 @@ class Repeated(Outcomes):
     port: str
     repeated: NodeStatus
 
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
         count = values[self.port].literal
         others = children[0] - {self.repeated}
         again = _RUNNING if self.repeated in children[0] else _NOTHING
         if count == -1:
-            return Possible(others | again, (True,))
+            return PossibleTick(others | again, (True,))
         if isinstance(count, int) and count <= 0:
-            return Possible(frozenset((self.repeated,)), (False,))
+            return PossibleTick(frozenset((self.repeated,)), (False,))
         if isinstance(count, int):
-            return Possible(children[0] | again, (True,))
+            return PossibleTick(children[0] | again, (True,))
         # Not known: with 0 the result is as if it had been repeated enough.
-        return Possible(others | again | {self.repeated}, (True,))
+        return PossibleTick(others | again | {self.repeated}, (True,))
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         count = values[self.port].literal
@@ -266,14 +267,14 @@ class Recovered(Outcomes):
 
     port: str
 
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
         count = self._count(values)
         if count is not None and count < 0:
-            return Possible(_FAILURE, (False, False))
+            return PossibleTick(_FAILURE, (False, False))
         first, recovery = children
         is_recovered = FAILURE in first and count != 0
         results = first | (recovery & _RUNNING if is_recovered else _NOTHING)
-        return Possible(results if count is not None else results | _FAILURE, (True, is_recovered))
+        return PossibleTick(results if count is not None else results | _FAILURE, (True, is_recovered))
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         count = self._count(values)
@@ -298,8 +299,8 @@ class TimeLimit(Outcomes):
 
     port: str = ''
 
-    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
-        return Possible(children[0] | (_FAILURE if RUNNING in children[0] else _NOTHING), (True,))
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
+        return PossibleTick(children[0] | (_FAILURE if RUNNING in children[0] else _NOTHING), (True,))
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         limit = self.limit(values, children[0])
@@ -316,3 +317,23 @@ class TimeLimit(Outcomes):
         """
         limit = _milliseconds(values, self.port)
         return limit if limit and limit <= child.get(SKIPPED, math.inf) else None
+
+
+# The example of a node type, which its class declares.
+
+_NO_ENTRIES: Final[Mapping[str, Any]] = {}
+
+
+class Example(NamedTuple):
+    """A tree that shows a node type: the reference page prints it, and a test runs it.
+
+    ``xml`` is the content of the main tree, ``trees`` has the other trees; both may be indented as docstrings are.
+    ``ticks`` is what the ticks give, one after the other, each at the time that the tree asks for. ``before`` and
+    ``after`` are entries of the blackboard. A node that needs servers has no ticks: its example is only loaded.
+    """
+
+    xml: str
+    ticks: tuple[NodeStatus, ...] = ()
+    before: Mapping[str, Any] = _NO_ENTRIES
+    after: Mapping[str, Any] = _NO_ENTRIES
+    trees: str = ''

@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ports: the typed inputs and outputs that a node class declares, and what an XML attribute says about one."""
+"""Ports of node classes, their types, and the conversions between types."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeGuard
 
-from .port_types import PortType
+from flexbt_core.values.json_data import load_json
+from flexbt_core.values.text import short_repr
+
+from .errors import ConversionError
+from .status import NodeStatus
 
 
 class PortDirection(Enum):
@@ -128,3 +135,286 @@ def pointer_key(text: str, port_name: str) -> str | None:
         return None
     key = stripped[1:-1]
     return port_name if key == '=' else key
+
+
+# Types of ports and blackboard entries, and the conversions between them.
+#
+# The rules are those of BehaviorTree.CPP 4: numbers convert to each other when nothing is lost, text converts to what
+# a port wants by a *prefix* parse (``7.5`` read as an integer is 7), and nothing else converts silently.
+# Other layers add types of their own, such as ROS messages: a :class:`PortType` with the Python class of the values.
+
+Category = Literal['integer', 'real', 'bool', 'text', 'object']
+
+# The largest integer up to which every integer has a double of its own.
+_EXACT_IN_DOUBLE = 2**53 - 1
+_INTEGER_PREFIX = re.compile(r'(?=-?[0-9])(-?)0*([0-9]*)')
+_REAL_PREFIX = re.compile(r'-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?|nan)', re.IGNORECASE)
+_NOT_ZERO = re.compile(r'[-.0]*[1-9]')
+_BOOLEANS = {
+    '0': False, 'false': False, 'False': False, 'FALSE': False,
+    '1': True, 'true': True, 'True': True, 'TRUE': True,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PortType:
+    """The type of a port or of a blackboard entry.
+
+    ``name`` is what errors and models show. ``python_type`` is the class of the values. ``from_text`` converts a
+    literal of an XML file and raises ConversionError; None when the type cannot be written as text.
+    ``minimum`` and ``maximum`` bound integers, both inclusive.
+    """
+
+    name: str
+    python_type: type[Any]
+    category: Category = 'object'
+    from_text: Callable[[str], Any] | None = None
+    minimum: int | None = None
+    maximum: int | None = None
+    # Values that cannot be changed may be converted once, at load, and shared by all reads.
+    immutable: bool = field(default=False)
+
+    def parse(self, text: str) -> Any:
+        """The value that ``text`` means. Raises ConversionError, whatever ``from_text`` raises."""
+        if self.from_text is None:
+            raise ConversionError(f'{self.name} cannot be written as text')
+        try:
+            return self.from_text(text)
+        except (ValueError, TypeError, ArithmeticError, LookupError) as error:
+            raise ConversionError(f"can't convert text {short_repr(text)} to {self.name}: {error}") from error
+
+    def same(self, other: PortType) -> bool:
+        """Whether both are one type: equal names, or objects of the same Python class."""
+        if self is other or self.name == other.name:
+            return True
+        return self.category == other.category == 'object' and self.python_type is other.python_type
+
+    def may_read(self, entry: PortType) -> bool:
+        """Whether an input of this type can read some values of an ``entry``.
+
+        That is one of the same type, of text, or of objects of a class that derives from its own or the other way
+        round, as in BehaviorTree.CPP since 4.9 (there the classes have to be registered).
+        """
+        if entry is STRING or self.same(entry):
+            return True
+        ours, theirs = self.python_type, entry.python_type
+        return self.category == entry.category == 'object' and (issubclass(theirs, ours) or issubclass(ours, theirs))
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def _bounded(value: int, name: str, minimum: int | None, maximum: int | None) -> int:
+    if (minimum is not None and value < minimum) or (maximum is not None and value > maximum):
+        raise ConversionError(f'{value} is out of the range of {name}, {minimum} to {maximum}')
+    return value
+
+
+def _integer_type(name: str, bits: int, signed: bool) -> PortType:
+    minimum = -(1 << (bits - 1)) if signed else 0
+    maximum = (1 << (bits - 1)) - 1 if signed else (1 << bits) - 1
+
+    def from_text(text: str) -> int:
+        match = _INTEGER_PREFIX.match(text)
+        digits = match.group(2) if match is not None else ''
+        # 20 digits hold every 64-bit integer; int() refuses, or takes long for, very many of them.
+        if match is None or len(digits) > 20:
+            raise ConversionError(f"can't convert text {short_repr(text)} to {name}")
+        value = int(digits or '0')
+        return _bounded(-value if match.group(1) else value, name, minimum, maximum)
+
+    return PortType(name, int, 'integer', from_text, minimum, maximum, immutable=True)
+
+
+def decimal(text: str) -> float:
+    """The double nearest to a decimal number. Raises ConversionError when there is none but infinity, or zero."""
+    value = float(text)
+    if (math.isinf(value) and 'n' not in text.lower()) or (value == 0.0 and _NOT_ZERO.match(text)):
+        raise ConversionError(f'the number {text[:40]} does not fit into a double')
+    return value
+
+
+def real_from_text(text: str) -> float:
+    """The longest prefix of ``text`` that is a decimal number; ``inf`` and ``nan`` are numbers."""
+    match = _REAL_PREFIX.match(text)
+    if match is None:
+        raise ConversionError(f"can't convert text {short_repr(text)} to double")
+    return decimal(match.group())
+
+
+def number_from_text(text: str) -> float | None:
+    """The decimal number that ``text`` is as a whole; None when it is none."""
+    try:
+        return decimal(text) if _REAL_PREFIX.fullmatch(text) else None
+    except ConversionError:
+        return None
+
+
+def bool_from_text(text: str) -> bool:
+    """``0 1 true True TRUE false False FALSE``, and nothing else."""
+    try:
+        return _BOOLEANS[text]
+    except KeyError:
+        accepted = ' '.join(_BOOLEANS)
+        raise ConversionError(f"can't convert text {short_repr(text)} to bool; write one of {accepted}") from None
+
+
+STRING = PortType('std::string', str, 'text', str, immutable=True)
+BOOL = PortType('bool', bool, 'bool', bool_from_text, immutable=True)
+DOUBLE = PortType('double', float, 'real', real_from_text, immutable=True)
+FLOAT = PortType('float', float, 'real', real_from_text, immutable=True)
+INT = _integer_type('int', 32, signed=True)
+INT8 = _integer_type('int8_t', 8, signed=True)
+INT16 = _integer_type('int16_t', 16, signed=True)
+INT64 = _integer_type('int64_t', 64, signed=True)
+UNSIGNED = _integer_type('unsigned int', 32, signed=False)
+UINT8 = _integer_type('uint8_t', 8, signed=False)
+UINT16 = _integer_type('uint16_t', 16, signed=False)
+UINT64 = _integer_type('uint64_t', 64, signed=False)
+
+
+def _status_from_text(text: str) -> NodeStatus:
+    try:
+        return NodeStatus[text]
+    except KeyError:
+        raise ConversionError(
+            f'{short_repr(text)} is no status; write one of {" ".join(NodeStatus.__members__)}'
+        ) from None
+
+
+def _key_from_text(text: str) -> str:
+    if not text:
+        raise ValueError('a key cannot be empty')
+    return text
+
+
+KEY = PortType('key', str, 'text', _key_from_text, immutable=True)
+"""The type of a literal that is the key of an entry: of a port that reads that entry, or of one that writes it."""
+
+KEYS = PortType('keys', str, 'text', str, immutable=True)
+"""As KEY, for any number of entries: their keys, :func:`separated` by ``;``."""
+
+
+def separated(text: str) -> list[str]:
+    """The pieces of a text between ``;``, without the spaces around them; empty ones do not count."""
+    return [piece.strip() for piece in text.split(';') if piece.strip()]
+
+
+def _no_text(text: str) -> Any:
+    raise ConversionError('an entry that may hold anything does not say what a text means')
+
+
+ANY = PortType('BT::Any', object, from_text=_no_text)
+"""The type of an entry that may hold anything, and of the ports that read such. As with no type at all (None), what is
+written next fixes it; but text is refused where it would have to be converted."""
+
+
+def is_fixed(type: PortType | None) -> TypeGuard[PortType]:
+    """Whether an entry of this type keeps it, whatever is written."""
+    return type is not None and type is not ANY
+
+
+NODE_STATUS = PortType('BT::NodeStatus', NodeStatus, from_text=_status_from_text, immutable=True)
+
+
+def list_of(element: PortType) -> PortType:
+    """A list, whose text form is its elements :func:`between_semicolons`, or ``json:[...]``."""
+    name = f'std::vector<{element.name}>'
+    if element.from_text is None:
+        return PortType(name, list)
+
+    def from_text(text: str) -> list[Any]:
+        if text.startswith('json:'):
+            return _elements_of_json(text.removeprefix('json:'), element)
+        return between_semicolons(text, element)
+
+    return PortType(name, list, from_text=from_text)
+
+
+def between_semicolons(text: str, element: PortType) -> list[Any]:
+    """The elements that ``text`` has, separated by ``;``. One empty piece at the end is dropped."""
+    pieces = text.split(';')
+    if not pieces[-1]:
+        pieces.pop()
+    return [element.parse(piece) for piece in pieces]
+
+
+def _elements_of_json(text: str, element: PortType) -> list[Any]:
+    try:
+        values = load_json(text)
+    except RecursionError as error:
+        raise ConversionError(str(error)) from error
+    if not isinstance(values, list):
+        raise ConversionError(f'{short_repr(text)} is not a list of JSON')
+    for value in values:
+        if isinstance(value, str) is not (element.category in ('text', 'object')):
+            raise ConversionError(f'{short_repr(value)} is not of type {element.name}')
+    return [cast(value, element) for value in values]
+
+
+def type_of(value: object) -> PortType:
+    """The type of an entry that is first written with ``value``."""
+    if isinstance(value, bool):
+        return BOOL
+    if isinstance(value, int):
+        for candidate in (INT, INT64, UINT64):
+            if fits(value, candidate):
+                return candidate
+        raise ConversionError(f'the integer {value} does not fit into 64 bits')
+    if isinstance(value, float):
+        return DOUBLE
+    if isinstance(value, str):
+        return STRING
+    cls = type(value)
+    return PortType(cls.__qualname__, cls)
+
+
+def fits(value: int, kind: PortType) -> bool:
+    """Whether the integer is within the bounds of an integer type."""
+    assert kind.minimum is not None
+    assert kind.maximum is not None
+    return kind.minimum <= value <= kind.maximum
+
+
+def cast(value: Any, wanted: PortType) -> Any:
+    """``value``, read as ``wanted``. Raises ConversionError when that would lose or guess something."""
+    category = wanted.category
+    if category == 'object':
+        if isinstance(value, wanted.python_type):
+            return value
+        if isinstance(value, str) and wanted.from_text is not None:
+            return wanted.parse(value)
+    elif category == 'text':
+        if isinstance(value, str):
+            return value
+        if isinstance(value, int):
+            return str(int(value))
+        if isinstance(value, float):
+            return f'{value:f}'
+    elif isinstance(value, str):
+        return wanted.parse(value)
+    elif isinstance(value, int | float):
+        return _cast_number(value, wanted)
+    raise ConversionError(f'no safe conversion from {type(value).__name__} to {wanted.name}')
+
+
+def _cast_number(value: int | float, wanted: PortType) -> int | float | bool:
+    if wanted.category == 'bool':
+        if isinstance(value, bool):
+            return value
+        if isinstance(value, int):
+            if value in (0, 1):
+                return bool(value)
+            raise ConversionError(f'of the integers only 0 and 1 can be read as bool, not {value}')
+        if value < 0:
+            raise ConversionError(f'a negative number cannot be read as bool: {value}')
+        return value != 0.0
+    if wanted.category == 'real':
+        if isinstance(value, int) and abs(value) > _EXACT_IN_DOUBLE:
+            raise ConversionError(f'loss of precision when the integer {value} is read as {wanted.name}')
+        return float(value)
+    if isinstance(value, float):
+        if not math.isfinite(value) or value != int(value):
+            raise ConversionError(f'{value} is not an integer, and cannot be read as {wanted.name}')
+        value = int(value)
+    return _bounded(int(value), wanted.name, wanted.minimum, wanted.maximum)

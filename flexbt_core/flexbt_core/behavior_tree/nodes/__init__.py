@@ -1,7 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node types, one family a file."""
-
-from .builtin import builtin_registry
-from .loops import Loop
-
-__all__ = ['Loop', 'builtin_registry']
+"""The node types of BehaviorTree.CPP, one family in a file."""

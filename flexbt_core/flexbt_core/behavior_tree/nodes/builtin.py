@@ -5,38 +5,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from flexbt_core.behavior_tree.engine import NodeRegistry
-from flexbt_core.behavior_tree.script import ScriptLibrary
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
 
-from . import (
-    actions,
-    conditionals,
-    decorators,
-    entry_updates,
-    loops,
-    parallel,
-    reactive,
-    script_nodes,
-    sequences,
-    switch,
-    timing,
-    try_catch,
-)
+from . import blackboard, branches, decorators, loops, parallel, script_nodes, sequences, timing
 
-FAMILIES: Final = (
-    sequences,
-    reactive,
-    parallel,
-    conditionals,
-    switch,
-    try_catch,
-    decorators,
-    loops,
-    entry_updates,
-    script_nodes,
-    timing,
-    actions,
-)
+FAMILIES: Final = (sequences, parallel, branches, decorators, loops, blackboard, script_nodes, timing)
 
 
 def builtin_registry(scripts: ScriptLibrary | None = None) -> NodeRegistry:

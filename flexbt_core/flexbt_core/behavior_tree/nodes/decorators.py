@@ -5,24 +5,13 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
-from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, TreeNode, halt_child
-from flexbt_core.behavior_tree.model import (
-    BOOL,
-    FAILURE,
-    IDLE,
-    INT,
-    MISSING,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Example,
-    Exchanged,
-    NodeKind,
-    NodeStatus,
-    PortError,
-    Repeated,
-    input_port,
-)
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode, halt_child
+from flexbt_core.behavior_tree.engine.parents import DecoratorNode
+from flexbt_core.behavior_tree.model.blackboard import MISSING
+from flexbt_core.behavior_tree.model.errors import PortError
+from flexbt_core.behavior_tree.model.outcomes import Example, Exchanged, Repeated
+from flexbt_core.behavior_tree.model.ports import BOOL, INT, input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
 
 
 class Inverter(DecoratorNode):

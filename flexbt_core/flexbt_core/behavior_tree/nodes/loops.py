@@ -7,23 +7,17 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, ClassVar, Final
 
-from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model import (
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.parents import DecoratorNode
+from flexbt_core.behavior_tree.model.blackboard import MISSING, Entry
+from flexbt_core.behavior_tree.model.errors import ConversionError
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import (
     BOOL,
     DOUBLE,
-    FAILURE,
-    IDLE,
     INT,
-    MISSING,
     NODE_STATUS,
-    RUNNING,
-    SKIPPED,
     STRING,
-    SUCCESS,
-    ConversionError,
-    Entry,
-    Example,
-    NodeStatus,
     PortType,
     between_semicolons,
     inout_port,
@@ -31,6 +25,7 @@ from flexbt_core.behavior_tree.model import (
     is_fixed,
     output_port,
 )
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 def _queue_of(element: PortType) -> PortType:
@@ -225,4 +220,9 @@ class LoopString(Loop, element=STRING):
     )
 
 
-NODES: Final = (LoopInt, LoopBool, LoopDouble, LoopString)
+NODES: Final = (
+    LoopInt,
+    LoopBool,
+    LoopDouble,
+    LoopString,
+)

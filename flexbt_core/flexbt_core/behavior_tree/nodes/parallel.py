@@ -8,18 +8,12 @@ from collections.abc import Sequence
 from operator import length_hint
 from typing import Final
 
-from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, Tick
-from flexbt_core.behavior_tree.model import (
-    FAILURE,
-    IDLE,
-    INT,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Example,
-    NodeStatus,
-    input_port,
-)
+from flexbt_core.behavior_tree.engine.context import Tick
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import INT, input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 def _completed() -> NodeStatus:
@@ -236,4 +230,7 @@ class ParallelAll(_ParallelControl):
         return (self._limit('max_failures', 'fail'),)
 
 
-NODES: Final = (Parallel, ParallelAll)
+NODES: Final = (
+    Parallel,
+    ParallelAll,
+)

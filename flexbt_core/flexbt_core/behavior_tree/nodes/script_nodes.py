@@ -6,22 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from flexbt_core.behavior_tree.engine import DecoratorNode, LeafNode, NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model import (
-    FAILURE,
-    IDLE,
-    NODE_STATUS,
-    SKIPPED,
-    STRING,
-    SUCCESS,
-    Example,
-    NodeKind,
-    NodeStatus,
-    OneOf,
-    ScriptError,
-    input_port,
-)
-from flexbt_core.behavior_tree.script import CONDITION, SCRIPT
+from flexbt_core.behavior_tree.engine.leaf import LeafNode
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.parents import DecoratorNode
+from flexbt_core.behavior_tree.model.errors import ScriptError
+from flexbt_core.behavior_tree.model.outcomes import Example, OneOf
+from flexbt_core.behavior_tree.model.ports import NODE_STATUS, STRING, input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.script.interpreter import CONDITION, SCRIPT
 
 
 class _Runnable(Protocol):
@@ -174,4 +166,8 @@ class Precondition(DecoratorNode):
         return f'{self.id}: [{self.port_text("if")}] does not hold' if self._blocked else super().failure_reason()
 
 
-NODES: Final = (Script, ScriptCondition, Precondition)
+NODES: Final = (
+    Script,
+    ScriptCondition,
+    Precondition,
+)

@@ -1,27 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sequence and Fallback, and their variants that remember or that yield between children.
-
-A sequence ends with the first child that fails, a fallback with the first that succeeds; both go on with the next
-child otherwise, and begin a later tick with the child that was RUNNING. Skipped children count as passed; a node all of
-whose children were skipped is skipped.
-"""
+"""Sequence and Fallback, with memory, reactive and asynchronous; TryCatch, a sequence that cleans up after itself."""
 
 from __future__ import annotations
 
 from operator import length_hint
 from typing import ClassVar, Final
 
-from flexbt_core.behavior_tree.engine import ControlNode, NodeConfig, halt_child
-from flexbt_core.behavior_tree.model import (
-    FAILURE,
-    IDLE,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Example,
-    InOrder,
-    NodeStatus,
-)
+from flexbt_core.behavior_tree.engine.node import NodeConfig, halt_child
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.model.outcomes import Example, InOrder
+from flexbt_core.behavior_tree.model.ports import BOOL, input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+
+# Sequence and Fallback, and their variants that remember or that yield between children.
+#
+# A sequence ends with the first child that fails, a fallback with the first that succeeds; both go on with the next
+# child otherwise, and begin a later tick with the child that was RUNNING. Skipped children count as passed; a node all
+# of whose children were skipped is skipped.
 
 
 class _OrderedControl(ControlNode):
@@ -248,4 +243,186 @@ class SequenceWithMemory(_YieldingControl):
         self.status = IDLE
 
 
-NODES: Final = (Sequence, AsyncSequence, SequenceWithMemory, Fallback, AsyncFallback)
+# ReactiveSequence and ReactiveFallback: every tick begins with the first child.
+#
+# While one child is RUNNING all others, before and after it, are halted and set to IDLE; a skipped child is set to
+# IDLE.
+
+
+class _ReactiveControl(ControlNode):
+    __slots__ = ()
+
+    _passing: NodeStatus
+
+    def execute(self) -> NodeStatus:
+        self.status = RUNNING
+        passing = self._passing
+        ticks = self._ticks
+        skipped = 0
+        remaining = iter(ticks)
+        for tick in remaining:
+            status = tick()
+            if status is not passing:
+                index = len(ticks) - length_hint(remaining) - 1
+                if status is SKIPPED:
+                    skipped += 1
+                    halt_child(self.children[index])
+                    continue
+                if status is RUNNING:
+                    self.halt_children_except(index)
+                    return RUNNING
+                self._failed = index
+                self.reset_children()
+                self.status = status
+                return status
+        if passing is FAILURE:
+            self._failed = self.last_failed() if skipped else len(ticks) - 1
+        self.reset_children()
+        if skipped == len(ticks):
+            return SKIPPED
+        self.status = passing
+        return passing
+
+
+class ReactiveSequence(_ReactiveControl):
+    """SUCCESS when all children succeed within one tick; FAILURE as soon as one fails, halting the one that runs."""
+
+    __slots__ = ()
+
+    _passing = SUCCESS
+    outcomes = InOrder(passing=SUCCESS)
+    example = Example(
+        """
+        <ReactiveSequence>
+          <ScriptCondition code="(asked += 1) > 0"/>
+          <Sleep msec="100"/>
+        </ReactiveSequence>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'asked': 0},
+        after={'asked': 2},
+    )
+
+
+class ReactiveFallback(_ReactiveControl):
+    """SUCCESS as soon as a child succeeds, halting the one that runs; FAILURE when all fail within one tick."""
+
+    __slots__ = ()
+
+    tries_all = True
+    _passing = FAILURE
+    outcomes = InOrder(passing=FAILURE)
+    example = Example(
+        """
+        <ReactiveFallback>
+          <ScriptCondition code="(asked += 1) == 2"/>
+          <Sleep msec="100"/>
+        </ReactiveFallback>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'asked': 0},
+    )
+
+
+# TryCatch: a sequence that cleans up after itself.
+
+
+class TryCatch(ControlNode):
+    """Runs all children but the last as a Sequence; when one fails, the last, the clean-up, and is FAILURE after that.
+
+    Whatever the clean-up gives, the node fails: it is there to repair, not to succeed instead. With ``catch_on_halt`` a
+    halt of the sequence ticks the clean-up as well, once; if that does not complete it in one tick, it is halted.
+    SKIPPED when all children of the sequence were skipped.
+    """
+
+    __slots__ = ('_catching', '_index', '_skipped')
+
+    ports = {
+        'catch_on_halt': input_port(BOOL, default='false', description='whether a halt ticks the last child, too'),
+    }
+    children_bounds = (2, None)
+    example = Example(
+        """
+        <TryCatch><Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence><Script code="repaired := true"/></TryCatch>
+        """,
+        ticks=(FAILURE,),
+        after={'repaired': True},
+    )
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._index = 0
+        self._skipped = 0
+        self._catching = False
+
+    def execute(self) -> NodeStatus:
+        if self.status is IDLE:
+            self._skipped = 0
+            self._catching = False
+        self.status = RUNNING
+        if not self._catching:
+            status = self._try()
+            if status is not FAILURE:
+                return status
+        status = self._ticks[-1]()
+        if status is RUNNING:
+            return RUNNING
+        self.reset_children()
+        self._catching = False
+        self.status = FAILURE
+        return FAILURE
+
+    def _try(self) -> NodeStatus:
+        """Goes on with the sequence. After FAILURE it is over, and the clean-up has its turn."""
+        ticks = self._ticks
+        index = self._index
+        last = len(ticks) - 1
+        while index < last:
+            status = ticks[index]()
+            if status is RUNNING:
+                return RUNNING
+            if status is FAILURE:
+                self._failed = index
+                self._index = 0
+                self._catching = True
+                self.reset_children()
+                return FAILURE
+            if status is SKIPPED:
+                self._skipped += 1
+            # Kept at each step, so that a child that raises is the one with which the node goes on.
+            self._index = index = index + 1
+        all_skipped = self._skipped == last
+        self._index = self._skipped = 0
+        self.reset_children()
+        if all_skipped:
+            return SKIPPED
+        self.status = SUCCESS
+        return SUCCESS
+
+    def failure_reason(self) -> str:
+        return f'{super().failure_reason()}; [{self.children[-1].path}] has cleaned up'
+
+    def halt(self) -> None:
+        if self.status is RUNNING and not self._catching:
+            self.stop_by(self._catch_the_halt)
+        self._index = self._skipped = 0
+        self._catching = False
+        super().halt()
+
+    def _catch_the_halt(self) -> None:
+        if self.get_input_or('catch_on_halt', False):
+            for child in self.children[:-1]:
+                halt_child(child)
+            self._ticks[-1]()
+
+
+NODES: Final = (
+    Sequence,
+    AsyncSequence,
+    SequenceWithMemory,
+    Fallback,
+    AsyncFallback,
+    ReactiveSequence,
+    ReactiveFallback,
+    TryCatch,
+)

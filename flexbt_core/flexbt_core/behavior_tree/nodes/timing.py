@@ -6,21 +6,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from flexbt_core.behavior_tree.engine import DecoratorNode, NodeConfig, StatefulAction, TreeNode, halt_child
-from flexbt_core.behavior_tree.model import (
-    FAILURE,
-    IDLE,
-    MISSING,
-    RUNNING,
-    SUCCESS,
-    UNSIGNED,
-    Example,
-    Exchanged,
-    Lasting,
-    NodeStatus,
-    TimeLimit,
-    input_port,
-)
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode, halt_child
+from flexbt_core.behavior_tree.engine.parents import DecoratorNode
+from flexbt_core.behavior_tree.model.blackboard import MISSING
+from flexbt_core.behavior_tree.model.outcomes import Example, Exchanged, Lasting, TimeLimit
+from flexbt_core.behavior_tree.model.ports import UNSIGNED, input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
 
 
 class Timeout(DecoratorNode):
@@ -160,4 +152,8 @@ class Sleep(StatefulAction):
         pass
 
 
-NODES: Final = (Timeout, Delay, Sleep)
+NODES: Final = (
+    Timeout,
+    Delay,
+    Sleep,
+)

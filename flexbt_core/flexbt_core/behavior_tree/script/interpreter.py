@@ -1,29 +1,157 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scripts as nested closures: the meaning of every expression, whatever the values, and every error.
-
-A closure takes the :class:`Scope` in which it is to be evaluated, so one set of closures serves all nodes with the same
-script. ``script_specialization`` has a faster form for the values that are met most.
-"""
+"""Scripts as nested closures: compiled once for all nodes that share a script, and bound to a node's blackboard."""
 
 from __future__ import annotations
 
+import re
+import weakref
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final
 
-from flexbt_core.behavior_tree.model import (
-    MISSING,
+from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Blackboard, Entry
+from flexbt_core.behavior_tree.model.errors import (
     BehaviorTreeError,
-    Blackboard,
     BlackboardError,
     ConversionError,
-    Entry,
+    RegistrationError,
     ScriptError,
 )
+from flexbt_core.behavior_tree.model.ports import PortType
 
-from .parser import Assignment, Binary, Comparison, Conditional, Expression, Literal, Name, Unary
-from .values import BINARY, SMALL_TEXT, UNARY, Value, assigned, check_room, choose, compare
+from .parser import Assignment, Binary, Comparison, Conditional, Constant, Expression, Name, Unary, parse_script
+from .values import BINARY, SMALL_TEXT, UNARY, Value, assigned, check_room, choose, compare, truth
+
+WARM_UP: Final = 8
+_ENUM_NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 
 
-class Scope:
+class CompiledScript:
+    """A script, independent of nodes and blackboards. Made by :class:`ScriptLibrary`.
+
+    ``names`` are the keys of the entries that it uses. ``warm_up`` is for what is installed as acceleration.
+    """
+
+    __slots__ = ('__weakref__', '_closures', 'enums', 'names', 'statements', 'text', 'warm_up')
+
+    def __init__(self, text: str, enums: Mapping[str, int], warm_up: int) -> None:
+        """Raises ScriptError when the text is no script. The empty text is one that does nothing."""
+        self.text = text
+        self.warm_up = warm_up
+        self.enums = enums
+        self.statements = parse_script(text)
+        compiler = ClosureCompiler(text, enums)
+        self._closures = tuple(map(compiler.compile, self.statements))
+        self.names = compiler.names
+
+    def __repr__(self) -> str:
+        return f'CompiledScript({self.text!r})'
+
+    @property
+    def empty(self) -> bool:
+        """Whether it does nothing."""
+        return not self.statements
+
+    def bind(self, board: Blackboard, *, condition: bool = False) -> BoundScript:
+        """The script on ``board``. Raises ScriptError when it is to be a ``condition``, and is empty."""
+        if condition and self.empty:
+            raise ScriptError(self.text, 0, 'the script is empty, and so is no condition')
+        return acceleration().class_of(BoundScript)(self, board, condition=condition)
+
+    def scope(self, board: Blackboard) -> ScriptScope:
+        """The place of the script on ``board``."""
+        return ScriptScope(board, len(self.names))
+
+    def evaluate(self, scope: ScriptScope) -> Value:
+        """Runs the closures; gives the value of the last statement, EMPTY when there is none."""
+        value: Value = EMPTY
+        for closure in self._closures:
+            value = closure(scope)
+        return value
+
+    def truth(self, value: Value) -> bool:
+        """Whether the value of the last statement is true. Raises ScriptError when it is neither."""
+        try:
+            return truth(value)
+        except ConversionError as error:
+            raise ScriptError(self.text, _offset(self.statements[-1]), str(error), is_absent=error.is_absent) from None
+
+
+SCRIPT: Final = PortType('script', CompiledScript)
+"""The type of a literal that is a script. Only the reader of a file can make it, since it knows the enum constants."""
+CONDITION: Final = PortType('condition', CompiledScript)
+"""As SCRIPT, for scripts of which the truth is asked, and that cannot be empty."""
+
+
+class BoundScript:
+    """A script on a blackboard."""
+
+    __slots__ = ('condition', 'scope', 'script')
+
+    def __init__(self, script: CompiledScript, board: Blackboard, *, condition: bool) -> None:
+        self.script = script
+        self.condition = condition
+        self.scope = script.scope(board)
+
+    def run(self) -> bool | None:
+        """Runs the script; of a condition it gives the truth, otherwise None.
+
+        Raises ScriptError. What the script has done before that stays done.
+        """
+        value = self.script.evaluate(self.scope)
+        return self.script.truth(value) if self.condition else None
+
+
+class ScriptLibrary:
+    """The enum constants that scripts know, and the scripts that are in use.
+
+    In a script the name of a constant means its number, and is no blackboard entry. A script knows the constants that
+    were there when it was made.
+    """
+
+    def __init__(self, warm_up: int = WARM_UP) -> None:
+        """``warm_up`` is the number of runs of a script on a blackboard before acceleration, if it is installed, makes
+        code for what the script finds there, and of runs for which the code did not fit before it is made anew: many
+        scripts run only a few times."""
+        self._warm_up = warm_up
+        self._enums: dict[str, int] = {}
+        self._scripts: weakref.WeakValueDictionary[str, CompiledScript] = weakref.WeakValueDictionary()
+
+    @property
+    def enums(self) -> Mapping[str, int]:
+        return MappingProxyType(self._enums)
+
+    def register_enum(self, name: str, value: int) -> None:
+        """Makes ``name`` mean ``value``. Raises RegistrationError when it means another number, or is no name."""
+        if not _ENUM_NAME.fullmatch(name) or name in ('true', 'false'):
+            raise RegistrationError(f'enum constant [{name}]: a name consists of letters, digits and _')
+        known = self._enums.setdefault(name, int(value))
+        if known != value:
+            raise RegistrationError(f'enum constant [{name}] is registered already, as {known}; it cannot be {value}')
+        self._scripts = weakref.WeakValueDictionary()
+
+    def script(self, text: str) -> CompiledScript:
+        """The script of this text, shared by all who have it. Raises ScriptError when the text is no script."""
+        script = self._scripts.get(text)
+        if script is None:
+            # Not all at the same moment: to make code takes time.
+            warm_up = self._warm_up + len(self._scripts) % self._warm_up
+            script = self._scripts[text] = acceleration().class_of(CompiledScript)(text, dict(self._enums), warm_up)
+        return script
+
+
+def _offset(statement: Expression) -> int:
+    return statement.offsets[0] if isinstance(statement, Comparison) else statement.offset
+
+
+# Scripts as nested closures: the meaning of every expression, whatever the values, and every error.
+#
+# A closure takes the :class:`Scope` in which it is to be evaluated, so one set of closures serves all nodes with the
+# same script. ``script_specialization`` has a faster form for the values that are met most.
+
+
+class ScriptScope:
     """The entries that the names of a script mean on one blackboard; found when they are needed, and remembered."""
 
     __slots__ = ('board', 'entries')
@@ -33,7 +161,7 @@ class Scope:
         self.entries = [MISSING] * count
 
 
-Closure = Callable[[Scope], Value]
+Closure = Callable[[ScriptScope], Value]
 
 
 def _missing(key: str, remedy: str = '') -> BlackboardError:
@@ -56,7 +184,7 @@ class ClosureCompiler:
     def compile(self, expression: Expression) -> Closure:
         """The closure of an expression; it raises ScriptError when it cannot be evaluated."""
         match expression:
-            case Literal(_, value):
+            case Constant(_, value):
                 return lambda scope: value
             case Name():
                 return self._name(expression)
@@ -85,7 +213,7 @@ class ClosureCompiler:
             return lambda scope: number
         index = self._index(name)
 
-        def read(scope: Scope) -> Value:
+        def read(scope: ScriptScope) -> Value:
             entry = scope.entries[index]
             if not entry.present:
                 found = scope.board.entry(name)
@@ -101,7 +229,7 @@ class ClosureCompiler:
         operate = UNARY[expression.operator]
         operand = self.compile(expression.operand)
 
-        def evaluate(scope: Scope) -> Value:
+        def evaluate(scope: ScriptScope) -> Value:
             value = operand(scope)
             try:
                 return operate(value)
@@ -115,7 +243,7 @@ class ClosureCompiler:
         operate = BINARY[expression.operator]
         left, right = self.compile(expression.left), self.compile(expression.right)
 
-        def evaluate(scope: Scope) -> Value:
+        def evaluate(scope: ScriptScope) -> Value:
             first = left(scope)
             second = right(scope)
             try:
@@ -130,7 +258,7 @@ class ClosureCompiler:
         first, *others = map(self.compile, expression.operands)
         links = tuple(zip(expression.offsets, expression.operators, others, strict=True))
 
-        def evaluate(scope: Scope) -> Value:
+        def evaluate(scope: ScriptScope) -> Value:
             left = first(scope)
             for offset, symbol, operand in links:
                 right = operand(scope)
@@ -149,7 +277,7 @@ class ClosureCompiler:
         condition = self.compile(expression.condition)
         then, otherwise = self.compile(expression.then), self.compile(expression.otherwise)
 
-        def evaluate(scope: Scope) -> Value:
+        def evaluate(scope: ScriptScope) -> Value:
             value = condition(scope)
             try:
                 holds = choose(value)
@@ -165,7 +293,7 @@ class ClosureCompiler:
         index = self._index(key)
         value_of = self.compile(expression.value)
 
-        def assign(scope: Scope) -> Value:
+        def assign(scope: ScriptScope) -> Value:
             board = scope.board
             # The entry first: a new one is there, and empty, while the value is computed, and stays if that fails.
             entry = scope.entries[index]

@@ -1,30 +1,32 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The scripting language of BehaviorTree.CPP 4.10: text to syntax tree.
-
-A script is a list of expressions; the semicolons between them may be left out or repeated. Operators, from those that
-bind loosest to those that bind tightest::
-
-    := = += -= *= /=     assignment; the right side is any expression, so x := y := 3 assigns both
-    a ? b : c
-    ||
-    &&
-    == != < > <= >=      a < b < c means that both hold
-    | ^
-    &
-    + - ..
-    * /
-    - ~ !                before an operand
-"""
+"""Lexer and parser of the scripting language of BehaviorTree.CPP 4.10: from text to a syntax tree."""
 
 from __future__ import annotations
 
+import re
+from enum import Enum
 from typing import Final, NamedTuple, TypeAlias
 
-from flexbt_core.behavior_tree.model import ScriptError
+from flexbt_core.behavior_tree.model.errors import ConversionError, ScriptError
+from flexbt_core.behavior_tree.model.ports import decimal
 
-from .lexer import Token, TokenKind, tokenize
+# The scripting language of BehaviorTree.CPP 4.10: text to syntax tree.
+#
+# A script is a list of expressions; the semicolons between them may be left out or repeated. Operators, from those that
+# bind loosest to those that bind tightest::
+#
+#     := = += -= *= /=     assignment; the right side is any expression, so x := y := 3 assigns both
+#     a ? b : c
+#     ||
+#     &&
+#     == != < > <= >=      a < b < c means that both hold
+#     | ^
+#     &
+#     + - ..
+#     * /
+#     - ~ !                before an operand
 
-MAX_DEPTH: Final = 200
+MAX_SCRIPT_DEPTH: Final = 200
 """Nesting of expressions. A script is evaluated by as many nested calls."""
 
 
@@ -33,7 +35,7 @@ MAX_TOKENS: Final = 10_000
 stopped."""
 
 
-class Literal(NamedTuple):
+class Constant(NamedTuple):
     """A number or a text. ``true`` and ``false`` are 1.0 and 0.0."""
 
     offset: int
@@ -84,7 +86,7 @@ class Assignment(NamedTuple):
     value: Expression
 
 
-Expression: TypeAlias = Literal | Name | Unary | Binary | Comparison | Conditional | Assignment
+Expression: TypeAlias = Constant | Name | Unary | Binary | Comparison | Conditional | Assignment
 
 _ASSIGNMENT: Final = 2
 _CONDITIONAL: Final = 4
@@ -187,15 +189,15 @@ class _Parser:
 
     def _deepen(self) -> None:
         self._depth += 1
-        if self._depth > MAX_DEPTH:
-            raise self._error(f'the script is nested more than {MAX_DEPTH} deep; use several statements')
+        if self._depth > MAX_SCRIPT_DEPTH:
+            raise self._error(f'the script is nested more than {MAX_SCRIPT_DEPTH} deep; use several statements')
 
     def _operand(self) -> Expression:
         token = self._take()
         if token.kind is TokenKind.NAME:
             return Name(token.offset, str(token.value))
         if token.kind in (TokenKind.NUMBER, TokenKind.TEXT):
-            return Literal(token.offset, token.value)
+            return Constant(token.offset, token.value)
         if token.kind is TokenKind.OPERATOR:
             if token.value == '(':
                 inner = self._expression(0)
@@ -227,3 +229,130 @@ class _Parser:
             operators.append(str(token.value))
             operands.append(self._expression(_COMPARISON + 1))
         return Comparison(tuple(offsets), tuple(operators), tuple(operands))
+
+
+# The tokens of the scripting language of BehaviorTree.CPP 4.10.
+
+
+class TokenKind(Enum):
+    """What a token is; the value is how an error names it."""
+
+    NUMBER = 'a number'
+    TEXT = 'a text'
+    NAME = 'a name'
+    OPERATOR = 'an operator'
+    END = 'the end of the script'
+
+
+class Token(NamedTuple):
+    """``value`` is what a literal means, otherwise the characters of the token. ``offset`` counts from 0."""
+
+    kind: TokenKind
+    value: int | float | str
+    offset: int
+
+    def __str__(self) -> str:
+        return self.kind.value if self.kind is TokenKind.END else f"'{self.value}'"
+
+
+_BLANKS = re.compile(r'[ \t\r\n]*')
+_TOKEN = re.compile(
+    r"""
+    (?P<hexadecimal> 0[xX][0-9a-fA-F]* )
+  | (?P<real>        [0-9]+ (?: \.[0-9]+ (?:[eE][+-]?[0-9]+)? | [eE][+-]?[0-9]+ ) )
+  | (?P<decimal>     [0-9]+ )
+  | (?P<name>        [A-Za-z_@][A-Za-z0-9_]* )
+  | (?P<text>        '[^']*' )
+  | (?P<operator>    \.\. | && | \|\| | [=!<>:+\-*/]= | [+\-*/&|^~!<>=?:();] )
+    """,
+    re.VERBOSE,
+)
+# What cannot follow a number directly. Two dots are an operator, but not after a hexadecimal number, as there.
+_AFTER_DECIMAL = re.compile(r'[A-Za-z0-9_@]|\.(?!\.)')
+_AFTER_REAL = re.compile(r'[A-Za-z0-9_@]')
+_AFTER_HEXADECIMAL = re.compile(r'[A-Za-z0-9_@.]')
+_WORD = re.compile(r'[\w.@]+')
+
+_LARGEST: Final = 2**63 - 1
+_BOOLEANS: Final = {'true': 1.0, 'false': 0.0}
+
+
+def tokenize(script: str) -> list[Token]:
+    """The tokens of a script, the last of which is its end.
+
+    Raises ScriptError at the first place where there is no token.
+    """
+    tokens: list[Token] = []
+    position = 0
+    while True:
+        blanks = _BLANKS.match(script, position)
+        assert blanks is not None
+        position = blanks.end()
+        if position == len(script):
+            tokens.append(Token(TokenKind.END, '', position))
+            return tokens
+        match = _TOKEN.match(script, position)
+        if match is None:
+            raise ScriptError(script, position, _why_no_token(script, position))
+        tokens.append(_token(script, match))
+        position = match.end()
+
+
+def _token(script: str, match: re.Match[str]) -> Token:
+    characters = match.group()
+    offset = match.start()
+    match match.lastgroup:
+        case 'name':
+            truth = _BOOLEANS.get(characters)
+            if truth is not None:
+                return Token(TokenKind.NUMBER, truth, offset)
+            return Token(TokenKind.NAME, characters, offset)
+        case 'text':
+            return Token(TokenKind.TEXT, characters[1:-1], offset)
+        case 'operator':
+            return Token(TokenKind.OPERATOR, characters, offset)
+        case 'real':
+            _check_end(script, match, _AFTER_REAL)
+            return Token(TokenKind.NUMBER, _real(script, match), offset)
+        case 'decimal':
+            _check_end(script, match, _AFTER_DECIMAL)
+            return Token(TokenKind.NUMBER, _integer(script, match, characters, 10), offset)
+        case _:
+            _check_end(script, match, _AFTER_HEXADECIMAL)
+            if len(characters) == 2:
+                raise ScriptError(script, offset, f"'{characters}' has no digits")
+            return Token(TokenKind.NUMBER, _integer(script, match, characters[2:], 16), offset)
+
+
+def _check_end(script: str, match: re.Match[str], forbidden: re.Pattern[str]) -> None:
+    if forbidden.match(script, match.end()) is not None:
+        word = _WORD.match(script, match.start())
+        assert word is not None
+        raise ScriptError(script, match.start(), f"'{word.group()}' is no number; write 12, 0.5, 1e3 or 0x1F")
+
+
+def _integer(script: str, match: re.Match[str], digits: str, base: int) -> int:
+    # int() refuses, or takes long for, very many digits.
+    significant = digits.lstrip('0') or '0'
+    value = int(significant, base) if len(significant) <= 20 else _LARGEST + 1
+    if value > _LARGEST:
+        raise ScriptError(script, match.start(), f'the number {digits[:40]} does not fit into 64 bits')
+    return value
+
+
+def _real(script: str, match: re.Match[str]) -> float:
+    try:
+        return decimal(match.group())
+    except ConversionError as error:
+        raise ScriptError(script, match.start(), str(error)) from None
+
+
+def _why_no_token(script: str, position: int) -> str:
+    character = script[position]
+    if character == "'":
+        return "this text is not closed by another '"
+    if character == '"':
+        return "text is written between single quotes, as in 'text'"
+    if character.isalpha():
+        return f"names consist of ASCII letters, digits and _; '{character}' is none of them"
+    return f"'{character}' means nothing in a script"

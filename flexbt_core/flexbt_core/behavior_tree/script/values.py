@@ -13,20 +13,10 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.model import (
-    BOOL,
-    DOUBLE,
-    EMPTY,
-    INT64,
-    STRING,
-    UINT64,
-    Blackboard,
-    ConversionError,
-    Entry,
-    cast,
-    fits,
-)
-from flexbt_core.values import shown
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
+from flexbt_core.behavior_tree.model.errors import ConversionError
+from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, INT64, STRING, UINT64, cast, fits
+from flexbt_core.values.text import short_repr
 
 MAX_TEXT: Final = 100_000
 """Characters of a text that an operator makes. A loop could double a text until there is no memory left."""
@@ -51,7 +41,7 @@ def kind_of(value: Value) -> str:
     if value is EMPTY:
         return 'an entry that was never written'
     if isinstance(value, str):
-        return f'the text {shown(value)}'
+        return f'the text {short_repr(value)}'
     if isinstance(value, int | float):
         return f'the number {value}'
     return f'a value of type {type(value).__name__}'

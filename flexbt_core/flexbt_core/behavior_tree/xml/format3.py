@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from flexbt_core.behavior_tree.model import pointer_key
+from flexbt_core.behavior_tree.model.ports import pointer_key
 
 from .parser import Element
 

@@ -8,30 +8,22 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final, Protocol
 
-from flexbt_core.behavior_tree.model import (
+from flexbt_core.behavior_tree.model.definition import (
     NO_CONDITIONS,
-    NO_DEFAULT,
     PRE_POST_ATTRIBUTES,
     RESERVED_ATTRIBUTES,
-    ConversionError,
-    LoadError,
     NodeDefinition,
-    NodeKind,
     NodeManifest,
-    Port,
-    PortValue,
-    Script,
-    ScriptError,
-    Scripts,
-    Source,
-    bool_from_text,
-    is_fixed,
-    pointer_key,
+    ParsedScript,
+    ScriptFactory,
     port_name_problem,
     tree_name_problem,
 )
-from flexbt_core.behavior_tree.script import CONDITION, SCRIPT
-from flexbt_core.values import counted, similar_names
+from flexbt_core.behavior_tree.model.errors import ConversionError, LoadError, ScriptError, Source
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue, bool_from_text, is_fixed, pointer_key
+from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.behavior_tree.script.interpreter import CONDITION, SCRIPT
+from flexbt_core.values.text import pluralize, similar_names
 
 from .parser import Element, value_offset
 
@@ -45,7 +37,7 @@ class NodeTypes(Protocol):
     """The node types that a document may name."""
 
     @property
-    def scripts(self) -> Scripts: ...
+    def scripts(self) -> ScriptFactory: ...
 
     def get(self, id: str) -> NodeManifest | None: ...
 
@@ -215,7 +207,7 @@ class NodeReader:
             manifest, name, values, (), element.offset, element.offsets, extra, tree_id, autoremap, conditions
         )
 
-    def _script(self, element: Element, attribute: str, text: str, *, may_be_empty: bool) -> Script | None:
+    def _script(self, element: Element, attribute: str, text: str, *, may_be_empty: bool) -> ParsedScript | None:
         try:
             script = self._registry.scripts.script(text)
             if script.empty and not may_be_empty:
@@ -307,4 +299,4 @@ def _origin(manifest: NodeManifest) -> str:
 
 
 def _children(count: int) -> str:
-    return counted(count, 'child', 'children')
+    return pluralize(count, 'child', 'children')

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from flexbt_core.behavior_tree.model import LoadError, Source, TreeLoadError
+from flexbt_core.behavior_tree.model.errors import LoadError, Source, TreeLoadError
 
 MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 256

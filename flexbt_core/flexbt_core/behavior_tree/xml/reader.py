@@ -12,19 +12,16 @@ import gc
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from flexbt_core.behavior_tree.model import (
-    BehaviorTreeError,
-    LoadError,
+from flexbt_core.behavior_tree.model.definition import (
     NodeDefinition,
-    PortDirection,
-    Source,
     SubTreeModelPort,
     TreeDefinition,
     TreeDocument,
-    TreeLoadError,
     port_name_problem,
     tree_name_problem,
 )
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, LoadError, Source, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import PortDirection
 
 from .format3 import is_format_3, make_format_4
 from .node_elements import DocumentTypes, NodeReader, NodeTypes, elements_of

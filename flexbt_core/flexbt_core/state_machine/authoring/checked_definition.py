@@ -1,25 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a machine as it is written to the checked definition that can be run."""
+"""From a machine as written to the checked definition that can run: ``define`` reports every problem at once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Final, TypeVar
 
-from flexbt_core.state_machine.checks import problems_of, problems_of_reads
-from flexbt_core.state_machine.model import (
+from flexbt_core.state_machine.model.autonomy import UNDECLARED, Autonomy
+from flexbt_core.state_machine.model.definition import (
+    ERROR,
+    PREEMPTED,
     ROOT_PATH,
-    UNDECLARED,
     Child,
+    EndCondition,
     Machine,
     MachineDefinition,
-    MachineError,
     StateDefinition,
     StateKind,
     Transition,
     child_path,
 )
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_core.values.text import did_you_mean
+
+from .data_flow import problems_of_reads
 
 _Key = TypeVar('_Key')
 _Value = TypeVar('_Value')
@@ -87,3 +93,223 @@ def _transition(machine: Machine, labels: set[str], child: Child, outcome: str) 
 
 def _fixed(mapping: Mapping[_Key, _Value]) -> Mapping[_Key, _Value]:
     return MappingProxyType(dict(mapping))
+
+
+# Everything that is wrong with a machine, found before it runs.
+
+RESERVED: Final = (PREEMPTED, ERROR)
+
+
+def problems_of(root: Machine) -> Iterator[str]:
+    """What is wrong with a machine and everything in it, in the order of the states."""
+    yield from _reserved(ROOT_PATH, root.outcomes)
+    yield from _keys(ROOT_PATH, root)
+    yield from _machine(root, ROOT_PATH, {id(root): ROOT_PATH})
+
+
+def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[str]:
+    if not machine.children:
+        yield f'{path}: the machine has no states'
+    if not machine.outcomes:
+        yield f'{path}: the machine has no outcomes'
+    labels: set[str] = set()
+    for child in machine.children:
+        own = child_path(path, child.label)
+        yield from _label(own, child.label, labels, machine)
+        labels.add(child.label)
+        state = child.state.unwrapped if isinstance(child.state, EventState) else child.state
+        if id(state) in seen:
+            yield f'{own}: the same state object is also {seen[id(state)]}; make one for each place'
+            continue
+        seen[id(state)] = own
+        yield from _transitions(own, child, machine)
+        yield from _keys(own, child.state)
+        yield from _remapping(own, child)
+    if machine.kind is StateKind.CONCURRENCY:
+        yield from problems_of_conditions(path, machine)
+    else:
+        yield from _reachability(path, machine)
+    yield from _data_flow(path, machine)
+    for child in machine.children:
+        own = child_path(path, child.label)
+        if not isinstance(child.state, EventState) and seen.get(id(child.state)) == own:
+            yield from _machine(child.state, own, seen)
+
+
+def _label(own: str, label: str, labels: Collection[str], machine: Machine) -> Iterator[str]:
+    if not label or '/' in label or label != label.strip():
+        yield f"{own}: '{label}' cannot be a label: it is empty, contains '/', or begins or ends with a blank"
+    if label in labels:
+        yield f"{own}: the label '{label}' is used twice"
+    if label in machine.outcomes:
+        yield f"{own}: '{label}' is both a state and an outcome of its machine, so that a transition to it is ambiguous"
+
+
+def _keys(path: str, owner: EventState | Machine) -> Iterator[str]:
+    for key in dict.fromkeys((*owner.input_keys, *owner.output_keys)):
+        if not key or key.startswith('_'):
+            yield f"{path}: '{key}' cannot be a userdata key: it is empty or begins with an underscore"
+
+
+def _reserved(path: str, outcomes: Collection[str]) -> Iterator[str]:
+    for outcome in outcomes:
+        if outcome in RESERVED:
+            yield f"{path}: the outcome '{outcome}' is reserved for runs that were stopped or failed; rename it"
+
+
+def _transitions(own: str, child: Child, machine: Machine) -> Iterator[str]:
+    outcomes = child.state.outcomes
+    is_concurrent = machine.kind is StateKind.CONCURRENCY
+    targets = [*(sibling.label for sibling in machine.children if not is_concurrent), *machine.outcomes]
+    for outcome in outcomes:
+        if outcome not in child.transitions and not is_concurrent:
+            yield f"{own}: the outcome '{outcome}' leads nowhere; add it to transitions"
+    for outcome, target in child.transitions.items():
+        if outcome not in outcomes:
+            yield f"{own}: transition of '{outcome}', which is no outcome of it{did_you_mean(outcome, outcomes)}"
+        if target not in targets:
+            what = 'no outcome of the container' if is_concurrent else 'neither a state nor an outcome of the machine'
+            yield f"{own}: the outcome '{outcome}' leads to '{target}', which is {what}{did_you_mean(target, targets)}"
+    for outcome, level in child.autonomy.items():
+        if outcome not in outcomes:
+            yield f"{own}: autonomy of '{outcome}', which is no outcome of it{did_you_mean(outcome, outcomes)}"
+        if not (isinstance(level, int) and UNDECLARED <= level <= Autonomy.Full):
+            yield f"{own}: autonomy {level!r} of '{outcome}' is none of the levels Off 0, Low 1, High 2, Full 3"
+
+
+def _remapping(own: str, child: Child) -> Iterator[str]:
+    keys = {*child.state.input_keys, *child.state.output_keys}
+    for key in child.remapping:
+        if key not in keys:
+            yield f"{own}: remaps '{key}', which is none of its keys{did_you_mean(key, keys)}"
+
+
+def _reachability(path: str, machine: Machine) -> Iterator[str]:
+    ways = {child.label: set(child.transitions.values()) for child in machine.children}
+    if not machine.children:
+        return
+    reached: set[str] = set()
+    open_ends = [machine.children[0].label]
+    while open_ends:
+        label = open_ends.pop()
+        if label in reached or label not in ways:
+            continue
+        reached.add(label)
+        open_ends.extend(ways[label])
+    for child in machine.children:
+        if child.label not in reached:
+            yield f'{child_path(path, child.label)}: no transition leads to it from the initial state'
+
+
+def _read_inputs(node: EventState | Machine, around: tuple[Machine, ...] = ()) -> Iterable[str]:
+    """The input keys that have to be given: of a machine, those that something in it reads, or that it hands out."""
+    if isinstance(node, EventState) or node in around:  # a machine in itself is told elsewhere
+        return node.input_keys
+    read, written = set[str](), set[str]()
+    for child in node.children:
+        read.update(child.remapping.get(key, key) for key in _read_inputs(child.state, (*around, node)))
+        written.update(child.remapping.get(key, key) for key in child.state.output_keys)
+    read.update(key for key in node.output_keys if key not in written)
+    return [key for key in node.input_keys if key in read]
+
+
+def _data_flow(path: str, machine: Machine) -> Iterator[str]:
+    written = {*machine.input_keys, *(machine.userdata.values())}
+    for child in machine.children:
+        written.update(child.remapping.get(key, key) for key in child.state.output_keys)
+    for child in machine.children:
+        optional = child.state.userdata.values() if not isinstance(child.state, EventState) else {}
+        for key in _read_inputs(child.state):
+            name = child.remapping.get(key, key)
+            if name not in written and key not in optional:
+                shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
+                yield (
+                    f'{child_path(path, child.label)}: reads userdata key {shown}; no state of {path} writes it, and '
+                    f'it is neither an input nor a default of the machine{did_you_mean(name, written)}'
+                )
+    for key in machine.output_keys:
+        if key not in written:
+            near = did_you_mean(key, written)
+            yield f"{path}: the output key '{key}' of the machine is written by none of its states{near}"
+
+
+# What is wrong with the conditions of a concurrency container, so that it could not end as it should.
+
+_SEARCHED: Final = 20_000
+"""Combinations of outcomes that are checked; what is beyond is noticed when it happens."""
+
+
+def problems_of_conditions(path: str, container: Machine) -> Iterator[str]:
+    """What is wrong with the conditions."""
+    problems = list(_names(path, container))
+    yield from problems
+    if not container.conditions:
+        yield f'{path}: the concurrency container has no conditions, so that it could never end'
+    elif not problems:
+        possible = {child.label: outcomes_of(child.state) for child in container.children}
+        ended = _uncovered(possible, container.conditions)
+        if ended is not None:
+            shown = ', '.join(f'{label} by {outcome!r}' for label, outcome in ended.items())
+            yield f'{path}: when its children have ended {shown}, no condition holds; add one for that'
+
+
+def _names(path: str, container: Machine) -> Iterator[str]:
+    children = {child.label: child.state.outcomes for child in container.children}
+    for number, condition in enumerate(container.conditions, start=1):
+        place = f'{path}: condition {number}, of {condition.outcome!r},'
+        if condition.outcome not in container.outcomes:
+            yield f'{place} is of no outcome of the container{did_you_mean(condition.outcome, container.outcomes)}'
+        if not condition.children:
+            yield f'{place} names no child'
+        if len(dict(condition.children)) < len(dict.fromkeys(condition.children)):
+            yield f'{place} wants two outcomes of one child, so that it never holds'
+        for label, outcome in condition.children:
+            if label not in children:
+                yield f'{place} names {label!r}, which is no child{did_you_mean(label, children)}'
+            elif outcome not in children[label]:
+                near = did_you_mean(outcome, children[label])
+                yield f'{place} names {outcome!r}, which is no outcome of {label}{near}'
+
+
+def outcomes_of(state: EventState | Machine) -> tuple[str, ...]:
+    """Outcomes by which a state, or a machine as its states are connected, can end."""
+    if isinstance(state, EventState):
+        return state.outcomes
+    if state.kind is StateKind.CONCURRENCY:
+        found = {condition.outcome for condition in state.conditions}
+    else:
+        children = {child.label: child for child in state.children}
+        found, ahead = set(), [child.label for child in state.children[:1]]
+        while ahead:
+            label = ahead.pop()
+            if label not in found:
+                found.add(label)
+                child = children.get(label)
+                if child is not None:
+                    ahead += [child.transitions[one] for one in outcomes_of(child.state) if one in child.transitions]
+    return tuple(outcome for outcome in state.outcomes if outcome in found)
+
+
+def _uncovered(possible: Mapping[str, Sequence[str]], conditions: Sequence[EndCondition]) -> dict[str, str] | None:
+    """Outcomes of all children for which no condition holds; None when there are none, or none was found in time."""
+    labels = list(possible)
+    ended: dict[str, str] = {}
+    searched = 0
+
+    def search(left: Sequence[EndCondition]) -> bool:
+        """Whether what is chosen up to now can go on so that none of the conditions ``left`` holds."""
+        nonlocal searched
+        searched += 1
+        if searched > _SEARCHED or any(one.holds(ended) for one in left):
+            return False
+        if len(ended) == len(labels):
+            return True
+        label = labels[len(ended)]
+        for outcome in possible[label]:
+            ended[label] = outcome
+            if search([one for one in left if dict(one.children).get(label, outcome) == outcome]):
+                return True
+            del ended[label]
+        return False
+
+    return ended if search(conditions) else None

@@ -10,7 +10,9 @@ from contextvars import ContextVar
 from types import TracebackType
 from typing import Any
 
-from flexbt_core.state_machine.model import Child, Condition, EventState, Machine, StateKind, StateMachineError
+from flexbt_core.state_machine.model.definition import Child, EndCondition, Machine, StateKind
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import StateMachineError
 
 # Which machines are open, innermost last; per thread and task, so that several can be built at the same time.
 _open_machines: ContextVar[tuple[OperatableStateMachine, ...]] = ContextVar('open_machines', default=())
@@ -86,7 +88,7 @@ class ConcurrencyContainer(OperatableStateMachine):
     ) -> None:
         super().__init__(outcomes, input_keys, output_keys, io_keys, children=children, userdata=userdata)
         self.conditions = tuple(
-            Condition(outcome, tuple((label, wanted) for label, wanted in ended)) for outcome, ended in conditions
+            EndCondition(outcome, tuple((label, wanted) for label, wanted in ended)) for outcome, ended in conditions
         )
 
 

@@ -11,16 +11,10 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
-from flexbt_core.state_machine.model import (
-    EXIT_TIMEOUT,
-    EventState,
-    ExitReason,
-    Progress,
-    StateError,
-    StateHost,
-    UserData,
-)
-from flexbt_core.values import shown
+from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, EventState, ExitReason
+from flexbt_core.state_machine.model.state_host import Progress, StateHost
+from flexbt_core.state_machine.model.userdata import StateError, UserData
+from flexbt_core.values.text import short_repr
 
 TIMEOUT: Final = 'timeout'
 
@@ -57,7 +51,7 @@ class StateWrapper(EventState):
     def __init__(self, inner: EventState, extra_outcomes: Collection[str] = ()) -> None:
         given: Any = inner
         if not isinstance(given, EventState):
-            raise StateError(f'only a state can have a time-out or further attempts, not {shown(given)}')
+            raise StateError(f'only a state can have a time-out or further attempts, not {short_repr(given)}')
         self.inner = inner
         super().__init__(
             (*inner.outcomes, *extra_outcomes), inner.input_keys, inner.output_keys, desired_rate=inner.desired_rate

@@ -34,8 +34,12 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_core.state_machine.model import Autonomy, Child, EventState, MachineDefinition, MachineError, StateError
-from flexbt_core.values import YamlParts, hint, line_of
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child, MachineDefinition
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import MachineError, StateError
+from flexbt_core.values.text import did_you_mean
+from flexbt_core.values.yaml_data import YamlParts, line_of
 
 from .checked_definition import define
 from .machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
@@ -147,7 +151,7 @@ class _Reader(YamlParts):
         parameters = self.values(entries['parameters'], f'parameters of {path}') if 'parameters' in entries else {}
         make = self._states.get(name)
         if make is None:
-            self.problem(entries['state'], f"{path}: there is no state '{name}'{hint(name, self._states)}")
+            self.problem(entries['state'], f"{path}: there is no state '{name}'{did_you_mean(name, self._states)}")
             return None
         try:
             made = make(**parameters)

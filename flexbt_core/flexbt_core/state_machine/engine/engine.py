@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What regions, containers and leaves need of the run that they are part of."""
+"""The interface of a run that its regions, containers and leaves use, and the wait for a halt."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
-from flexbt_core.clock import Clock
-from flexbt_core.state_machine.model import Decision, DecisionKind
+from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.state_machine.model.autonomy import Decision, DecisionKind
 
-from .calling import Calling
-from .controls import Controls
-from .halt_wait import HaltWait
-from .monitor import RunMonitor
-from .observer import RunObserver
-from .pausing import Pausing
+from .controls import Controls, Pausing
+from .observer import RunMonitor, RunObserver
 
 
 class Engine(Protocol):
@@ -22,7 +20,7 @@ class Engine(Protocol):
     ``calling`` is the callback that is being called; other threads look at it.
     """
 
-    calling: Calling | None
+    calling: RunningCallback | None
 
     @property
     def clock(self) -> Clock:
@@ -65,7 +63,7 @@ class Engine(Protocol):
     ) -> Decision:
         """A decision with an id of its own."""
 
-    def new_halt_wait(self) -> HaltWait:
+    def new_halt_wait(self) -> HaltTimeout:
         """Something to wait with for what is left; the run is woken when its time is over."""
 
     def count_transition(self, path: str) -> None:
@@ -73,3 +71,47 @@ class Engine(Protocol):
 
     def locked_inside(self, top: str) -> list[str]:
         """What is active and locked in a state or machine, itself included."""
+
+
+# Which callback of which state is being called.
+
+
+@dataclass(eq=False, slots=True)  # a frozen one takes three times as long to make, which is done for each call
+class RunningCallback:
+    """One call of a callback: the same object as long as it has not returned, and never equal to another call."""
+
+    path: str
+    callback: str
+
+
+# Waiting until what was left has halted: it may have something to finish, as a goal to cancel, but not for ever.
+
+
+class HaltTimeout:
+    """The wait for one thing at a time to halt: ``timeout`` seconds at most; ``wake`` is called at their end."""
+
+    def __init__(self, steady: Clock, timeout: float, wake: Callable[[], None]) -> None:
+        self.timeout = timeout
+        self._steady = steady
+        self._wake = wake
+        self._until: float | None = None
+        self._timer: Timer | None = None
+
+    def is_over(self, halting: str | None) -> bool:
+        """Whether to go on, as nothing is ``halting`` or the time is up. The time begins with the first "no"."""
+        if halting is not None:
+            if self._until is None:
+                self._until = self._steady.now() + self.timeout
+                self._timer = self._steady.call_at(self._until, self._wake)
+            if self._steady.now() < self._until:
+                return False
+        if self._until is not None:
+            self.cancel()
+        return True
+
+    def cancel(self) -> None:
+        """Wait no more; the next wait has its full time again."""
+        self._until = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None

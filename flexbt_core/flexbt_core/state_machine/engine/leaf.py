@@ -9,21 +9,12 @@ from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Any, Final, Literal, TypeVar
 
-from flexbt_core.state_machine.model import (
-    EventState,
-    ExitReason,
-    Progress,
-    Scope,
-    Severity,
-    StateClock,
-    StateDefinition,
-    StateError,
-    UserData,
-    set_called_state,
-)
+from flexbt_core.state_machine.model.definition import StateDefinition
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason, set_called_state
+from flexbt_core.state_machine.model.state_host import Progress, Severity, StateClock
+from flexbt_core.state_machine.model.userdata import Scope, StateError, UserData
 
-from .calling import Calling
-from .engine import Engine
+from .engine import Engine, RunningCallback
 
 FAILED: Final = 'failed'
 """Outcome by which a state that raised is left, when it declares it."""
@@ -310,7 +301,7 @@ class LeafRun:
         """What a callback of the state gives. All of them are called here, and the run shows which it is."""
         set_called_state(self.state)
         engine = self._engine
-        outer, engine.calling = engine.calling, Calling(self.path, what)
+        outer, engine.calling = engine.calling, RunningCallback(self.path, what)
         try:
             return callback(*arguments)
         except Exception:  # code of the state: its trace goes to the operator

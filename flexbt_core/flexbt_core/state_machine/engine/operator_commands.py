@@ -1,19 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the operator's commands do to a run, on its thread. Each method gives why it refuses, or None.
-
-A command that would change nothing is refused as well, so that each has exactly one effect or a reason.
-"""
+"""Commands to a run: queued on any thread, applied on the thread of the run, each answered exactly once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from flexbt_core.state_machine.model import AUTONOMY_NAMES, ROOT_PATH, Decision, Severity, is_inside
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Decision
+from flexbt_core.state_machine.model.definition import ROOT_PATH, is_inside
+from flexbt_core.state_machine.model.state_host import Severity
 
 from .engine import Engine
 from .leaf import LeafRun
-from .region import Node, Region
+from .region import Region, RegionChild
+
+# What the operator's commands do to a run, on its thread. Each method gives why it refuses, or None.
+#
+# A command that would change nothing is refused as well, so that each has exactly one effect or a reason.
 
 
 class CommandedRun(Engine, Protocol):
@@ -134,7 +139,7 @@ def no_level(level: int) -> str:
     return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'
 
 
-def _active(run: CommandedRun, path: str) -> tuple[Region, Node] | str:
+def _active(run: CommandedRun, path: str) -> tuple[Region, RegionChild] | str:
     """Where something is active, and what it is; or why nothing can be done with it."""
     for region in run.regions():
         if region.child is not None and region.child.path == path:
@@ -162,3 +167,47 @@ def _no_decision(run: CommandedRun, decision_id: str) -> str:
 
 def _deciding(run: CommandedRun, decision_id: str) -> Region | None:
     return next((one for one in run.regions() if one.decision and one.decision.id == decision_id), None)
+
+
+# Commands to a run: given on any thread, applied on the thread of the run, each answered exactly once.
+
+CommandReply = Callable[['str | None'], None]
+"""Told the fate of a command: None when it was applied, otherwise why it was refused."""
+
+
+class CommandQueue:
+    """Commands in the order in which they were given."""
+
+    def __init__(self) -> None:
+        self._commands: deque[tuple[Callable[[], str | None], CommandReply]] = deque()
+        self._closed: str | None = None
+        self._lock = threading.Lock()
+
+    def put(self, apply: Callable[[], str | None], answer: CommandReply) -> None:
+        """Keep a command; ``apply`` gives the refusal, or None. When it is too late it is answered at once."""
+        with self._lock:
+            closed = self._closed
+            if closed is None:
+                self._commands.append((apply, answer))
+        if closed is not None:
+            answer(closed)
+
+    def apply_next(self) -> bool:
+        """Apply the oldest command; False when there is none."""
+        if not self._commands:
+            return False
+        apply, answer = self._commands.popleft()
+        answer(apply())
+        return True
+
+    def refuse(self, reason: str) -> None:
+        """Refuse what was given up to now; not what the answers bring about, so that it comes to an end."""
+        for _ in range(len(self._commands)):
+            _, answer = self._commands.popleft()
+            answer(reason)
+
+    def close(self, reason: str) -> None:
+        """Refuse what was given and whatever will be, on the thread that gives it."""
+        with self._lock:
+            self._closed = reason
+        self.refuse(reason)

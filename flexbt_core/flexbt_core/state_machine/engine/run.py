@@ -15,34 +15,19 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_core.clock import Clock
-from flexbt_core.state_machine.model import (
-    AUTONOMY_NAMES,
-    ERROR,
-    EXIT_TIMEOUT,
-    PREEMPTED,
-    ROOT_PATH,
-    Autonomy,
-    Decision,
-    DecisionKind,
-    ExitReason,
-    MachineDefinition,
-    Scope,
-    StateMachineError,
-    is_inside,
-)
+from flexbt_core.clock.clock import Clock
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, DecisionKind
+from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, is_inside
+from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, ExitReason
+from flexbt_core.state_machine.model.userdata import Scope, StateMachineError
 
 from . import operator_commands as commands
-from .calling import Calling
-from .command_queue import Answer, CommandQueue
-from .container import ContainerRun
-from .controls import Controls
-from .halt_wait import HaltWait
+from .controls import Controls, Pausing
+from .engine import HaltTimeout, RunningCallback
 from .leaf import LeafRun
-from .monitor import RunMonitor
-from .observer import LoggingObserver, RunObserver
-from .pausing import Pausing
-from .region import HeldBack, Region
+from .observer import LoggingObserver, RunMonitor, RunObserver
+from .operator_commands import CommandQueue, CommandReply
+from .region import BlockedTransition, ContainerRun, Region
 
 STOP_TIMEOUT: Final = 30.0
 """How long the end of a run waits until it is confirmed that everything has halted, s."""
@@ -99,7 +84,7 @@ class MachineRun:
         self.message = ''
         self.not_halted = ''
         """While the run ends: what has not halted yet, after the path of its state."""
-        self.calling: Calling | None = None
+        self.calling: RunningCallback | None = None
         """The callback of a state that is being called; for other threads too."""
         self.pausing = Pausing()
         self.controls = Controls(definition, autonomy)
@@ -121,7 +106,7 @@ class MachineRun:
         self._preempt_reason: str | None = None
         self._halt_wait = self.new_halt_wait()
         self._stop_timeout = stop_timeout
-        self._stop_wait = HaltWait(self._steady, max(0.0, stop_timeout - exit_timeout), self.wake)
+        self._stop_wait = HaltTimeout(self._steady, max(0.0, stop_timeout - exit_timeout), self.wake)
         self._is_overdue = False  # while it ends: something has not halted in its time, which was told
         self._abort_reason = ''
         self._is_started = False
@@ -132,7 +117,7 @@ class MachineRun:
     def start(self, enter: Callable[[], None] | None = None) -> None:
         """Call on_start of every state and enter the first one. Once, on the thread of the run.
 
-        ``enter`` takes the place of entering the first one: :func:`~flexbt_core.state_machine.resume.start_at` goes on
+        ``enter`` takes the place of entering the first one: :func:`start_at` goes on
         by it where another run was.
 
         Raises:
@@ -251,7 +236,7 @@ class MachineRun:
         return {key: visible[key] for key in declared if key in visible}, [key for key in inputs if key not in visible]
 
     @property
-    def held_back(self) -> list[HeldBack]:
+    def held_back(self) -> list[BlockedTransition]:
         """What is not left since something is locked, outermost first."""
         if not self.controls.locked:
             return []
@@ -278,23 +263,23 @@ class MachineRun:
 
     # -- commands; from any thread -----------------------------------------------------------------------------------
 
-    def confirm(self, decision_id: str, answer: Answer) -> None:
+    def confirm(self, decision_id: str, answer: CommandReply) -> None:
         """Let what a decision asks for happen."""
         self.command(lambda: commands.confirm(self, decision_id), answer)
 
-    def force(self, path: str, outcome: str, decision_id: str, answer: Answer) -> None:
+    def force(self, path: str, outcome: str, decision_id: str, answer: CommandReply) -> None:
         """Leave a state or machine by an outcome. ``decision_id`` is the decision that it overrides, or ''."""
         self.command(lambda: commands.force(self, path, outcome, decision_id), answer)
 
-    def repeat(self, path: str, answer: Answer) -> None:
+    def repeat(self, path: str, answer: CommandReply) -> None:
         """Leave an active state or machine, and enter it again when it has halted."""
         self.command(lambda: commands.repeat(self, path), answer)
 
-    def set_autonomy(self, level: int, path: str, answer: Answer) -> None:
+    def set_autonomy(self, level: int, path: str, answer: CommandReply) -> None:
         """Change the level of the run, or of the sub-tree ``path`` ('' or '/' for all, sub-trees included)."""
         self.command(lambda: commands.set_autonomy(self, level, path), answer)
 
-    def lock(self, path: str, answer: Answer) -> None:
+    def lock(self, path: str, answer: CommandReply) -> None:
         """Hold back each transition that would leave a state or machine, also by leaving what is around it.
 
         What it wants to be left by is kept until then, forced outcomes too. A stop is not held back, and neither is
@@ -302,19 +287,19 @@ class MachineRun:
         """
         self.command(lambda: commands.mark(self, self.controls.locked, path, 'is locked'), answer)
 
-    def unlock(self, path: str, answer: Answer) -> None:
+    def unlock(self, path: str, answer: CommandReply) -> None:
         """Undo :meth:`lock`: what was held back happens, if nothing else keeps it."""
         self.command(lambda: commands.unmark(self, self.controls.locked, path, 'is locked'), answer)
 
-    def set_breakpoint(self, path: str, answer: Answer) -> None:
+    def set_breakpoint(self, path: str, answer: CommandReply) -> None:
         """Let each transition out of a state or machine wait for the operator, whatever the autonomy."""
         self.command(lambda: commands.mark(self, self.controls.breakpoints, path, 'has a breakpoint'), answer)
 
-    def clear_breakpoint(self, path: str, answer: Answer) -> None:
+    def clear_breakpoint(self, path: str, answer: CommandReply) -> None:
         """Undo :meth:`set_breakpoint`; the autonomy decides again, also of what waits."""
         self.command(lambda: commands.unmark(self, self.controls.breakpoints, path, 'has a breakpoint'), answer)
 
-    def pause(self, answer: Answer) -> None:
+    def pause(self, answer: CommandReply) -> None:
         """Let the run stand still: no state is executed or left, and time does not pass for the active ones.
 
         They are told by on_pause. Commands that would leave something are refused until :meth:`resume`, others are not.
@@ -322,18 +307,18 @@ class MachineRun:
         """
         self.command(lambda: commands.set_paused(self, True), answer)
 
-    def resume(self, answer: Answer) -> None:
+    def resume(self, answer: CommandReply) -> None:
         """Go on after :meth:`pause`."""
         self.command(lambda: commands.set_paused(self, False), answer)
 
-    def inspect(self, see: Callable[[Mapping[str, Mapping[str, Any]]], None], answer: Answer) -> None:
+    def inspect(self, see: Callable[[Mapping[str, Mapping[str, Any]]], None], answer: CommandReply) -> None:
         """Have ``see`` called between two steps, with the userdata of each active machine by its path, outermost first.
 
         It gets the values themselves, and has to leave them as they are.
         """
         self.command(lambda: see(self._userdata_of_machines()), answer)
 
-    def command(self, apply: Callable[[], str | None], answer: Answer) -> None:
+    def command(self, apply: Callable[[], str | None], answer: CommandReply) -> None:
         """Have ``apply`` called between two steps; it gives why it refuses, or None.
 
         When it raises, the command is refused with that, the observer is told of the fault, and the run goes on.
@@ -402,9 +387,9 @@ class MachineRun:
             self.monitor.asked(decision)
         return decision
 
-    def new_halt_wait(self) -> HaltWait:
+    def new_halt_wait(self) -> HaltTimeout:
         """Something to wait with for what is left; the run is woken when its time is over."""
-        return HaltWait(self._steady, self._exit_timeout, self.wake)
+        return HaltTimeout(self._steady, self._exit_timeout, self.wake)
 
     def count_transition(self, path: str) -> None:
         """Watch for livelocks."""

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Autonomy: what a state machine may do without its operator."""
+"""Autonomy levels, and the decisions that wait for the operator."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from enum import Enum
 from typing import Final
 
 
@@ -30,3 +32,32 @@ AUTONOMY_NAMES: Final = {Autonomy.Off: 'Off', Autonomy.Low: 'Low', Autonomy.High
 def is_autonomous(required: int, current: int) -> bool:
     """Whether a transition that requires a level happens alone at the current one."""
     return required < current
+
+
+# What waits for the operator.
+
+
+class DecisionKind(Enum):
+    """Kinds of decisions; the values are the constants of PendingDecision."""
+
+    TRANSITION = 1
+    CHOICE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A decision of a run.
+
+    ``id`` is unique in the run, ``path`` the state or machine that waits, ``outcome`` the one that is wanted or
+    suggested ('' for none), ``outcomes`` those that may be chosen, ``required`` the autonomy level that ``outcome``
+    requires (-1 without one), ``since`` the time of the run's clock when it came up.
+    """
+
+    id: str
+    kind: DecisionKind
+    path: str
+    outcome: str
+    outcomes: tuple[str, ...]
+    required: int
+    prompt: str
+    since: float

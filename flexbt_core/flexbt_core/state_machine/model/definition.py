@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a machine is, apart from any run of it: immutable, checked, and fit to be drawn and sent."""
+"""A machine apart from any run: as it is written, and as a checked, immutable definition."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Final
+from typing import Any, ClassVar, Final
+
+from flexbt_core.values.text import short_repr
 
 from .event_state import EventState
+from .userdata import DefaultUserData, StateMachineError
 
 PREEMPTED: Final = 'preempted'
 """Outcome of a run that was stopped. Reserved: no state and no machine declares it."""
@@ -43,7 +46,7 @@ class Transition:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class EndCondition:
     """A concurrency container ends by ``outcome`` when each of ``children``, label and outcome, has ended so."""
 
     outcome: str
@@ -89,7 +92,7 @@ class MachineDefinition:
     remap: Mapping[str, str]
     type_name: str
     kind: StateKind = StateKind.MACHINE
-    conditions: tuple[Condition, ...] = ()
+    conditions: tuple[EndCondition, ...] = ()
 
     @property
     def read_inputs(self) -> tuple[str, ...]:
@@ -167,3 +170,66 @@ def _target(parent: str, transition: Transition | None) -> str:
     if transition is None or (transition.state is None and transition.outcome is None):
         return ''
     return f'={transition.outcome}' if transition.state is None else child_path(parent, transition.state)
+
+
+# A machine as it is written, in whatever form: not checked yet, and no part of a run.
+
+
+@dataclass(frozen=True)
+class Child:
+    """A state or machine in a machine.
+
+    ``transitions`` leads each outcome of it to the label of another child, or to an outcome of the machine;
+    ``autonomy`` gives the level that each outcome requires; ``remapping`` maps its keys to those of the machine.
+    """
+
+    label: str
+    state: EventState | Machine
+    transitions: Mapping[str, str] = field(default_factory=dict)
+    autonomy: Mapping[str, int] = field(default_factory=dict)
+    remapping: Mapping[str, str] = field(default_factory=dict)
+
+
+class Machine:
+    """A state machine, or a state that is one. Its first child is the initial one.
+
+    ``userdata`` has defaults, by their keys; more are given as ``machine.userdata.key = value``.
+    """
+
+    kind: ClassVar[StateKind] = StateKind.MACHINE
+
+    def __init__(
+        self,
+        outcomes: Iterable[str] = (),
+        input_keys: Iterable[str] = (),
+        output_keys: Iterable[str] = (),
+        io_keys: Iterable[str] = (),
+        *,
+        children: Iterable[Child] = (),
+        userdata: Mapping[str, Any] | None = None,
+    ) -> None:
+        both = tuple(io_keys)
+        self.outcomes: tuple[str, ...] = tuple(dict.fromkeys(outcomes))
+        self.input_keys: tuple[str, ...] = tuple(dict.fromkeys((*input_keys, *both)))
+        self.output_keys: tuple[str, ...] = tuple(dict.fromkeys((*output_keys, *both)))
+        self.userdata = DefaultUserData()
+        self.children: list[Child] = []
+        self.conditions: tuple[EndCondition, ...] = ()
+        for key, value in (userdata or {}).items():
+            self.userdata[key] = value
+        for child in children:
+            self.add_child(child)
+
+    def add_child(self, child: Child) -> None:
+        """Add a state or machine.
+
+        Raises:
+            StateMachineError: it is neither.
+        """
+        given: Any = child.state
+        if not isinstance(given, EventState | Machine):
+            raise StateMachineError(
+                f"cannot add '{child.label}': {short_repr(given)} is neither a state object nor a machine"
+            )
+        own = dict(child.transitions), dict(child.autonomy), dict(child.remapping)
+        self.children.append(Child(child.label, child.state, *own))

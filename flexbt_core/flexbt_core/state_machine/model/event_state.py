@@ -1,14 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The base of all states.
-
-A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
-once for each ``on_enter``, whatever becomes of the state in between, and ``exit_reason`` says why.
-
-What a callback raises is shown to the operator with its trace, and the callback is not repeated: a state that raises
-in on_enter, in execute, or in on_exit on its way out by an outcome of its own, is left by ``failed``; when it has no
-such outcome, the run ends by ``error``, as it does when on_start raises. Where somebody else decided that the state be
-left, that stands.
-"""
+"""The base of all states, and the skill of a state."""
 
 from __future__ import annotations
 
@@ -18,13 +9,21 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any, ClassVar, Final
 
-from flexbt_core.clock import Clock
-from flexbt_core.skills import Skill
+from flexbt_core.clock.clock import Clock
+from flexbt_core.skills.skill import Outcome, Skill
 
-from .errors import StateError
-from .progress import Progress
-from .state_host import Severity, StateHost
-from .userdata import UserData
+from .state_host import Progress, Severity, StateHost
+from .userdata import StateError, UserData
+
+# The base of all states.
+#
+# A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
+# once for each ``on_enter``, whatever becomes of the state in between, and ``exit_reason`` says why.
+#
+# What a callback raises is shown to the operator with its trace, and the callback is not repeated: a state that raises
+# in on_enter, in execute, or in on_exit on its way out by an outcome of its own, is left by ``failed``; when it has no
+# such outcome, the run ends by ``error``, as it does when on_start raises. Where somebody else decided that the state
+# be left, that stands.
 
 DEFAULT_RATE: Final = 10.0
 """Rate at which a state is executed while nothing wakes it, Hz (as in FlexBE)."""
@@ -256,3 +255,20 @@ def called_state() -> EventState | None:
 
 
 set_called_state = _called.set
+
+
+# The skill of a state: what it declares, completed by its keys and outcomes.
+
+
+def state_skill(state: EventState) -> Skill:
+    """The skill of a state as it was made: of the class, or its own where it has bound what it was made with.
+
+    It reads and writes its keys, and ends by its outcomes, which mean what is declared, or what their names say.
+    """
+    inner = state.unwrapped
+    # The attribute of somebody's state may be something else.
+    declared = inner.skill if isinstance(inner.skill, Skill) else Skill()
+    skill = declared.completed_by(
+        type(inner).__name__, {name: Outcome() for name in state.outcomes}, state.input_keys, state.output_keys
+    )
+    return skill.lasting(0.0, 0.0) if inner.is_instant else skill

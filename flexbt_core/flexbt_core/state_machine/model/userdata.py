@@ -1,23 +1,51 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Userdata: what the states of a machine hand to each other.
-
-Each machine has a scope of its own. A state sees, through a :class:`UserData` view, only the keys that it declares;
-remapping says under which names its machine has them. What a state reads and does not also write is a copy, so that a
-value can only be changed by whoever declares to. (FlexBE hashes the text of such values in every tick instead, which
-is slow and misses changes.) What cannot be copied, such as a driver or a lock, is handed on itself, with a warning.
-"""
+"""Userdata that the states of a machine pass to each other, and the errors of the state-machine engine."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
-from flexbt_core.values import excerpt, shown
+from flexbt_core.values.text import short_repr, truncate_middle
 
-from .errors import UserDataError
 from .state_host import Severity
+
+# The errors of the state-machine engine.
+#
+# StateMachineError
+# ├── MachineError     a machine that cannot be run; carries every problem that was found
+# ├── UserDataError    userdata that is not declared, or that nobody has written
+# └── StateError       a state that is used against the rules
+
+
+class StateMachineError(Exception):
+    """Base of the errors of the engine."""
+
+
+class MachineError(StateMachineError):
+    """A machine cannot be run. ``problems`` has everything that is wrong with it, in the order of its states."""
+
+    def __init__(self, problems: Iterable[str]) -> None:
+        self.problems: tuple[str, ...] = tuple(problems)
+        super().__init__('; '.join(self.problems))
+
+
+class UserDataError(StateMachineError):
+    """A userdata key was used that is not declared, or that nobody has written."""
+
+
+class StateError(StateMachineError):
+    """A state was used against the rules."""
+
+
+# Userdata: what the states of a machine hand to each other.
+#
+# Each machine has a scope of its own. A state sees, through a :class:`UserData` view, only the keys that it declares;
+# remapping says under which names its machine has them. What a state reads and does not also write is a copy, so that a
+# value can only be changed by whoever declares to. (FlexBE hashes the text of such values in every tick instead, which
+# is slow and misses changes.) What cannot be copied, such as a driver or a lock, is handed on itself, with a warning.
 
 _IMMUTABLE: Final = (bool, int, float, complex, str, bytes, type(None))
 
@@ -106,7 +134,7 @@ class Scope:
 
 def _reason(error: Exception) -> str:
     try:
-        return excerpt(str(error)) or type(error).__name__
+        return truncate_middle(str(error)) or type(error).__name__
     except Exception:  # code of the value
         return type(error).__name__
 
@@ -187,7 +215,7 @@ class UserData:
         return sum(1 for _ in self)
 
     def __repr__(self) -> str:
-        return f'UserData({", ".join(f"{key}={shown(self[key])}" for key in self)})'
+        return f'UserData({", ".join(f"{key}={short_repr(self[key])}" for key in self)})'
 
 
 class DefaultUserData:

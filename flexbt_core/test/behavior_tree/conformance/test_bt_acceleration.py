@@ -10,13 +10,15 @@ import types
 
 import pytest
 
-from flexbt_core.behavior_tree import NodeStatus, StatusLog, builtin_registry, log_reader
-from flexbt_core.behavior_tree.model import Acceleration, acceleration
+from flexbt_core.behavior_tree.engine.observers import StatusLog, log_reader
+from flexbt_core.behavior_tree.model.acceleration_seam import Acceleration, acceleration
+from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes import decorators
-from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
-from flexbt_testing.random_trees.user_nodes import make
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
+from flexbt_testing.behavior_trees.user_node_trees import make
 
-inlining = pytest.importorskip('flexbt_core.behavior_tree.acceleration.inlining')
+inlining = pytest.importorskip('flexbt_core.behavior_tree.acceleration.node_classes')
 if type(acceleration()) is Acceleration:
     pytest.skip('FLEXBT_ACCELERATION=0', allow_module_level=True)
 
@@ -73,8 +75,12 @@ def test_the_engine_works_without_it() -> None:
     program = (
         """
 import sys
-sys.modules['flexbt_core.behavior_tree.acceleration'] = None
-from flexbt_core.behavior_tree import StatusLog, Tree, TreeLibrary, builtin_registry, load_xml, log_reader
+sys.modules['flexbt_core.behavior_tree.acceleration.installation'] = None
+from flexbt_core.behavior_tree.engine.observers import StatusLog, log_reader
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 text = """
         + repr(BODY)
         + """

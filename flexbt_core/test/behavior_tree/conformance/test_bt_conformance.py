@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from flexbt_testing.behavior_trees import conformance as bt_conformance
+from flexbt_testing.behavior_trees import random_trees as bt_random_nodes
+from flexbt_testing.behavior_trees import random_trees as bt_random_scripts
+from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees import wheel as bt_wheel
-from flexbt_testing.random_trees import basic as bt_random_trees
-from flexbt_testing.random_trees import nodes as bt_random_nodes
-from flexbt_testing.random_trees import scripts as bt_random_scripts
-from flexbt_testing.random_trees import wheel as bt_random_wheel
+from flexbt_testing.behavior_trees import wheel_trees as bt_random_wheel
 
 needs_wheel = pytest.mark.skipif(
     not bt_wheel.available(),
@@ -29,7 +29,7 @@ def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
     seeds = range(block * 150, (block + 1) * 150)
     crashed = 0
     for seed, (case, expected, found) in zip(
-        seeds, bt_conformance.compare(map(bt_random_trees.make_case, seeds)), strict=True
+        seeds, bt_conformance.compare(map(bt_random_trees.basic_case, seeds)), strict=True
     ):
         assert not found, f'seed {seed}: {found}\n{case["xml"]}'
         crashed += 'crash' in expected
@@ -40,18 +40,18 @@ def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
 @pytest.mark.parametrize('block', bt_conformance.BLOCKS)
 def test_trees_of_the_corpus_give_the_trace_of_btcpp(block: int) -> None:
     seeds = range(block * 200, (block + 1) * 200)
-    cases = map(bt_random_wheel.make_case, seeds)
+    cases = map(bt_random_wheel.wheel_case, seeds)
     for seed, (case, expected, found) in zip(seeds, bt_conformance.compare(cases), strict=True):
         assert not found, f'seed {seed}: {found}\n{case["xml"]}'
         assert 'crash' not in expected
 
 
 def test_random_trees_are_reproducible_and_cover_the_nodes() -> None:
-    cases = [bt_random_trees.make_case(seed) for seed in range(300)]
-    assert cases == [bt_random_trees.make_case(seed) for seed in range(300)]
+    cases = [bt_random_trees.basic_case(seed) for seed in range(300)]
+    assert cases == [bt_random_trees.basic_case(seed) for seed in range(300)]
     others = (
         make_case(seed)
-        for make_case in (bt_random_nodes.make_case, bt_random_scripts.make_case, bt_random_wheel.make_case)
+        for make_case in (bt_random_nodes.control_case, bt_random_scripts.script_case, bt_random_wheel.wheel_case)
         for seed in range(100)
     )
     text = ''.join(case['xml'] for case in [*cases, *others])

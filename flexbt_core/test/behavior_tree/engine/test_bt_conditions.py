@@ -9,20 +9,14 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Decorator,
-    NodeExecutionError,
-    NodeKind,
-    NodeManifest,
-    NodeStatus,
-    ScriptError,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import NodeManifest, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError, TreeLoadError
+from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, make
 
 

@@ -7,26 +7,22 @@ from typing import ClassVar
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Blackboard,
-    ExpandingAction,
-    NodeConfig,
-    NodeExecutionError,
-    NodeRegistry,
-    NodeStatus,
-    StatefulAction,
-    StatusLog,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    input_port,
-    load_xml,
-    log_reader,
-)
-from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.clock import ManualClock
-from flexbt_core.monitors import Never, TreeMonitor, Violation
+from flexbt_core.behavior_tree.engine.leaf import ExpandingAction, StatefulAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.observers import StatusLog, log_reader
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import STRING, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.monitors.properties import Violation
+from flexbt_core.monitors.requirements import Never
+from flexbt_core.monitors.tree_monitor import TreeMonitor
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 

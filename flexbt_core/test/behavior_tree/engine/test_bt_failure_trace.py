@@ -7,23 +7,18 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    BehaviorTreeError,
-    Blackboard,
-    FailureStep,
-    FailureTrace,
-    NodeExecutionError,
-    NodeStatus,
-    Tree,
-    TreeLibrary,
-    TreeNode,
-    load_xml,
-)
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, FailureStep, FailureTrace, NodeExecutionError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_testing.behavior_trees import random_trees as bt_random_nodes
+from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees.steps import control, make, step
-from flexbt_testing.random_trees import basic as bt_random_trees
-from flexbt_testing.random_trees import nodes as bt_random_nodes
 
 F0, F1, F2 = (f'F_{number}: Step returned FAILURE' for number in range(3))
 
@@ -205,7 +200,8 @@ ABOVE = [
     ],
 )
 def test_an_error_within_sub_trees_has_the_way_to_the_root(leaf: str, reason: str) -> None:
-    from flexbt_core.behavior_tree import SyncAction, builtin_registry
+    from flexbt_core.behavior_tree.engine.leaf import SyncAction
+    from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 
     class Bad(SyncAction):
         def tick(self) -> NodeStatus:
@@ -227,7 +223,8 @@ def test_an_error_within_sub_trees_has_the_way_to_the_root(leaf: str, reason: st
 
 
 def test_an_error_of_a_halt_has_it_too() -> None:
-    from flexbt_core.behavior_tree import StatefulAction, builtin_registry
+    from flexbt_core.behavior_tree.engine.leaf import StatefulAction
+    from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 
     class Bad(StatefulAction):
         def on_start(self) -> NodeStatus:
@@ -264,7 +261,7 @@ def scripted(case: dict[str, Any]) -> Tree | None:
     return tree
 
 
-@pytest.mark.parametrize('make_case', [bt_random_trees.make_case, bt_random_nodes.make_case])
+@pytest.mark.parametrize('make_case', [bt_random_trees.basic_case, bt_random_nodes.control_case])
 def test_all_of_a_chain_have_failed_and_each_is_the_child_of_the_next(make_case: Any) -> None:
     """Who is blamed has failed, as an observer sees it, and the chain follows the structure of the tree."""
     failures = lengths = 0

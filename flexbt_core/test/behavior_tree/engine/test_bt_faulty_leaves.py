@@ -8,16 +8,14 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    NodeExecutionError,
-    NodeRegistry,
-    NodeStatus,
-    Tree,
-    TreeLibrary,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 
 BODIES = [

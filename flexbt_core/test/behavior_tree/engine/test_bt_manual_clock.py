@@ -12,21 +12,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    CoroutineAction,
-    NodeRegistry,
-    NodeStatus,
-    StatefulAction,
-    SyncAction,
-    ThreadedAction,
-    Tree,
-    TreeLibrary,
-    TreeNode,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.behavior_tree.nodes.nav2 import SpeedController, register_nav2
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, ThreadedAction
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.decorators import SpeedController
+from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
 
 START = 1000.0
 PERIOD = 1.5

@@ -9,15 +9,19 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import Blackboard, NodeStatus, StatusLog, Tree, TreeNode, log_reader
-from flexbt_core.behavior_tree.engine import ControlNode
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.engine.observers import StatusLog, log_reader
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model import acceleration_seam
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_testing.behavior_trees import random_trees as bt_random_nodes
+from flexbt_testing.behavior_trees import random_trees as bt_random_scripts
+from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees.scripted_nodes import NAMES
-from flexbt_testing.random_trees import basic as bt_random_trees
-from flexbt_testing.random_trees import nodes as bt_random_nodes
-from flexbt_testing.random_trees import scripts as bt_random_scripts
-from flexbt_testing.random_trees.user_nodes import make, random_body, run_some
+from flexbt_testing.behavior_trees.user_node_trees import make, random_body, run_some
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 
@@ -137,7 +141,7 @@ def test_a_node_is_running_at_its_completion_as_its_class_declares() -> None:
 
 
 @pytest.mark.parametrize(
-    'make_case', [bt_random_trees.make_case, bt_random_nodes.make_case, bt_random_scripts.make_case]
+    'make_case', [bt_random_trees.basic_case, bt_random_nodes.control_case, bt_random_scripts.script_case]
 )
 def test_a_tree_can_be_recorded_and_observed_from_any_time_on(make_case: Callable[[int], dict[str, Any]]) -> None:
     compared = 0
@@ -191,7 +195,7 @@ def test_each_round_of_a_tick_ends_with_a_call_also_when_it_raises() -> None:
 def test_nodes_whose_source_is_not_to_be_had_are_watched_as_well() -> None:
     names: dict[str, Any] = {'TreeNode': TreeNode}
     exec(  # noqa: S102 - a class that has no file
-        'from flexbt_core.behavior_tree import SyncAction, NodeStatus\n'
+        'from flexbt_core import SyncAction, NodeStatus\n'
         'class Made(SyncAction):\n'
         '    def tick(self):\n'
         '        self.status = NodeStatus.RUNNING\n'

@@ -3,7 +3,11 @@
 
 from __future__ import annotations
 
-from flexbt_core.behavior_tree import NodeDefinition, NodeStatus, Tree, TreeLibrary, builtin_registry, load_xml
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeLibrary
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 
 XML = """
 <root BTCPP_format="4" main_tree_to_execute="Main">

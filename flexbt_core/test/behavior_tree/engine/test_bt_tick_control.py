@@ -10,20 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    NodeExecutionError,
-    NodeStatus,
-    StatefulAction,
-    SyncAction,
-    TickCommand,
-    TickControl,
-    Tree,
-    TreeLibrary,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.behavior_tree.engine.tick_control import MOST_WAITING
-from flexbt_core.clock import ManualClock, SteadyClock, WakeEvent
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.tick_control import MOST_WAITING, TickCommand, TickControl
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock, SteadyClock
+from flexbt_core.clock.waiting import WakeEvent
 from flexbt_testing.waiting import DEADLINE
 
 PAUSE, RESUME, STEP = TickCommand.PAUSE, TickCommand.RESUME, TickCommand.STEP

@@ -12,36 +12,22 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Blackboard,
-    Condition,
-    Control,
-    CoroutineAction,
-    Decorator,
-    NodeConfig,
-    NodeExecutionError,
-    NodeKind,
-    NodeStatus,
-    RegistrationError,
-    SimpleAction,
-    StatefulAction,
-    SyncAction,
-    ThreadedAction,
-    TickAbandoned,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    TreeNode,
-    UnfinishedWork,
-    builtin_registry,
-    input_port,
-    load_xml,
-    output_port,
-    simple_action,
-)
-from flexbt_core.behavior_tree.engine import LeafNode
-from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.clock import ManualClock, WakeEvent
+from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, ThreadedAction
+from flexbt_core.behavior_tree.engine.context import UnfinishedWork
+from flexbt_core.behavior_tree.engine.function_nodes import SimpleAction, simple_action
+from flexbt_core.behavior_tree.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.parents import Control, Decorator
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, RegistrationError, TickAbandoned, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock.waiting import WakeEvent
 from flexbt_testing.waiting import DEADLINE
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus

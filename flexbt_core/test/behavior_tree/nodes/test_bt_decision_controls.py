@@ -7,16 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    NodeExecutionError,
-    NodeStatus,
-    SyncAction,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    load_xml,
-)
+from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, first_failure, make, step
 
 SWITCH = {'variable': '{x}', 'case_1': 'a', 'case_2': '2'}

@@ -8,7 +8,10 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import Loop, NodeExecutionError, NodeStatus, PortError, PortType, TreeLoadError
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, PortError, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import PortType
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.loops import Loop
 from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, make, step
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import NodeExecutionError, NodeStatus, TreeLoadError
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make
 
 # Tree, and what happens to it (the notation of flexbt_testing.behavior_trees.steps).

@@ -9,24 +9,17 @@ from typing import Any, ClassVar
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Blackboard,
-    NodeExecutionError,
-    NodeStatus,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.behavior_tree.nodes.nav2 import (
-    DistanceController,
-    PauseResumeController,
-    Position,
-    SpeedController,
-    register_nav2,
-)
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.controls import PauseResumeController
+from flexbt_core.behavior_tree.nodes.nav2.decorators import DistanceController, Position, SpeedController
+from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, step
 
 # Tree, and what happens to it in the branch main (the notation of flexbt_testing.behavior_trees.steps).

@@ -6,15 +6,15 @@ from __future__ import annotations
 import pytest
 
 from flexbt_testing.behavior_trees import conformance as bt_conformance
+from flexbt_testing.behavior_trees import random_trees as bt_random_scripts
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees import wheel as bt_wheel
-from flexbt_testing.random_trees import scripts as bt_random_scripts
 
 
 @pytest.mark.skipif(not bt_wheel.available(), reason='the judge is not installed: pip install behaviortreepy==0.1.4')
 @pytest.mark.parametrize('block', bt_conformance.BLOCKS)
 def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
-    cases = [bt_random_scripts.make_case(seed) for seed in range(block * 200, (block + 1) * 200)]
+    cases = [bt_random_scripts.script_case(seed) for seed in range(block * 200, (block + 1) * 200)]
     failing = 0
     for case, expected, found in bt_conformance.compare(cases):
         assert not found, f'{found}\n{case}'
@@ -25,7 +25,7 @@ def test_random_trees_give_the_trace_of_btcpp(block: int) -> None:
 
 def test_a_tree_does_the_same_when_nobody_looks() -> None:
     for seed in range(250):
-        case = bt_random_scripts.make_case(seed)
+        case = bt_random_scripts.script_case(seed)
         case['ops'] *= 2  # more of it by the code that is made of the scripts
         seen, unseen = (bt_scripted.Run(case, observed=observed).trace() for observed in (True, False))
         for step in [*seen['steps'], seen['final']]:

@@ -8,18 +8,12 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    EMPTY,
-    Blackboard,
-    Condition,
-    NodeExecutionError,
-    NodeStatus,
-    RegistrationError,
-    ScriptError,
-    ScriptLibrary,
-    input_port,
-)
-from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING, UINT8
+from flexbt_core.behavior_tree.engine.leaf import Condition
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, RegistrationError, ScriptError
+from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, UINT8, input_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
 from flexbt_testing.behavior_trees.steps import make
 
 

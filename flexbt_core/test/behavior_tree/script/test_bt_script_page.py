@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.behavior_tree import Blackboard, ScriptLibrary
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
 
 PAGE = (Path(__file__).parents[4] / 'docs' / 'reference' / 'bt_scripts.md').read_text().replace(r'\|', '|')
 VALUES = re.findall(r"^\| `(.+)` \| ([-\d.']+.*) \|$", PAGE, re.MULTILINE)

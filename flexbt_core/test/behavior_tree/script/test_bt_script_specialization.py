@@ -10,8 +10,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import EMPTY, Blackboard, ScriptError, ScriptLibrary
-from flexbt_core.behavior_tree.script import BoundScript
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
+from flexbt_core.behavior_tree.model.errors import ScriptError
+from flexbt_core.behavior_tree.script.interpreter import BoundScript, ScriptLibrary
 
 NUMBERS = st.sampled_from(
     (0, 1, -1, 2, 3, 7, -12, 255, 10**6, 2**30, -(2**30), 2**31, 2**52, 2**53 - 1, 2**53, 2**63 - 1)

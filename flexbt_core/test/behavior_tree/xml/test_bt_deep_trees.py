@@ -7,7 +7,12 @@ import threading
 
 import pytest
 
-from flexbt_core.behavior_tree import Decorator, NodeStatus, Tree, TreeLibrary, builtin_registry, load_xml
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 
 LEVELS = 5_000
 IN_A_FILE = 200

@@ -5,17 +5,15 @@ from __future__ import annotations
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Blackboard,
-    NodeStatus,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    load_xml,
-)
-from flexbt_core.behavior_tree.model import Source
-from flexbt_core.behavior_tree.xml import Element, is_format_3, make_format_4, parse
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import Source, TreeLoadError
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.format3 import is_format_3, make_format_4
+from flexbt_core.behavior_tree.xml.parser import Element, parse
+from flexbt_core.behavior_tree.xml.reader import load_xml
 
 
 def root(body: str, version: str = ' BTCPP_format="3"') -> Element:

@@ -5,15 +5,11 @@ from __future__ import annotations
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Blackboard,
-    NodeExecutionError,
-    NodeStatus,
-    ScriptError,
-    ScriptLibrary,
-    SyncAction,
-    TickAbandoned,
-)
+from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError, TickAbandoned
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
 from flexbt_core.behavior_tree.script.parser import MAX_TOKENS
 from flexbt_core.behavior_tree.script.values import MAX_TEXT, MAX_TEXTS
 from flexbt_testing.behavior_trees.steps import make

@@ -6,8 +6,11 @@ from __future__ import annotations
 
 import pytest
 
-from flexbt_core.behavior_tree import NodeRegistry, TreeLibrary, TreeLoadError, builtin_registry, load_xml
-from flexbt_core.behavior_tree.model import model_name_problem, port_name_problem
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import TreeLibrary, model_name_problem, port_name_problem
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 
 GOOD = ['ValidName', 'my_action', 'My-Action', 'action123', 'CamelCaseNode', 'snake_case_node', 'kebab-case-node',
         '检查门状态', 'ドアを開ける', 'Tür_öffnen', 'проверка', 'действие', 'My_Main_Tree']  # fmt: skip

@@ -7,24 +7,27 @@ from typing import Any, ClassVar, NamedTuple
 
 import pytest
 
-from flexbt_core.behavior_tree import (
-    Blackboard,
-    BlackboardError,
-    NodeExecutionError,
-    NodeRegistry,
-    NodeStatus,
+from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BlackboardError, NodeExecutionError, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import (
+    DOUBLE,
+    INT,
+    INT64,
+    STRING,
+    UINT8,
     PortType,
-    SyncAction,
-    Tree,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
     input_port,
-    load_xml,
+    list_of,
     output_port,
 )
-from flexbt_core.behavior_tree.model import DOUBLE, INT, INT64, STRING, UINT8, list_of
-from flexbt_core.clock import ManualClock
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.clock import ManualClock
 
 
 class Point(NamedTuple):

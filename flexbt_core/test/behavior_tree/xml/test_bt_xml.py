@@ -10,22 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import (
-    BehaviorTreeError,
-    LoadError,
-    NodeRegistry,
-    NodeStatus,
-    StatefulAction,
-    Tree,
-    TreeDocument,
-    TreeLibrary,
-    TreeLoadError,
-    builtin_registry,
-    input_port,
-    load_xml,
-    output_port,
-)
-from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
+from flexbt_core.behavior_tree.engine.leaf import StatefulAction
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.definition import TreeDocument, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, LoadError, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_testing.waiting import uncontended_time
 
 

@@ -7,8 +7,12 @@ import itertools
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine, StateMachineError, define
-from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.userdata import StateMachineError
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
 LEVELS = (Autonomy.Off, Autonomy.Low, Autonomy.High, Autonomy.Full)
 UNDECLARED = -1

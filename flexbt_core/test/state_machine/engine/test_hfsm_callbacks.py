@@ -7,8 +7,13 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, Child, ExitReason, OperatableStateMachine, Severity, StateError
-from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.userdata import StateError
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
 
 def two_levels(first: Scripted, inner: Scripted, last: Scripted) -> OperatableStateMachine:

@@ -8,17 +8,13 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import (
-    Autonomy,
-    Child,
-    ConcurrencyContainer,
-    MachineError,
-    OperatableStateMachine,
-    StateKind,
-    define,
-)
-from flexbt_core.state_machine.engine import ContainerRun
-from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
+from flexbt_core.state_machine.engine.region import ContainerRun
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child, StateKind
+from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
 EITHER_FAILS = [('failed', [('A', 'failed')]), ('failed', [('B', 'failed')])]
 BOTH = [*EITHER_FAILS, ('done', [('A', 'done'), ('B', 'done')])]
@@ -308,7 +304,7 @@ def test_children_lead_to_outcomes_of_the_container_only() -> None:
 
 def test_what_the_check_cannot_exclude_is_a_fault_when_it_happens(monkeypatch: pytest.MonkeyPatch) -> None:
     """Here the search is cut off; as is that through some ten thousand combinations."""
-    monkeypatch.setattr('flexbt_core.state_machine.checks.condition_check._SEARCHED', 1)
+    monkeypatch.setattr('flexbt_core.state_machine.authoring.checked_definition._SEARCHED', 1)
     for outcomes, outcome in ((['ended', 'failed'], 'failed'), (['ended'], 'error')):
         one, other = Scripted('done', 'lost', outcome='lost'), Scripted(outcome='done')
         both = machine(Child('A', one), Child('B', other), outcomes=outcomes, conditions=[('ended', [('A', 'done')])])

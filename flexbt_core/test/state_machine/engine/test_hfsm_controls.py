@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, Child, DecisionKind, ExitReason
-from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
+from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
 
 class Stubborn(Scripted):

@@ -7,8 +7,11 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, Child, DecisionKind, ExitReason, OperatableStateMachine
-from flexbt_testing.state_machines import Bench, Do, Scripted, machine, nested
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_testing.state_machines.bench import Bench, Do, Scripted, machine, nested
 
 HIGH = {'done': Autonomy.High, 'failed': Autonomy.Off}
 

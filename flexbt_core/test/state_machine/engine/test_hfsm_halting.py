@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.clock import ManualClock
-from flexbt_core.state_machine import Child, ExitReason, OperatableStateMachine
-from flexbt_testing.state_machines import Bench, Scripted, machine, nested
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested
 
 
 class Braking(Scripted):

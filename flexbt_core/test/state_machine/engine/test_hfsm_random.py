@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Random machines under random operations: the engine does what a model does, and keeps its promises at each moment.
 
-Monitors (see :class:`flexbt_testing.state_machines.Bench`) watch each run, and have nothing to tell.
+Monitors (see :class:`Bench`) watch each run, and have nothing to tell.
 
 By hand, with more and larger machines: HFSM_EXAMPLES=1700 HFSM_STATES=200 python -m pytest -k hfsm_random
 """
@@ -16,8 +16,10 @@ import hypothesis.strategies as st
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from flexbt_core.state_machine import Position, position_of
-from flexbt_testing.state_machines import LIVELOCK, Bench, Model, Node, Puppet, build, random_machine
+from flexbt_core.state_machine.engine.resume import RunPosition, position_of
+from flexbt_testing.state_machines.bench import Bench
+from flexbt_testing.state_machines.random_machines import Puppet, RandomNode, build, random_machine
+from flexbt_testing.state_machines.reference_model import LIVELOCK, Model
 
 KINDS = {'TRANSITION': 'transition', 'CHOICE': 'choice'}
 CALLBACKS = ('on_enter', 'on_exit', 'on_pause', 'on_resume')
@@ -38,7 +40,7 @@ class RandomRun(RuleBasedStateMachine):
         self.nodes = list(self.root.all())
         self._begin(level)
 
-    def _begin(self, level: int, at: Position | None = None) -> None:
+    def _begin(self, level: int, at: RunPosition | None = None) -> None:
         machine, puppets = build(self.root)
         self.puppets = puppets
         self.bench = Bench(machine, autonomy=level, max_transitions=LIVELOCK, at=at)
@@ -183,7 +185,7 @@ class RandomRun(RuleBasedStateMachine):
     @rule()
     def go_on_after_a_crash(self) -> None:
         """What was written down is enough for another run, in another process, to go on there."""
-        position = Position.from_plain(json.loads(json.dumps(position_of(self.bench.run).to_plain())))
+        position = RunPosition.from_plain(json.loads(json.dumps(position_of(self.bench.run).to_plain())))
         assert position == position_of(self.bench.run)
         self._begin(0, position)
         self.model.resume()
@@ -198,7 +200,7 @@ class RandomRun(RuleBasedStateMachine):
         assert isinstance(puppet, Puppet)
         return puppet
 
-    def _node(self, number: int, here: int) -> Node:
+    def _node(self, number: int, here: int) -> RandomNode:
         active = [seat.occupant for seat in self.model.seats()] if here else []
         chosen = active or self.nodes
         return chosen[number % len(chosen)]

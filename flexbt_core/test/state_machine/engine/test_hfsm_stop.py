@@ -7,8 +7,11 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine, StateMachineError
-from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.userdata import StateMachineError
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
 CALLBACKS = ('on_start', 'on_enter', 'execute', 'on_exit', 'on_stop')
 

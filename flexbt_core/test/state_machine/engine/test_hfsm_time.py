@@ -8,9 +8,15 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.clock import ManualClock, SteadyClock, WakeEvent
-from flexbt_core.state_machine import Autonomy, Child, EventState, MachineRun, StateError, define
-from flexbt_testing.state_machines import Bench, Do, Scripted, machine, nested
+from flexbt_core.clock.clock import ManualClock, SteadyClock
+from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import StateError
+from flexbt_testing.state_machines.bench import Bench, Do, Scripted, machine, nested
 from flexbt_testing.waiting import DEADLINE
 
 

@@ -11,8 +11,10 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Autonomy, Child, MachineError, UserData
-from flexbt_testing.state_machines import Bench, Do, Scripted, machine
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.userdata import MachineError, UserData
+from flexbt_testing.state_machines.bench import Bench, Do, Scripted, machine
 
 
 def subject(autonomy: int = Autonomy.Full) -> tuple[Scripted, Bench]:

@@ -11,8 +11,11 @@ from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Child, OperatableStateMachine, Severity, UserData
-from flexbt_testing.state_machines import Bench, Do, Scripted, machine, passing
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_testing.state_machines.bench import Bench, Do, Scripted, machine, passing
 
 
 def read(key: str, into: list[Any]) -> Do:

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from flexbt_core.values import hint
+from flexbt_core.values.text import did_you_mean
 
-from .automaton import Action, Assign, Automaton, If, Send, State, Target, Transition, Write
+from .automaton import Action, Assign, Automaton, AutomatonState, If, Send, Target, Transition, Write
 from .data_types import DataType, DataTypeError, DataTypes
 from .dialect import (
     ACTIONS,
@@ -22,13 +22,18 @@ from .dialect import (
     BT_CHILD_CALLBACKS,
     BT_CHILD_TRIGGERS,
     CALLBACKS,
+    FIELD,
+    FIRST_NODE,
     INTERFACES,
     PLAIN_ROOTS,
     STATUSES,
+    TIMER,
     TRANSITIONS,
     TRIGGERS,
+    Events,
+    bt_event,
+    ros_name,
 )
-from .events import FIELD, FIRST_NODE, TIMER, Events, bt_event, ros_name
 from .expressions import (
     LOTS,
     Call,
@@ -36,13 +41,13 @@ from .expressions import (
     Expression,
     ExpressionError,
     Literal,
-    Name,
+    Reference,
     compiled,
     constant,
     is_random,
     parse_expression,
 )
-from .source_text import Node
+from .source_text import SourceElement
 
 _INPUT: Final = ' input'
 """Stands before the key of a port in a name that no expression can have."""
@@ -99,7 +104,7 @@ class _Scope(NamedTuple):
 class Ascxml:
     """One file, for one automaton; for a plugin, as one node of the tree."""
 
-    def __init__(self, root: Node, types: DataTypes, events: Events, instance: Instance | None = None) -> None:
+    def __init__(self, root: SourceElement, types: DataTypes, events: Events, instance: Instance | None = None) -> None:
         """Raises ModelError."""
         if root.tag not in ('ascxml', 'scxml'):
             root.fail('a file of an automaton begins with <ascxml>')
@@ -120,7 +125,7 @@ class Ascxml:
             self._declare_interface(one)
         self.timers = [Timer(one.need('name'), one.number('rate_hz'), one.place) for one in root.all('ros_time_rate')]
 
-    def _declare_interface(self, node: Node) -> None:
+    def _declare_interface(self, node: SourceElement) -> None:
         attribute = INTERFACES[node.tag].attribute
         value = node.get(attribute)
         child = node.find(attribute)
@@ -134,7 +139,7 @@ class Ascxml:
         self._interfaces[node.tag, name] = ros_name(value)
         self.communications.append(Communication(node.tag, ros_name(value), self.name, node.place))
 
-    def _constant_text(self, node: Node) -> str:
+    def _constant_text(self, node: SourceElement) -> str:
         """The text of a child of a declaration, which may be a port that does not change."""
         port = node.find('bt_get_input')
         if port is None:
@@ -144,19 +149,21 @@ class Ascxml:
             port.fail('the port points to the blackboard; the name of an interface has to be the same always')
         return str(value.value)
 
-    def _port(self, node: Node) -> Expression:
+    def _port(self, node: SourceElement) -> Expression:
         """What <bt_get_input> gives: a literal, or an input that is read when it is needed."""
         key = node.need('key')
         declared = self._ports.get(key)
         if self._instance is None or declared is None:
-            node.fail(f'there is no port {key!r}; declare it by <bt_declare_port_in>{hint(key, self._ports)}', 'key')
+            node.fail(
+                f'there is no port {key!r}; declare it by <bt_declare_port_in>{did_you_mean(key, self._ports)}', 'key'
+            )
         if key == 'CHILDREN_COUNT':
             return Literal(len(self._instance.children))
         text = self._instance.ports.get(key)
         if text is None:
             node.fail(f'the tree gives no value for the port {key!r} of {self.name}; add {key}="..." there', 'key')
         if is_pointer(text):
-            return Name((_INPUT, key))
+            return Reference((_INPUT, key))
         try:
             return Literal(_type_of(declared, self._types).from_text(text))
         except DataTypeError as error:
@@ -167,7 +174,7 @@ class Ascxml:
     def declare(self) -> None:
         """Tell which events are sent, and what they carry. Raises ModelError."""
 
-        def walk(node: Node) -> None:
+        def walk(node: SourceElement) -> None:
             for child in node.children:
                 for event, values in self._sent(child, None):
                     self._events.send(event, (name for name, _ in values))
@@ -176,7 +183,7 @@ class Ascxml:
 
         walk(self._root)
 
-    def _sent(self, node: Node, thread: int | None) -> Iterator[tuple[str, list[tuple[str, Expression]]]]:
+    def _sent(self, node: SourceElement, thread: int | None) -> Iterator[tuple[str, list[tuple[str, Expression]]]]:
         """The events that an action may send, with their parameters; nothing for other elements."""
         trigger = TRIGGERS.get(node.tag)
         if node.tag == 'send':
@@ -208,12 +215,12 @@ class Ascxml:
                 for child in self._children(node):
                     yield bt_event(child, BT_CHILD_TRIGGERS[node.tag]), []
 
-    def _need_instance(self, node: Node) -> Instance:
+    def _need_instance(self, node: SourceElement) -> Instance:
         if self._instance is None:
             node.fail('this element is for plugins of a tree; this file is a node: list it below <behavior_tree>')
         return self._instance
 
-    def _children(self, node: Node) -> Sequence[int]:
+    def _children(self, node: SourceElement) -> Sequence[int]:
         """The numbers of the nodes that ``id`` may mean: one for a number, all for a variable."""
         children = self._need_instance(node).children
         text = node.need('id').strip()
@@ -223,17 +230,17 @@ class Ascxml:
             node.fail(f'there is no child {text}: {self.name} has {len(children)} in the tree', 'id')
         return (children[int(text)],)
 
-    def _interface_event(self, node: Node, kind: str, event: str) -> str:
+    def _interface_event(self, node: SourceElement, kind: str, event: str) -> str:
         name = node.need('name')
         found = self._interfaces.get((kind, name))
         if found is None:
             known = [known for other, known in self._interfaces if other == kind]
-            node.fail(f'there is no <{kind} name="{name}">; declare it{hint(name, known)}', 'name')
+            node.fail(f'there is no <{kind} name="{name}">; declare it{did_you_mean(name, known)}', 'name')
         return event.format(found, self.name)
 
     # -- expressions -------------------------------------------------------------------------------------------------
 
-    def _expression(self, node: Node, attribute: str = 'expr') -> Expression:
+    def _expression(self, node: SourceElement, attribute: str = 'expr') -> Expression:
         """The expression in an attribute, or in a child of that name. Raises ModelError."""
         text = node.get(attribute)
         if text is not None:
@@ -244,7 +251,7 @@ class Ascxml:
         port = child.find('bt_get_input')
         return self._port(port) if port is not None else self._parsed(child.text, child, '')
 
-    def _parsed(self, text: str, node: Node, attribute: str) -> Expression:
+    def _parsed(self, text: str, node: SourceElement, attribute: str) -> Expression:
         try:
             found = parse_expression(text)
         except ExpressionError as error:
@@ -253,7 +260,7 @@ class Ascxml:
         self._draws = self._draws or is_random(found, LOTS)
         return found
 
-    def _compiled(self, expression: Expression, node: Node, scope: _Scope, attribute: str = '') -> Evaluated:
+    def _compiled(self, expression: Expression, node: SourceElement, scope: _Scope, attribute: str = '') -> Evaluated:
         def resolve(parts: tuple[str, ...]) -> str:
             return self._resolved(parts, scope)
 
@@ -275,7 +282,7 @@ class Ascxml:
             if parts[: len(root)] == root and scope.event is not None:
                 return self._parameter(scope.event, prefix, parts[len(root) :], '.'.join(parts))
         known = [*scope.variables, *('.'.join(root) for root in scope.roots if scope.event is not None)]
-        raise ExpressionError(f'{".".join(parts)} is not known here{hint(first, known)}')
+        raise ExpressionError(f'{".".join(parts)} is not known here{did_you_mean(first, known)}')
 
     def _parameter(self, event: int, prefix: str, path: tuple[str, ...], written: str) -> str:
         """The parameter of an event, or a member of one; or the record of all parameters below a name."""
@@ -306,7 +313,7 @@ class Ascxml:
                 found.append(self._automaton(node, f'{action}_thread_{thread}', thread))
         return found
 
-    def _automaton(self, root: Node, name: str, thread: int | None) -> Automaton:
+    def _automaton(self, root: SourceElement, name: str, thread: int | None) -> Automaton:
         data: list[tuple[str, Any]] = []
         types: dict[str, DataType] = {}
         for model in root.all('datamodel'):
@@ -328,18 +335,18 @@ class Ascxml:
         uid = self._instance.uid if self._instance is not None else 0
         return Automaton(name, data, states, initial, uid, draws=self._draws)
 
-    def _initial(self, node: Node, kind: DataType) -> Any:
+    def _initial(self, node: SourceElement, kind: DataType) -> Any:
         expression = self._expression(node)
-        if isinstance(expression, Name) and expression.parts[0] == _INPUT:
+        if isinstance(expression, Reference) and expression.parts[0] == _INPUT:
             node.fail('the port points to the blackboard: read it in a transition, when it is there')
         try:
             return kind.checked(constant(expression))
         except (DataTypeError, ExpressionError) as error:
             node.fail(f'{node.need("id")}: {error}', 'expr')
 
-    def _state(self, node: Node, scope: _Scope) -> State:
+    def _state(self, node: SourceElement, scope: _Scope) -> AutomatonState:
         node.only(('onentry', 'onexit', *TRANSITIONS))
-        state = State(node.need('id'))
+        state = AutomatonState(node.need('id'))
         for tag, body in (('onentry', state.entry), ('onexit', state.exit)):
             inner = node.find(tag)
             if inner is not None:
@@ -354,7 +361,7 @@ class Ascxml:
             )
         return state
 
-    def _transitions(self, node: Node, scope: _Scope) -> Iterator[Transition]:
+    def _transitions(self, node: SourceElement, scope: _Scope) -> Iterator[Transition]:
         if node.tag == 'ros_action_handle_goal_response':
             for attribute, what in (('accept', 'accept'), ('reject', 'reject')):
                 name = f'action_{{0}}_goal_{what}_client_{{1}}'
@@ -373,16 +380,16 @@ class Ascxml:
             yield Transition(number, function, self._targets(node, inner), node.place)
 
     def _triggers(
-        self, node: Node, scope: _Scope
+        self, node: SourceElement, scope: _Scope
     ) -> Iterator[tuple[str | None, Mapping[tuple[str, ...], str], Expression | None]]:
         """The events of a transition, how its body names what they carry, and a condition that comes with them."""
         callback = CALLBACKS.get(node.tag)
         if callback is not None:
             condition: Expression | None = None
             if callback.code is not None:
-                condition = Call('==', (Name(('_event', 'data', 'code')), Literal(callback.code)))
+                condition = Call('==', (Reference(('_event', 'data', 'code')), Literal(callback.code)))
             if node.tag == 'ros_action_handle_thread_start':
-                condition = Call('==', (Name(('_event', 'data', 'thread_id')), Literal(scope.thread or 0)))
+                condition = Call('==', (Reference(('_event', 'data', 'thread_id')), Literal(scope.thread or 0)))
             yield self._interface_event(node, callback.interface, callback.event), callback.roots, condition
         elif node.tag == 'ros_rate_callback':
             name = node.need('name')
@@ -405,7 +412,7 @@ class Ascxml:
             for event in events or [None]:  # type: ignore[list-item]
                 yield event, PLAIN_ROOTS, None
 
-    def _targets(self, node: Node, scope: _Scope) -> list[Target]:
+    def _targets(self, node: SourceElement, scope: _Scope) -> list[Target]:
         targets = list(node.all('target'))
         if not targets:
             return [Target(1.0, _state_name(node, 'target', scope), self._body(node.children, scope))]
@@ -430,12 +437,12 @@ class Ascxml:
             node.fail(f'the probabilities of the targets are {whole:.6g} together, not 1')
         return found
 
-    def _body(self, nodes: Sequence[Node], scope: _Scope) -> list[Action]:
+    def _body(self, nodes: Sequence[SourceElement], scope: _Scope) -> list[Action]:
         return [action for node in nodes for action in self._actions(node, scope)]
 
-    def _actions(self, node: Node, scope: _Scope) -> Iterator[Action]:
+    def _actions(self, node: SourceElement, scope: _Scope) -> Iterator[Action]:
         if node.tag not in ACTIONS:
-            node.fail(f'this element is no action{hint(node.tag, ACTIONS)}')
+            node.fail(f'this element is no action{did_you_mean(node.tag, ACTIONS)}')
         if node.tag == 'assign':
             yield self._assign(node, scope)
         elif node.tag == 'if':
@@ -457,12 +464,12 @@ class Ascxml:
             for event, values in self._sent(node, scope.thread):
                 yield self._send(node, event, values, scope)
 
-    def _send(self, node: Node, event: str, values: Sequence[tuple[str, Expression]], scope: _Scope) -> Send:
+    def _send(self, node: SourceElement, event: str, values: Sequence[tuple[str, Expression]], scope: _Scope) -> Send:
         number = self._events.number(event)
         given = {name: self._compiled(expression, node, scope) for name, expression in values}
         return Send(number, tuple(given.get(name) for name in self._events.parameters[number]), node.place)
 
-    def _assign(self, node: Node, scope: _Scope) -> Assign:
+    def _assign(self, node: SourceElement, scope: _Scope) -> Assign:
         location = self._parsed(node.need('location'), node, 'location')
         path: list[str | Evaluated] = []
         while isinstance(location, Call) and location.name in ('index', 'member'):
@@ -472,15 +479,15 @@ class Ascxml:
             else:
                 path.append(self._compiled(step, node, scope, 'location'))
             location = inner
-        if not isinstance(location, Name) or location.parts[0] not in scope.variables:
+        if not isinstance(location, Reference) or location.parts[0] not in scope.variables:
             known = tuple(scope.variables)
-            node.fail(f'the location is no data of {self.name}{hint(node.need("location"), known)}', 'location')
+            node.fail(f'the location is no data of {self.name}{did_you_mean(node.need("location"), known)}', 'location')
         name, *members = location.parts
         steps = (*members, *reversed(path))
         value = self._compiled(self._expression(node), node, scope, 'expr')
         return Assign(scope.variables[name], scope.types[name], steps, value, node.place)
 
-    def _if(self, node: Node, scope: _Scope) -> If:
+    def _if(self, node: SourceElement, scope: _Scope) -> If:
         """<elseif> and <else> stand between the actions, and are empty."""
         branches: list[tuple[Evaluated, list[Action]]] = []
         otherwise: list[Action] | None = None
@@ -499,16 +506,18 @@ class Ascxml:
                 body += self._actions(child, scope)
         return If(branches, otherwise or [], node.place)
 
-    def _condition(self, node: Node, scope: _Scope) -> Evaluated:
+    def _condition(self, node: SourceElement, scope: _Scope) -> Evaluated:
         return self._compiled(self._parsed(node.need('cond'), node, 'cond'), node, scope, 'cond')
 
-    def _write(self, node: Node, scope: _Scope) -> Write:
+    def _write(self, node: SourceElement, scope: _Scope) -> Write:
         instance = self._need_instance(node)
         key = node.need('key')
         declared = self._ports.get(key)
         if declared is None or declared.tag != 'bt_declare_port_out':
             known = [name for name, one in self._ports.items() if one.tag == 'bt_declare_port_out']
-            node.fail(f'there is no output port {key!r}; declare it by <bt_declare_port_out>{hint(key, known)}', 'key')
+            node.fail(
+                f'there is no output port {key!r}; declare it by <bt_declare_port_out>{did_you_mean(key, known)}', 'key'
+            )
         if not is_pointer(instance.ports.get(key, '')):
             node.fail(
                 f'the tree gives the output port {key!r} of {self.name} no entry; write {key}="{{key}}" there', 'key'
@@ -516,7 +525,7 @@ class Ascxml:
         return Write(instance.uid, key, self._compiled(self._expression(node), node, scope, 'expr'), node.place)
 
 
-def ports_of(root: Node, types: DataTypes) -> Mapping[str, tuple[bool, DataType]]:
+def ports_of(root: SourceElement, types: DataTypes) -> Mapping[str, tuple[bool, DataType]]:
     """The ports of a plugin by their names: whether it is an output, and its type. Raises ModelError."""
     return {
         one.need('key'): (one.tag == 'bt_declare_port_out', _type_of(one, types))
@@ -525,7 +534,7 @@ def ports_of(root: Node, types: DataTypes) -> Mapping[str, tuple[bool, DataType]
     }
 
 
-def _type_of(node: Node, types: DataTypes) -> DataType:
+def _type_of(node: SourceElement, types: DataTypes) -> DataType:
     text = node.get('type')
     if text is None and node.tag == 'data':
         # Plain SCXML has no types; AS2FM writes them into a comment.
@@ -543,10 +552,10 @@ def is_pointer(text: str) -> bool:
     return len(stripped) > 2 and stripped[0] == '{' and stripped[-1] == '}'
 
 
-def _state_name(node: Node, attribute: str, scope: _Scope) -> str:
+def _state_name(node: SourceElement, attribute: str, scope: _Scope) -> str:
     name = node.need(attribute)
     if name not in scope.states:
-        node.fail(f'there is no state {name!r}{hint(name, scope.states)}', attribute)
+        node.fail(f'there is no state {name!r}{did_you_mean(name, scope.states)}', attribute)
     return name
 
 

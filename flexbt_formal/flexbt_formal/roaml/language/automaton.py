@@ -84,7 +84,7 @@ class Transition:
 
 
 @dataclass
-class State:
+class AutomatonState:
     name: str
     entry: list[Action] = field(default_factory=list)
     exit: list[Action] = field(default_factory=list)
@@ -136,7 +136,7 @@ class Automaton:
         self,
         name: str,
         data: Sequence[tuple[str, Any]],
-        states: Sequence[State],
+        states: Sequence[AutomatonState],
         initial: str,
         uid: int = 0,
         *,

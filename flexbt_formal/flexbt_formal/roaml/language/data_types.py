@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The types of data: numbers, truths, texts, arrays (``int32[]``, ``float32[3]``), and structs from files."""
+"""Types of data and their values: numbers, truth values, texts, arrays (``int32[]``, ``float32[3]``), and structs."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from flexbt_core.values import hint, load_json
+from flexbt_core.values.json_data import load_json
+from flexbt_core.values.text import did_you_mean
 
-from .source_text import Node, read_text, read_xml
-from .values import Record
+from .source_text import SourceElement, read_text, read_xml
 
 _NUMBERS: Final = {
     **{f'{sign}int{bits}': int for sign in ('', 'u') for bits in (8, 16, 32, 64)},
@@ -144,10 +144,10 @@ class DataTypes:
         members = self._structs.get(name)
         if members is None:
             known = (*_BASE, *self._structs)
-            raise DataTypeError(f'the type {name!r} is not known{hint(name, known)}')
+            raise DataTypeError(f'the type {name!r} is not known{did_you_mean(name, known)}')
         return DataType(name, members={key: self.find(kind, nested + 1) for key, kind in members.items()})
 
-    def read(self, asked: Node, path: str) -> None:
+    def read(self, asked: SourceElement, path: str) -> None:
         """Add the structs of a file, XML or JSON schema by the ``type`` of what asks for it. Raises ModelError."""
         kind = asked.need('type')
         if kind == 'xml':
@@ -162,7 +162,7 @@ class DataTypes:
             except DataTypeError as error:
                 asked.fail(f'{path}: {error}')
 
-    def _read_xml(self, path: str, asked: Node) -> None:
+    def _read_xml(self, path: str, asked: SourceElement) -> None:
         root = read_xml(path, asked)
         if root.tag != 'types':
             root.fail('a file of structs begins with <types>')
@@ -172,7 +172,7 @@ class DataTypes:
             members = {one.need('id'): one.need('type') for one in struct.children}
             self._add(struct.need('id'), members, struct)
 
-    def _read_json(self, path: str, asked: Node) -> None:
+    def _read_json(self, path: str, asked: SourceElement) -> None:
         try:
             schema = load_json(read_text(path, asked))
         except ValueError as error:
@@ -181,7 +181,7 @@ class DataTypes:
             asked.fail(f'{path} is no schema of an object with a title', 'src')
         self._from_schema(schema, schema, schema['title'], asked, 0)
 
-    def _from_schema(self, root: Mapping[str, Any], schema: Any, name: str, asked: Node, nested: int) -> str:
+    def _from_schema(self, root: Mapping[str, Any], schema: Any, name: str, asked: SourceElement, nested: int) -> str:
         """The name of the type that a schema describes; structs are added."""
         if nested > MAX_NESTING or not isinstance(schema, dict):
             asked.fail(f'the schema of {name!r} is no object, or is nested more than {MAX_NESTING} deep')
@@ -210,7 +210,61 @@ class DataTypes:
             )
         return _JSON_BASE[kind]
 
-    def _add(self, name: str, members: dict[str, str], asked: Node) -> None:
+    def _add(self, name: str, members: dict[str, str], asked: SourceElement) -> None:
         if name in _BASE or self._structs.get(name, members) != members:
             asked.fail(f'the type {name!r} is declared twice, and not in the same way')
         self._structs[name] = members
+
+
+# The values of the models: numbers, truths, texts, arrays (tuples) and records, none of which ever changes.
+
+
+class Record(tuple[tuple[str, Any], ...]):
+    """Members by their names, in order."""
+
+    __slots__ = ()
+
+    def get(self, name: str) -> Any:
+        """Raises KeyError."""
+        for key, value in self:
+            if key == name:
+                return value
+        raise KeyError(f'there is no member {name!r}; there are {", ".join(key for key, _ in self)}')
+
+
+def length(value: Any) -> int:
+    """Of an array or a text; of a record that of its first member that has one. Raises TypeError."""
+    if isinstance(value, Record):
+        for _, held in value:
+            if isinstance(held, tuple | str):
+                return length(held)
+        raise TypeError('this record has no array, so it has no length')
+    if isinstance(value, tuple | str):
+        return len(value)
+    raise TypeError(f'{value!r} has no length')
+
+
+def member(value: Any, name: str) -> Any:
+    """A member of a record; of an array of records the array of that member. Raises KeyError or TypeError."""
+    if isinstance(value, Record):
+        if name == 'length' and all(key != name for key, _ in value):
+            return length(value)
+        return value.get(name)
+    if name == 'length':
+        return length(value)
+    if isinstance(value, tuple):
+        return tuple(member(one, name) for one in value)
+    raise TypeError(f'{value!r} has no members, so no {name!r}')
+
+
+def element(value: Any, index: Any) -> Any:
+    """An element of an array, or a byte of a text. Raises IndexError or TypeError."""
+    if isinstance(index, float) and index.is_integer():
+        index = int(index)
+    if isinstance(value, str):
+        value = tuple(value.encode())
+    if not isinstance(value, tuple) or isinstance(value, Record) or type(index) is not int:
+        raise TypeError(f'{value!r} has no element {index!r}')
+    if not 0 <= index < len(value):
+        raise IndexError(f'there is no element {index}: the array has {len(value)}')
+    return value[index]

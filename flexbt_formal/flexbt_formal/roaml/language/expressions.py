@@ -15,9 +15,9 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final, NamedTuple
 
-from flexbt_core.values import excerpt
+from flexbt_core.values.text import truncate_middle
 
-from .values import Record, element, length, member
+from .data_types import Record, element, length, member
 
 MAX_LENGTH: Final = 20_000
 MAX_DEPTH: Final = 60
@@ -28,7 +28,7 @@ class ExpressionError(ValueError):
     """An expression that cannot be read; what is wrong, and where in it."""
 
 
-class Name(NamedTuple):
+class Reference(NamedTuple):
     """An identifier, with the members that follow it by dots: ``_msg.pose.x``."""
 
     parts: tuple[str, ...]
@@ -53,7 +53,7 @@ class Object(NamedTuple):
     members: tuple[tuple[str, Any], ...]
 
 
-Expression = Name | Literal | Call | Array | Object
+Expression = Reference | Literal | Call | Array | Object
 
 _RANDOM: Final = Call('random', ())
 
@@ -118,7 +118,9 @@ class _Parser:
         return found
 
     def _error(self, what: str, position: int) -> ExpressionError:
-        return ExpressionError(f'{what} at character {position + 1} of the expression [{excerpt(self._text.strip())}]')
+        return ExpressionError(
+            f'{what} at character {position + 1} of the expression [{truncate_middle(self._text.strip())}]'
+        )
 
     def _peek(self) -> str:
         """The sign that comes next; '' for anything else."""
@@ -181,20 +183,20 @@ class _Parser:
                     raise self._error('a name is missing after the dot', self._tokens[self._at - 1][2])
                 name = self._tokens[self._at][1]
                 self._at += 1
-                if isinstance(found, Name):
-                    found = Name((*found.parts, name))
+                if isinstance(found, Reference):
+                    found = Reference((*found.parts, name))
                 else:
                     found = Call('member', (found, Literal(name)))
             elif self._take('['):
                 index = self._choice()
                 self._need(']')
                 found = Call('index', (found, index))
-            elif self._peek() == '(' and isinstance(found, Name):
+            elif self._peek() == '(' and isinstance(found, Reference):
                 found = self._call(found)
             else:
                 return found
 
-    def _call(self, name: Name) -> Expression:
+    def _call(self, name: Reference) -> Expression:
         position = self._tokens[self._at][2]
         operands = self._list('(', ')')
         count = _FUNCTIONS.get(name.parts[1]) if len(name.parts) == 2 and name.parts[0] == 'Math' else None
@@ -231,7 +233,7 @@ class _Parser:
             self._at += 1
             if text in ('True', 'False'):
                 raise self._error(f'{text} is no value; write {text.lower()}', position)
-            return Literal(text == 'true') if text in ('true', 'false') else Name((text,))
+            return Literal(text == 'true') if text in ('true', 'false') else Reference((text,))
         if text == '(':
             self._at += 1
             found = self._choice()
@@ -397,9 +399,9 @@ def is_random(expression: Expression, calls: Collection[str] = LOTS[:1]) -> bool
     return any(is_random(one, calls) for one in inner)
 
 
-def names_in(expression: Expression) -> list[tuple[str, ...]]:
+def references_in(expression: Expression) -> list[tuple[str, ...]]:
     """All names of an expression."""
-    if isinstance(expression, Name):
+    if isinstance(expression, Reference):
         return [expression.parts]
     inner: tuple[Any, ...] = ()
     if isinstance(expression, Call):
@@ -408,14 +410,14 @@ def names_in(expression: Expression) -> list[tuple[str, ...]]:
         inner = expression.elements
     elif isinstance(expression, Object):
         inner = tuple(value for _, value in expression.members)
-    return [name for one in inner for name in names_in(one)]
+    return [name for one in inner for name in references_in(one)]
 
 
 def python_of(expression: Expression, resolve: Resolver) -> str:
     """The expression as Python. Raises ExpressionError for a name that means nothing."""
     if isinstance(expression, Literal):
         return repr(expression.value)
-    if isinstance(expression, Name):
+    if isinstance(expression, Reference):
         return resolve(expression.parts)
     if isinstance(expression, Array):
         return f'({"".join(python_of(one, resolve) + ", " for one in expression.elements)})'

@@ -7,10 +7,10 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Final, NoReturn
 
-from flexbt_core.behavior_tree import LoadError, TreeLoadError
-from flexbt_core.behavior_tree.model import Source
-from flexbt_core.behavior_tree.xml import MAX_BYTES, Element, decode, parse
-from flexbt_core.values import hint, open_regular
+from flexbt_core.behavior_tree.model.errors import LoadError, Source, TreeLoadError
+from flexbt_core.behavior_tree.xml.parser import MAX_BYTES, Element, decode, parse
+from flexbt_core.values.text import did_you_mean
+from flexbt_core.values.text_files import open_regular
 
 _TAG_END: Final = re.compile(r'[^<>]*>')
 
@@ -23,7 +23,7 @@ class ModelFault(Exception):
     """A model that cannot go on: it computes what has no value, or keeps itself busy. Names file, line and value."""
 
 
-class Node:
+class SourceElement:
     """An element of XML and the file that it is in. Prefixes of namespaces are left out of its tag."""
 
     __slots__ = ('children', 'element', 'source', 'tag')
@@ -32,7 +32,7 @@ class Node:
         self.element = element
         self.source = source
         self.tag = element.tag.rpartition(':')[2]
-        self.children = tuple(Node(child, source) for child in element.children)
+        self.children = tuple(SourceElement(child, source) for child in element.children)
 
     @property
     def line(self) -> int:
@@ -72,14 +72,14 @@ class Node:
             self.fail(f'{text!r} is no number above 0, up to {most:g}', name)
         return value
 
-    def find(self, tag: str) -> Node | None:
+    def find(self, tag: str) -> SourceElement | None:
         """The only child of this tag. Raises ModelError when there are several."""
         found = [child for child in self.children if child.tag == tag]
         if len(found) > 1:
             found[1].fail(f'<{tag}> is given twice; remove one of them')
         return found[0] if found else None
 
-    def all(self, *tags: str) -> Iterator[Node]:
+    def all(self, *tags: str) -> Iterator[SourceElement]:
         return (child for child in self.children if child.tag in tags)
 
     def only(self, tags: Iterable[str]) -> None:
@@ -87,7 +87,7 @@ class Node:
         known = tuple(tags)
         for child in self.children:
             if child.tag not in known:
-                child.fail(f'this element is not known in <{self.tag}>{hint(child.tag, known)}')
+                child.fail(f'this element is not known in <{self.tag}>{did_you_mean(child.tag, known)}')
 
     @property
     def text(self) -> str:
@@ -104,7 +104,7 @@ class Node:
         return text[match.end() : text.find('<', match.end())].strip()
 
 
-def read_text(path: str, asked: Node | None = None) -> str:
+def read_text(path: str, asked: SourceElement | None = None) -> str:
     """The text of a file of the model. Raises ModelError, which names the element that asked for it."""
     try:
         with open(path, 'rb', opener=open_regular) as content:
@@ -117,7 +117,7 @@ def read_text(path: str, asked: Node | None = None) -> str:
         raise ModelError([LoadError(path, 1, 1, '', f'the file cannot be read: {reason}')]) from error
 
 
-def read_xml(path: str, asked: Node | None = None) -> Node:
+def read_xml(path: str, asked: SourceElement | None = None) -> SourceElement:
     """The root element of a file of the model. Raises TreeLoadError."""
     source = Source(path, read_text(path, asked))
-    return Node(parse(source), source)
+    return SourceElement(parse(source), source)

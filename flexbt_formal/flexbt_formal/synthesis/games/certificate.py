@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether a strategy fulfils its specification, found out without the solver: no diagrams, no fixpoints.
-
-Formulas are evaluated as they were parsed, and the moves of the world are enumerated one variable after the other.
-That each guarantee is met again and again follows from the ranks: a move that does not meet the guarantee of its node
-leads to a node of lower rank, or waits at the same rank while the assumption of the node does not hold, or (nodes of
-kind ``fair``) is one of several of which the world takes one that leads on at some time. If a guarantee were never met
-again, the rank could sink only so often; in the lowest nodes that are visited for ever, either the assumption would
-fail for ever or the world would never take a move that it has to take.
-"""
+"""Check a strategy against its specification without the solver, by enumeration."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from .enumeration import valuations
-from .formula import Formula, Name, value_of
-from .specification import Section, Specification
+from .formula import Formula, Valuation, VariableName, names_in, value_of
+from .specification import GameVariable, Section, Specification
+
+# Whether a strategy fulfils its specification, found out without the solver: no diagrams, no fixpoints.
+#
+# Formulas are evaluated as they were parsed, and the moves of the world are enumerated one variable after the other.
+# That each guarantee is met again and again follows from the ranks: a move that does not meet the guarantee of its node
+# leads to a node of lower rank, or waits at the same rank while the assumption of the node does not hold, or (nodes of
+# kind ``fair``) is one of several of which the world takes one that leads on at some time. If a guarantee were never
+# met again, the rank could sink only so often; in the lowest nodes that are visited for ever, either the assumption
+# would fail for ever or the world would never take a move that it has to take.
 
 
 def check_certificate(specification: Specification, certificate: Mapping[str, Any]) -> list[str]:
@@ -33,7 +33,7 @@ class _Check:
         self._nodes: list[Mapping[str, Any]] = certificate['nodes']
         self._start: list[int] = certificate['start']
         self._inputs = specification.names(inputs=True)
-        self._next = [Name(name.name, True) for name in self._inputs]
+        self._next = [VariableName(name.name, True) for name in self._inputs]
         self._guarantees: list[Formula | None] = [*specification.of(Section.SYS_LIVENESS)] or [None]
         self._assumptions: list[Formula | None] = [*specification.of(Section.ENV_LIVENESS)] or [None]
 
@@ -64,7 +64,7 @@ class _Check:
         section, variables = self._specification.of, self._specification.variables
         begun = [self._nodes[number] for number in self._start]
         for node in begun:
-            here = {Name(name): value for name, value in node['values'].items()}
+            here = {VariableName(name): value for name, value in node['values'].items()}
             if not all(value_of(one, here) for one in section(Section.SYS_INIT)):
                 yield 'a node at the start contradicts SYS_INIT'
         inputs = [{name: node['values'][name.name] for name in self._inputs} for node in begun]
@@ -73,9 +73,10 @@ class _Check:
                 yield f'the world may start with {_text(expected)}, and no node does'
 
     def _of_node(self, node: Mapping[str, Any]) -> Iterator[str]:
-        here = {Name(name): value for name, value in node['values'].items()}
+        here = {VariableName(name): value for name, value in node['values'].items()}
         moves = [
-            ({Name(name, True): value for name, value in move['inputs'].items()}, move['to']) for move in node['moves']
+            ({VariableName(name, True): value for name, value in move['inputs'].items()}, move['to'])
+            for move in node['moves']
         ]
         allowed = list(
             valuations(self._next, self._specification.of(Section.ENV_TRANS), here, self._specification.variables)
@@ -90,7 +91,7 @@ class _Check:
                 yield f'an answer to {_text(inputs)}, which the world may not do'
                 continue
             then = self._nodes[to]['values']
-            after = {**here, **{Name(name, True): value for name, value in then.items()}}
+            after = {**here, **{VariableName(name, True): value for name, value in then.items()}}
             if any(after[name] != value for name, value in inputs.items()):
                 yield f'the move {_text(inputs)} leads to a node with other inputs'
             for formula in self._specification.of(Section.SYS_TRANS):
@@ -105,7 +106,7 @@ class _Check:
             yield 'no move that the world has to take leads on'
 
     def _progress(
-        self, node: Mapping[str, Any], then: Mapping[str, Any], after: Mapping[Name, int]
+        self, node: Mapping[str, Any], then: Mapping[str, Any], after: Mapping[VariableName, int]
     ) -> tuple[bool, str | None]:
         """Whether a move comes closer to the guarantee, and what is wrong with it."""
         guarantee = self._guarantees[node['goal']]
@@ -125,10 +126,51 @@ class _Check:
             return False, None
         return False, 'the guarantee comes no closer'
 
-    def _is_live(self, after: Mapping[Name, int]) -> bool:
+    def _is_live(self, after: Mapping[VariableName, int]) -> bool:
         return any(value_of(active, after) and value_of(outcome, after) for active, outcome in self._specification.live)
 
 
-def _text(inputs: Mapping[Name, int]) -> str:
+def _text(inputs: Mapping[VariableName, int]) -> str:
     said = [str(name) if value == 1 else f'{name}={value}' for name, value in inputs.items() if value]
     return f'({", ".join(said) or "no input"})'
+
+
+# All valuations that satisfy formulas, found one variable after the other.
+
+
+def valuations(
+    names: Sequence[VariableName], formulas: Iterable[Formula], known: Valuation, variables: Mapping[str, GameVariable]
+) -> Iterator[dict[VariableName, int]]:
+    """All values of ``names`` with which every formula holds, given values of others (``known``).
+
+    In order of the names, each from its least value. Formulas that hold or not whatever the names are, are checked
+    once. Raises KeyError when a formula has variables that are in neither.
+    """
+    found = dict(known)
+    position = {name: index for index, name in enumerate(names)}
+    by_last: list[list[Formula]] = [[] for _ in names]  # a formula is checked whenever one of its names gets a value
+    for formula in formulas:
+        places = {position[name] for name in names_in(formula) if name in position}
+        if not places and not value_of(formula, found):
+            return
+        for place in places:
+            by_last[place].append(formula)
+    yield from _extended(names, by_last, found, variables, 0)
+
+
+def _extended(
+    names: Sequence[VariableName],
+    by_last: Sequence[Sequence[Formula]],
+    found: dict[VariableName, int],
+    variables: Mapping[str, GameVariable],
+    place: int,
+) -> Iterator[dict[VariableName, int]]:
+    if place == len(names):
+        yield {name: found[name] for name in names}
+        return
+    name = names[place]
+    for value in variables[name.name].values:
+        found[name] = value
+        if all(value_of(formula, found) is not False for formula in by_last[place]):
+            yield from _extended(names, by_last, found, variables, place + 1)
+    del found[name]

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from flexbt_formal.synthesis.errors import SynthesisError
 
-from .formula import Compare, Formula, Join, Name, Not, Number, Sum, Term, Truth, Valuation, compare
-from .specification import Specification, Variable
+from .formula import Compare, Formula, Join, Not, Number, Sum, Term, Truth, Valuation, VariableName, compare
+from .specification import GameVariable, Specification
 
 Diagram = Any
 """A set of valuations; ``&``, ``|`` and ``~`` are those of sets."""
@@ -24,7 +24,7 @@ class Encoding:
     def __init__(self, specification: Specification) -> None:
         self._variables = specification.variables
         self._bdd = _manager()
-        self._bits: dict[Name, list[str]] = {}
+        self._bits: dict[VariableName, list[str]] = {}
         for _, variable in sorted(specification.variables.items()):  # those of a capability are beside each other
             self._declare(variable)
         self.true: Diagram = self._bdd.true
@@ -33,14 +33,14 @@ class Encoding:
             now: then
             for name in self._bits
             if not name.primed
-            for now, then in zip(self._bits[name], self._bits[Name(name.name, True)], strict=True)
+            for now, then in zip(self._bits[name], self._bits[VariableName(name.name, True)], strict=True)
         }
         self._of: dict[Formula, Diagram] = {}
 
-    def _declare(self, variable: Variable) -> None:
+    def _declare(self, variable: GameVariable) -> None:
         if len(variable.values) > MAX_VALUES:
             raise SynthesisError([f"'{variable.name}' has {len(variable.values)} values; {MAX_VALUES} are possible"])
-        now, then = Name(variable.name), Name(variable.name, True)
+        now, then = VariableName(variable.name), VariableName(variable.name, True)
         width = max(1, (len(variable.values) - 1).bit_length())
         self._bits[now] = [f'{now}@{bit}' for bit in range(width)]
         self._bits[then] = [f'{then}@{bit}' for bit in range(width)]
@@ -63,7 +63,7 @@ class Encoding:
             found = found & self.set_of(formula)
         return found
 
-    def in_range(self, names: Iterable[Name]) -> Diagram:
+    def in_range(self, names: Iterable[VariableName]) -> Diagram:
         """The valuations in which integers have no more than their values."""
         found = self.true
         for name in names:
@@ -79,11 +79,11 @@ class Encoding:
         """A set of valuations of the next step, said of this one."""
         return self._bdd.let({then: now for now, then in self._prime.items()}, states)
 
-    def some(self, names: Iterable[Name], of: Diagram) -> Diagram:
+    def some(self, names: Iterable[VariableName], of: Diagram) -> Diagram:
         """The valuations for which values of ``names`` exist with which they are in the set."""
         return self._bdd.exist([bit for name in names for bit in self._bits[name]], of)
 
-    def all(self, names: Iterable[Name], of: Diagram) -> Diagram:
+    def all(self, names: Iterable[VariableName], of: Diagram) -> Diagram:
         """The valuations that are in the set with all values of ``names``."""
         return self._bdd.forall([bit for name in names for bit in self._bits[name]], of)
 
@@ -100,7 +100,7 @@ class Encoding:
             of,
         )
 
-    def members(self, names: list[Name], of: Diagram) -> Iterator[dict[Name, int]]:
+    def members(self, names: list[VariableName], of: Diagram) -> Iterator[dict[VariableName, int]]:
         """The valuations of ``names`` in a set that depends on no others, in the order of names and values."""
         if of == self.false:
             return
@@ -112,9 +112,9 @@ class Encoding:
             for member in self.members(rest, self.given({name: value}, of)):
                 yield {name: value, **member}
 
-    def nearest(self, names: list[Name], of: Diagram, wanted: Valuation) -> dict[Name, int]:
+    def nearest(self, names: list[VariableName], of: Diagram, wanted: Valuation) -> dict[VariableName, int]:
         """The valuation in a set that differs last from what is ``wanted``, in the order of names."""
-        found: dict[Name, int] = {}
+        found: dict[VariableName, int] = {}
         for name in names:
             values = self._variables[name.name].values
             for value in (wanted.get(name, values[0]), *values):
@@ -138,7 +138,7 @@ class Encoding:
 
     def _made(self, formula: Formula) -> Diagram:
         match formula:
-            case Name():
+            case VariableName():
                 return self._bdd.var(self._bits[formula][0])
             case Truth(value):
                 return self.true if value else self.false
@@ -166,7 +166,7 @@ class Encoding:
         match term:
             case Number(value):
                 return {value: self.true}
-            case Name():
+            case VariableName():
                 low = self._low(term)
                 return {value: self._bits_are(term, value - low) for value in self._variables[term.name].values}
             case Sum(op, left, right):
@@ -180,14 +180,14 @@ class Encoding:
                         found[value] = found.get(value, self.false) | (a & b)
                 return found
 
-    def _bits_are(self, name: Name, value: int) -> Diagram:
+    def _bits_are(self, name: VariableName, value: int) -> Diagram:
         found = self.true
         for index, bit in enumerate(self._bits[name]):
             one = self._bdd.var(bit)
             found = found & (one if value >> index & 1 else ~one)
         return found
 
-    def _low(self, name: Name) -> int:
+    def _low(self, name: VariableName) -> int:
         return self._variables[name.name].values[0]
 
 

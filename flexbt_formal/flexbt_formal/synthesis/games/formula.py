@@ -12,7 +12,7 @@ from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
-class Name:
+class VariableName:
     """A variable, now or (``primed``) in the next step."""
 
     name: str
@@ -44,7 +44,7 @@ class Sum:
         return f'{self.left} {self.op} {self.right}'
 
 
-Term = Name | Number | Sum
+Term = VariableName | Number | Sum
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +90,8 @@ class Join:
         return f'({f" {self.op} ".join(map(str, self.parts))})'
 
 
-Formula = Truth | Name | Compare | Not | Join
-Valuation = Mapping[Name, int]
+Formula = Truth | VariableName | Compare | Not | Join
+Valuation = Mapping[VariableName, int]
 
 TRUE: Final = Truth(True)
 FALSE: Final = Truth(False)
@@ -111,10 +111,10 @@ def compare(op: str, left: int, right: int) -> bool:
     return _COMPARE[op](left, right)
 
 
-def names_in(formula: Formula | Term) -> Iterator[Name]:
+def names_in(formula: Formula | Term) -> Iterator[VariableName]:
     """The variables of a formula, as often as it has them."""
     match formula:
-        case Name():
+        case VariableName():
             yield formula
         case Not(part):
             yield from names_in(part)
@@ -129,7 +129,7 @@ def names_in(formula: Formula | Term) -> Iterator[Name]:
 def value_of(formula: Formula, valuation: Valuation) -> bool | None:
     """Whether a formula holds; None when that depends on variables without a value."""
     match formula:
-        case Name():
+        case VariableName():
             known = valuation.get(formula)
             return None if known is None else bool(known)
         case Truth(value):
@@ -162,7 +162,7 @@ def _number(term: Term, valuation: Valuation) -> int | None:
     match term:
         case Number(value):
             return value
-        case Name():
+        case VariableName():
             return valuation.get(term)
         case Sum(op, left, right):
             a, b = _number(left, valuation), _number(right, valuation)

@@ -11,9 +11,9 @@ from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.values import hint, shown
+from flexbt_core.values.text import did_you_mean, short_repr
 
-from .formula import FALSE, TRUE, Compare, Formula, Join, Name, Not, Number, Sum, Term
+from .formula import FALSE, TRUE, Compare, Formula, Join, Not, Number, Sum, Term, VariableName
 
 MAX_LENGTH: Final = 20_000
 """Characters of a formula that are read at most."""
@@ -132,14 +132,14 @@ class _Parser:
         op = self._peek()
         if op in _COMPARISONS:
             self._at += 1
-            if isinstance(left, Name) and left.name in self._labels:
+            if isinstance(left, VariableName) and left.name in self._labels:
                 self._check_label(left.name, self._labels[left.name].values())
             right = self._sum()
             for term in (left, right):
-                if isinstance(term, Name) and self._variables[term.name] is None:
+                if isinstance(term, VariableName) and self._variables[term.name] is None:
                     raise self._error(f"'{term.name}' is true or false, and is not compared: write {term} or !{term}")
             return Compare(op, left, right)
-        if isinstance(left, Name):
+        if isinstance(left, VariableName):
             bounds = self._variables[left.name]
             if bounds is not None:
                 low, high = bounds
@@ -167,14 +167,14 @@ class _Parser:
         if not (token[:1].isalpha() or token[:1] == '_'):
             raise self._error(self._missing(token))
         if token not in self._variables:
-            raise self._error(f'there is no variable {shown(token)}{hint(token, list(self._names))}')
+            raise self._error(f'there is no variable {short_repr(token)}{did_you_mean(token, list(self._names))}')
         self._at += 1
-        return Name(token, self._taken("'") or self._primed)
+        return VariableName(token, self._taken("'") or self._primed)
 
     def _check_label(self, variable: str, known: Collection[str]) -> None:
         value = self._peek()
         if _WORD.fullmatch(value) and value not in self._variables:
-            raise self._error(f"'{variable}' has no value {shown(value)}{hint(value, known)}")
+            raise self._error(f"'{variable}' has no value {short_repr(value)}{did_you_mean(value, known)}")
 
     def _missing(self, instead: str) -> str:
         """Why there is no term: ``instead`` is there instead."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from .encoding import Diagram, Encoding
-from .formula import Name
+from .formula import VariableName
 from .specification import Section, Specification
 
 FAIR: Final = -1
@@ -25,7 +25,7 @@ Watch = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Layer:
+class RankLayer:
     """States that come closer to a guarantee, at the earliest in this layer. ``kind`` is the number of the assumption
     that has to hold at some time, or FAIR."""
 
@@ -90,11 +90,11 @@ class Game:
         way_out = of.some(self.outputs_next, self.system & goes_on & of.primed(hopeful))
         return hopeful, goes_on | ~way_out
 
-    def _names(self, *, inputs: bool) -> list[Name]:
+    def _names(self, *, inputs: bool) -> list[VariableName]:
         return self.specification.names(inputs=inputs)
 
-    def _next(self, names: list[Name]) -> list[Name]:
-        return [Name(name.name, True) for name in names]
+    def _next(self, names: list[VariableName]) -> list[VariableName]:
+        return [VariableName(name.name, True) for name in names]
 
     def _all(self, section: Section) -> Diagram:
         found = self.encoding.true
@@ -169,7 +169,7 @@ class Game:
         while True:
             rounds += 1
             before = kept
-            layers: list[list[Layer]] = []
+            layers: list[list[RankLayer]] = []
             for number, guarantee in enumerate(self.guarantees):
                 near, of_goal, removal = self._approach(number, guarantee, kept)
                 layers.append(of_goal)
@@ -179,12 +179,12 @@ class Game:
             if kept == before:
                 return Solution(self, kept, layers, removals, rounds)
 
-    def _approach(self, number: int, guarantee: Diagram, kept: Diagram) -> tuple[Diagram, list[Layer], Removal]:
+    def _approach(self, number: int, guarantee: Diagram, kept: Diagram) -> tuple[Diagram, list[RankLayer], Removal]:
         """From where a guarantee can be met without leaving ``kept``."""
         of = self.encoding
         stays = of.primed(kept)
         meets = guarantee & stays
-        near, layers = of.false, list[Layer]()
+        near, layers = of.false, list[RankLayer]()
         while True:
             self.watch(f'guarantee {number + 1} of {len(self.guarantees)}: {len(layers)} layers')
             closer = meets | of.primed(near)
@@ -201,11 +201,11 @@ class Game:
                     shrinking.append(states)
                 removal.waits.append(shrinking)
                 if states & ~found != of.false:
-                    layers.append(Layer(kind, states))
+                    layers.append(RankLayer(kind, states))
                     found = found | states
             fair = self.fairly(closer, stays)
             if fair & ~found != of.false:
-                layers.append(Layer(FAIR, fair))
+                layers.append(RankLayer(FAIR, fair))
                 found = found | fair
             if found == near:
                 return near, layers, removal
@@ -218,7 +218,7 @@ class Solution:
 
     game: Game
     winning: Diagram
-    layers: list[list[Layer]]
+    layers: list[list[RankLayer]]
     removals: list[Removal]
     rounds: int
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from .formula import Formula, Name
+from .formula import Formula, VariableName
 from .formula_parser import Ranges
 
 
@@ -28,7 +28,7 @@ class Section(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Variable:
+class GameVariable:
     """An input or output: a Boolean, or (``bounds``) an integer from the least to the greatest value."""
 
     name: str
@@ -43,7 +43,7 @@ class Variable:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class SpecificationLine:
     """A formula of a section. ``origin`` is what its author wrote, in that author's words and with its place; None for
     what follows from the form of a specification, such as that exactly one capability is active: ``rule`` says it."""
 
@@ -69,8 +69,8 @@ class Specification:
     more, even with luck. ``idle`` are outputs that are not set without need.
     """
 
-    variables: Mapping[str, Variable]
-    lines: tuple[Line, ...]
+    variables: Mapping[str, GameVariable]
+    lines: tuple[SpecificationLine, ...]
     live: tuple[tuple[Formula, Formula], ...] = ()
     last_resort: Formula | None = None
     hopes: tuple[Formula, ...] = ()
@@ -85,9 +85,9 @@ class Specification:
         """The formulas of a section."""
         return [line.formula for line in self.lines if line.section is section]
 
-    def names(self, *, inputs: bool, primed: bool = False) -> list[Name]:
+    def names(self, *, inputs: bool, primed: bool = False) -> list[VariableName]:
         """The inputs, or the outputs, in the order of their declaration."""
-        return [Name(one.name, primed) for one in self.variables.values() if one.is_input is inputs]
+        return [VariableName(one.name, primed) for one in self.variables.values() if one.is_input is inputs]
 
     def without(self, origins: Iterable[str]) -> Specification:
         """The specification without what these origins ask for."""

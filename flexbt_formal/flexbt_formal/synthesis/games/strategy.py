@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from flexbt_core.values import excerpt
+from flexbt_core.values.text import truncate_middle
 from flexbt_formal.synthesis.errors import SynthesisError
 
 from .encoding import Diagram
-from .formula import Name, Valuation
+from .formula import Valuation, VariableName
 from .solver import FAIR, Solution
 
 MAX_NODES: Final = 20_000
@@ -26,7 +26,7 @@ MAX_MOVES: Final = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class StrategyNode:
     """A state of the game (``values`` of all variables) on the way to guarantee ``goal``.
 
     ``rank`` is how many layers away the guarantee is, ``kind`` what the way there needs: the number of an assumption,
@@ -44,7 +44,7 @@ class Node:
 class Strategy:
     """Nodes by their numbers, and those at the start: one for all inputs with which the world may begin."""
 
-    nodes: tuple[Node, ...]
+    nodes: tuple[StrategyNode, ...]
     start: tuple[int, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -83,8 +83,8 @@ class _Extraction:
         self._layers_next = [[of.primed(states) for states in layers] for layers in self._layers]
         self._winning_next = of.primed(solution.winning)
         self._numbers: dict[tuple[tuple[int, ...], int], int] = {}
-        self._states: list[tuple[dict[Name, int], int]] = []
-        self._changed: dict[tuple[int, ...], dict[Name, int]] = {}  # by inputs, the outputs of the first answer
+        self._states: list[tuple[dict[VariableName, int], int]] = []
+        self._changed: dict[tuple[int, ...], dict[VariableName, int]] = {}  # by inputs, the outputs of the first answer
 
     def strategy(self) -> Strategy:
         game, of = self._game, self._encoding
@@ -97,13 +97,13 @@ class _Extraction:
                     break
             outputs = of.nearest(game.outputs, near, {})
             start.append(self._number({**inputs, **outputs}, 0))
-        nodes: list[Node] = []
+        nodes: list[StrategyNode] = []
         while len(nodes) < len(self._states):
             self._game.watch(f'{len(nodes)} nodes of the strategy')
             nodes.append(self._node(*self._states[len(nodes)]))
         return Strategy(tuple(nodes), tuple(start))
 
-    def _node(self, state: dict[Name, int], goal: int) -> Node:
+    def _node(self, state: dict[VariableName, int], goal: int) -> StrategyNode:
         game, of = self._game, self._encoding
         layers = self._solution.layers[goal]
         rank = next(rank for rank, layer in enumerate(layers) if of.has(state, layer.states))
@@ -114,9 +114,9 @@ class _Extraction:
             moves.append(
                 ({name.name: value for name, value in inputs.items()}, self._answer(state, goal, rank, inputs))
             )
-        return Node({name.name: value for name, value in state.items()}, goal, rank, kind, tuple(moves))
+        return StrategyNode({name.name: value for name, value in state.items()}, goal, rank, kind, tuple(moves))
 
-    def _answer(self, state: dict[Name, int], goal: int, rank: int, inputs: dict[Name, int]) -> int:
+    def _answer(self, state: dict[VariableName, int], goal: int, rank: int, inputs: dict[VariableName, int]) -> int:
         game, of = self._game, self._encoding
         here = {**state, **inputs}
         answers = of.given(here, game.system)
@@ -138,25 +138,29 @@ class _Extraction:
                     return self._chosen(near, state, inputs, then)
         raise AssertionError('a winning state has an answer')
 
-    def _chosen(self, choices: Diagram, state: dict[Name, int], inputs: dict[Name, int], goal: int) -> int:
+    def _chosen(
+        self, choices: Diagram, state: dict[VariableName, int], inputs: dict[VariableName, int], goal: int
+    ) -> int:
         game, of = self._game, self._encoding
-        now = {Name(name.name): value for name, value in inputs.items()}
+        now = {VariableName(name.name): value for name, value in inputs.items()}
         for number, (there, counter) in enumerate(self._states):
             if (
                 counter == goal
                 and all(there[name] == value for name, value in now.items())
-                and of.has({Name(name.name, True): there[name] for name in game.outputs}, choices)
+                and of.has({VariableName(name.name, True): there[name] for name in game.outputs}, choices)
             ):
                 return number
         idle = game.specification.idle
         told = tuple(inputs.values())
         usual = {name: 0 if name.name in idle else state[name] for name in game.outputs} | self._changed.get(told, {})
-        outputs = of.nearest(game.outputs_next, choices, {Name(name.name, True): one for name, one in usual.items()})
-        after = {Name(name.name): value for name, value in outputs.items()}
+        outputs = of.nearest(
+            game.outputs_next, choices, {VariableName(name.name, True): one for name, one in usual.items()}
+        )
+        after = {VariableName(name.name): value for name, value in outputs.items()}
         self._changed.setdefault(told, {name: one for name, one in after.items() if one != state[name]})
         return self._number({**now, **after}, goal)
 
-    def _number(self, state: dict[Name, int], goal: int) -> int:
+    def _number(self, state: dict[VariableName, int], goal: int) -> int:
         key = (tuple(state[name] for name in (*self._game.inputs, *self._game.outputs)), goal)
         if key not in self._numbers:
             if len(self._states) == MAX_NODES:
@@ -165,12 +169,12 @@ class _Extraction:
             self._states.append((state, goal))
         return self._numbers[key]
 
-    def _some_members(self, names: list[Name], of: Diagram, where: str) -> Iterator[dict[Name, int]]:
+    def _some_members(self, names: list[VariableName], of: Diagram, where: str) -> Iterator[dict[VariableName, int]]:
         for number, member in enumerate(self._encoding.members(names, of)):
             if number == MAX_MOVES:
                 raise SynthesisError(
                     [
-                        f'{excerpt(where)} the world has more than {MAX_MOVES} moves: '
+                        f'{truncate_middle(where)} the world has more than {MAX_MOVES} moves: '
                         'say in ENV_TRANS what inputs depend on'
                     ]
                 )

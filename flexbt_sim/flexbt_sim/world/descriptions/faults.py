@@ -8,15 +8,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from flexbt_core.values import hint, shown
+from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.plane import Pose
+from flexbt_sim.world.plane.geometry import Pose
 
-from .specification import Problem, Specification, key, keys_of, names, read
+from .specification import ModelSpecification, WorldProblem, key, keys_of, names, read
 
 
 @dataclass(frozen=True)
-class FaultModel(Specification):
+class FaultModel(ModelSpecification):
     """Base of the parameters of a fault: ``name``, the kinds of entities that can have it, and who carries it out."""
 
     name: ClassVar[str]
@@ -36,7 +36,7 @@ class FaultModel(Specification):
 
     def __str__(self) -> str:
         """For people, on one line: ``stuck_wheel (side: 'left')``."""
-        values = names(f'{name}: {shown(getattr(self, name))}' for name in keys_of(type(self)))
+        values = names(f'{name}: {short_repr(getattr(self, name))}' for name in keys_of(type(self)))
         return f'{self.name} ({values})' if values else self.name
 
 
@@ -216,7 +216,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class FaultTiming(Specification):
+class FaultTiming(ModelSpecification):
     """When a fault is there. It is an entry of the list ``faults`` of a world file."""
 
     title: ClassVar[str] = 'fault'
@@ -234,8 +234,8 @@ def fault_parameters(fault: str, values: Mapping[str, Any]) -> FaultModel:
         SimulationError: there is no such fault, or a value is wrong.
     """
     if fault not in FAULTS:
-        raise SimulationError(f"there is no fault '{fault}'{hint(fault, FAULTS)}")
-    problems: list[Problem] = []
+        raise SimulationError(f"there is no fault '{fault}'{did_you_mean(fault, FAULTS)}")
+    problems: list[WorldProblem] = []
     parameters = read(FAULTS[fault], values, (), problems)
     if parameters is None:
         raise SimulationError(f'{fault}: ' + names(f'{one.where}: {one.message}' for one in problems))

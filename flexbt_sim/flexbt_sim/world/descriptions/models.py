@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
-from flexbt_sim.world.plane import Circle, Point, Polygon, Pose, Shape
+from flexbt_sim.world.plane.geometry import Circle, Point, Polygon, Pose, Shape
 
-from .specification import Specification, key
+from .specification import ModelSpecification, key
 
 ORIGIN: Final = Pose(0.0, 0.0, 0.0)
 
@@ -19,7 +19,7 @@ STEP: Final = 0.02
 
 
 @dataclass(frozen=True)
-class LidarModel(Specification):
+class LidarModel(ModelSpecification):
     """A planar lidar. Its beams are evenly spaced, counter-clockwise: from straight ahead all round, or over a field of
     view that lies evenly to both sides of straight ahead. Bodies are solid: in another one, or on its outline, all
     ranges are 0."""
@@ -58,7 +58,7 @@ class LidarModel(Specification):
 
 
 @dataclass(frozen=True)
-class DriveModel(Specification):
+class DriveModel(ModelSpecification):
     """Wheels and motors. A command is cut to the limits; the defaults are those of a TurtleBot3 waffle."""
 
     title: ClassVar[str] = 'drive'
@@ -75,7 +75,7 @@ class DriveModel(Specification):
 
 
 @dataclass(frozen=True)
-class OdometryModel(Specification):
+class OdometryModel(ModelSpecification):
     """By how much the odometry is wrong. By default it is exact."""
 
     title: ClassVar[str] = 'odometry'
@@ -89,7 +89,7 @@ class OdometryModel(Specification):
 
 
 @dataclass(frozen=True)
-class BatteryModel(Specification):
+class BatteryModel(ModelSpecification):
     """A battery. The robot stops, and its lidar is silent, when it is empty."""
 
     title: ClassVar[str] = 'battery'
@@ -104,7 +104,7 @@ class BatteryModel(Specification):
 
 
 @dataclass(frozen=True)
-class GripperModel(Specification):
+class GripperModel(ModelSpecification):
     """An arm with a gripper, which picks up obstacles that rest, and puts them down straight ahead."""
 
     title: ClassVar[str] = 'gripper'
@@ -115,7 +115,7 @@ class GripperModel(Specification):
 
 
 @dataclass(frozen=True)
-class RobotModel(Specification):
+class RobotModel(ModelSpecification):
     """A kind of robot. ``null`` leaves a lidar, a battery or a gripper away."""
 
     title: ClassVar[str] = 'robot'
@@ -156,7 +156,7 @@ MODELS: Final[Mapping[str, RobotModel]] = {'burger': BURGER, 'waffle': WAFFLE, '
 
 
 @dataclass(frozen=True)
-class WalkModel(Specification):
+class WalkModel(ModelSpecification):
     """A walk without an aim: straight on until it is blocked or wants to go elsewhere."""
 
     title: ClassVar[str] = 'random walk'
@@ -166,7 +166,7 @@ class WalkModel(Specification):
 
 
 @dataclass(frozen=True)
-class RouteModel(Specification):
+class RouteModel(ModelSpecification):
     """A way along points, at a constant speed. What moves waits while it is blocked, and turns back in the end."""
 
     title: ClassVar[str] = 'route'
@@ -183,7 +183,7 @@ class RouteModel(Specification):
 
 
 @dataclass(frozen=True)
-class ObstacleModel(Specification):
+class ObstacleModel(ModelSpecification):
     """Something in the way, at rest or moving; what moves keeps its heading."""
 
     title: ClassVar[str] = 'obstacle'
@@ -199,7 +199,7 @@ class ObstacleModel(Specification):
 
 
 @dataclass(frozen=True)
-class DoorModel(Specification):
+class DoorModel(ModelSpecification):
     """A sliding door. It stops before whatever is in its way."""
 
     title: ClassVar[str] = 'door'
@@ -230,7 +230,7 @@ class DoorModel(Specification):
 
 
 @dataclass(frozen=True)
-class StationModel(Specification):
+class StationModel(ModelSpecification):
     """A charging station. A robot at rest with its position within reach of it is charged."""
 
     title: ClassVar[str] = 'station'
@@ -240,7 +240,7 @@ class StationModel(Specification):
 
 
 @dataclass(frozen=True)
-class ZoneModel(Specification):
+class ZoneModel(ModelSpecification):
     """An area with a rule; nothing that stops a robot."""
 
     title: ClassVar[str] = 'zone'

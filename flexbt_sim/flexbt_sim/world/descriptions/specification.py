@@ -16,9 +16,10 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeVar
 
-from flexbt_core.values import finite_number, hint, one_line, shown
+from flexbt_core.values.json_data import finite_number
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.plane import FARTHEST, MAX_CORNERS, Circle, Polygon, Pose, Shape, box
+from flexbt_sim.world.plane.geometry import FARTHEST, MAX_CORNERS, Circle, Polygon, Pose, Shape, box
 
 NAME: Final = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,62}')
 """Names of entities: a robot's is its ROS namespace."""
@@ -29,13 +30,13 @@ _WIDTH: Final = 300
 Path = tuple[str | int, ...]
 """Where a value is: the keys and indices that lead to it."""
 
-S = TypeVar('S', bound='Specification')
+S = TypeVar('S', bound='ModelSpecification')
 
 _type_hints: Callable[[Any], Mapping[str, Any]] = functools.cache(typing.get_type_hints)
 
 
 @dataclass(frozen=True)
-class Key:
+class ModelKey:
     """What is known about one key: its meaning, its unit, its bounds (both included), its choices."""
 
     text: str
@@ -46,7 +47,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Problem:
+class WorldProblem:
     """What is wrong with a value, and how to mend it."""
 
     path: Path
@@ -60,11 +61,11 @@ class Problem:
 
 def key(text: str, default: Any = dataclasses.MISSING, **details: Any) -> Any:
     """A field of a specification; ``details`` are those of :class:`Key`."""
-    return dataclasses.field(default=default, metadata={'key': Key(text, **details)})
+    return dataclasses.field(default=default, metadata={'key': ModelKey(text, **details)})
 
 
 @dataclass(frozen=True)
-class Specification:
+class ModelSpecification:
     """Base of what a mapping in a world file says. Values are checked however it is made.
 
     Raises:
@@ -74,12 +75,12 @@ class Specification:
     title: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
-        problems: list[Problem] = []
+        problems: list[WorldProblem] = []
         for name, one in keys_of(type(self)).items():
             value = getattr(self, name)
             if value is not None:
                 _bounded(value, one, (name,), problems)
-        problems = problems or [Problem((), text) for text in self.conflicts()]
+        problems = problems or [WorldProblem((), text) for text in self.conflicts()]
         if problems:
             raise SimulationError('; '.join(f'{p.where}: {p.message}' if p.path else p.message for p in problems))
 
@@ -88,13 +89,13 @@ class Specification:
         return ()
 
 
-def keys_of(specification: type[Specification]) -> Mapping[str, Key]:
+def keys_of(specification: type[ModelSpecification]) -> Mapping[str, ModelKey]:
     """The keys that a specification may have, in their order."""
     fields = dataclasses.fields(specification)
     return {one.name: one.metadata['key'] for one in fields if 'key' in one.metadata}
 
 
-def types_of(specification: type[Specification]) -> Mapping[str, Any]:
+def types_of(specification: type[ModelSpecification]) -> Mapping[str, Any]:
     """The type of each key."""
     return _type_hints(specification)
 
@@ -108,7 +109,7 @@ def read(
     specification: type[S],
     data: Any,
     path: Path,
-    problems: list[Problem],
+    problems: list[WorldProblem],
     base: S | None = None,
     beside: Collection[str] = (),
 ) -> S | None:
@@ -118,8 +119,8 @@ def read(
     the caller.
     """
     if not isinstance(data, Mapping):
-        problems.append(Problem(path, f'expected a mapping of {names(map(written, keys_of(specification)))}, '
-                                      f'got {shown(data)}'))  # fmt: skip
+        problems.append(WorldProblem(path, f'expected a mapping of {names(map(written, keys_of(specification)))}, '
+                                      f'got {short_repr(data)}'))  # fmt: skip
         return None
     known = {written(name): name for name in keys_of(specification)}
     before = len(problems)
@@ -129,11 +130,11 @@ def read(
             name = known[word]
             values[name] = convert(types_of(specification)[name], value, (*path, word), problems, values.get(name))
         elif word not in beside:
-            problems.append(Problem((*path, word), f'there is no such key{hint(word, [*known, *beside])}'))
+            problems.append(WorldProblem((*path, word), f'there is no such key{did_you_mean(word, [*known, *beside])}'))
     for one in dataclasses.fields(specification):
         if one.name in keys_of(specification) and one.name not in values and one.default is dataclasses.MISSING:
             text = keys_of(specification)[one.name].text
-            problems.append(Problem(path, f"'{written(one.name)}' is missing: {text}"))
+            problems.append(WorldProblem(path, f"'{written(one.name)}' is missing: {text}"))
     if len(problems) > before:
         return None
     for name, one_key in keys_of(specification).items():
@@ -144,11 +145,11 @@ def read(
     try:
         return specification(**values)
     except SimulationError as error:
-        problems.append(Problem(path, str(error)))
+        problems.append(WorldProblem(path, str(error)))
         return None
 
 
-def convert(kind: Any, value: Any, path: Path, problems: list[Problem], base: Any = None) -> Any:
+def convert(kind: Any, value: Any, path: Path, problems: list[WorldProblem], base: Any = None) -> Any:
     """A plain value as a type of the specifications; None, with a problem added, when it is none."""
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
@@ -159,7 +160,7 @@ def convert(kind: Any, value: Any, path: Path, problems: list[Problem], base: An
         return convert(next(one for one in arguments if one is not type(None)), value, path, problems, base)
     if origin is tuple and arguments[-1:] == (...,):
         if not isinstance(value, list):
-            problems.append(Problem(path, f'expected a list, got {shown(value)}'))
+            problems.append(WorldProblem(path, f'expected a list, got {short_repr(value)}'))
             return None
         return tuple(convert(arguments[0], one, (*path, i), problems) for i, one in enumerate(value))
     if origin is tuple:
@@ -167,7 +168,7 @@ def convert(kind: Any, value: Any, path: Path, problems: list[Problem], base: An
     if kind is Pose:
         numbers = _numbers(value, 3, path, problems, ' (x, y in m, yaw in rad)')
         return Pose(*numbers) if numbers else None
-    if isinstance(kind, type) and issubclass(kind, Specification):
+    if isinstance(kind, type) and issubclass(kind, ModelSpecification):
         return read(kind, value, path, problems, base)
     return _scalar(kind, value, path, problems)
 
@@ -175,24 +176,24 @@ def convert(kind: Any, value: Any, path: Path, problems: list[Problem], base: An
 _SCALARS: Final = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
 
 
-def _scalar(kind: Any, value: Any, path: Path, problems: list[Problem]) -> Any:
+def _scalar(kind: Any, value: Any, path: Path, problems: list[WorldProblem]) -> Any:
     if kind is float and (number := finite_number(value)) is not None:
         return number
     if kind is not float and type(value) is kind:
         return value
-    problems.append(Problem(path, f'expected {_SCALARS[kind]}, got {shown(value)}'))
+    problems.append(WorldProblem(path, f'expected {_SCALARS[kind]}, got {short_repr(value)}'))
     return None
 
 
-def _numbers(value: Any, count: int, path: Path, problems: list[Problem], what: str = '') -> Any:
+def _numbers(value: Any, count: int, path: Path, problems: list[WorldProblem], what: str = '') -> Any:
     numbers = [finite_number(one) for one in value] if isinstance(value, list) else []
     if len(numbers) == count and None not in numbers:
         return tuple(numbers)
-    problems.append(Problem(path, f'expected a list of {count} numbers{what}, got {shown(value)}'))
+    problems.append(WorldProblem(path, f'expected a list of {count} numbers{what}, got {short_repr(value)}'))
     return None
 
 
-def _shape(value: Any, path: Path, problems: list[Problem]) -> Shape | None:
+def _shape(value: Any, path: Path, problems: list[WorldProblem]) -> Shape | None:
     """A number is the radius of a circle, two are length and width of a box, a list of points is a polygon."""
     radius = finite_number(value)
     try:
@@ -205,24 +206,24 @@ def _shape(value: Any, path: Path, problems: list[Problem]) -> Shape | None:
             corners = [_numbers(one, 2, (*path, i), problems) for i, one in enumerate(value)]
             return None if None in corners else Polygon(tuple(corners))
     except SimulationError as error:
-        problems.append(Problem(path, str(error)))
+        problems.append(WorldProblem(path, str(error)))
         return None
     text = (
         'expected a radius, [length, width] of a box, or the corners of a polygon [[x, y], [x, y], [x, y], ...] '
         f'(at most {MAX_CORNERS})'
     )
-    problems.append(Problem(path, f'{text}, got {shown(value)}'))
+    problems.append(WorldProblem(path, f'{text}, got {short_repr(value)}'))
     return None
 
 
-def _bounded(value: Any, one: Key, path: Path, problems: list[Problem]) -> None:
+def _bounded(value: Any, one: ModelKey, path: Path, problems: list[WorldProblem]) -> None:
     if isinstance(value, str):
         if one.choices and value not in one.choices:
-            problems.append(Problem(path, f'{shown(value)} is none of {names(one.choices)}'))
+            problems.append(WorldProblem(path, f'{short_repr(value)} is none of {names(one.choices)}'))
     elif isinstance(value, int | float) and not isinstance(value, bool):
         if not one.low <= value <= one.high:
             unit = f' {one.unit}' if one.unit else ''
-            problems.append(Problem(path, f'{value:g}{unit} is not within {one.low:g} to {one.high:g}{unit}'))
+            problems.append(WorldProblem(path, f'{value:g}{unit} is not within {one.low:g} to {one.high:g}{unit}'))
     elif isinstance(value, tuple):
         for i, part in enumerate(value):
             _bounded(part, one, (*path, i), problems)

@@ -1,30 +1,36 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""World files: YAML, of which every key is checked."""
+"""World files: read, checked with the place of each problem, and turned into models; with floor plans drawn as text."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
+import numpy
 import yaml
+from numpy.typing import NDArray
 
-from flexbt_core.values import TextFileError, YamlError, compose_yaml, construct_yaml, hint, read_text, shown
+from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text_files import TextFileError, read_text
+from flexbt_core.values.yaml_data import YamlError, compose_yaml, construct_yaml
 from flexbt_sim.errors import MapError, SimulationError, WorldError
-from flexbt_sim.world.plane import OccupancyMap, Pose, load_map
+from flexbt_sim.world.plane.geometry import Point, Pose
+from flexbt_sim.world.plane.occupancy_map import FREE, MAX_CELLS, OCCUPIED, OccupancyMap, load_map
 
 from .faults import FAULTS, FaultTiming
-from .floor_plan import FloorPlan
 from .models import MODELS, STEP, DoorModel, ObstacleModel, RobotModel, StationModel, ZoneModel
-from .specification import NAME, Problem, Specification, convert, key, keys_of, names, read
+from .specification import NAME, ModelSpecification, WorldProblem, convert, key, keys_of, names, read
 from .specification import Path as Where
 
 MAX_BYTES: Final = 2_000_000
 
 
 @dataclass(frozen=True)
-class WorldModel(Specification):
+class WorldModel(ModelSpecification):
     """The top of a world file. Maps and worlds of other packages are named by their paths relative to this file."""
 
     title: ClassVar[str] = 'world'
@@ -35,7 +41,7 @@ class WorldModel(Specification):
     step: float = key('longest time for which speeds are taken as constant', STEP, unit='s', low=0.001, high=1.0)
 
 
-_ENTITIES: Final[Mapping[str, type[Specification]]] = {
+_ENTITIES: Final[Mapping[str, type[ModelSpecification]]] = {
     'obstacles': ObstacleModel, 'doors': DoorModel, 'stations': StationModel, 'zones': ZoneModel,
 }  # fmt: skip
 SECTIONS: Final[Mapping[str, str]] = {
@@ -66,7 +72,7 @@ class WorldFile:
         """
         self._file = file
         self._text = text
-        self._problems: list[Problem] = []
+        self._problems: list[WorldProblem] = []
         self._marks: dict[Where, tuple[int, int]] = {}
         reader = _Reader(self._data(), file.parent, self._problems, pose)
         self.model = reader.model()
@@ -101,7 +107,7 @@ class WorldFile:
         try:
             action(*arguments)
         except SimulationError as error:
-            self._problems.append(Problem(path, str(error)))
+            self._problems.append(WorldProblem(path, str(error)))
 
     def finish(self) -> None:
         """Raise what is wrong so far, as a WorldError."""
@@ -112,7 +118,7 @@ class WorldFile:
 _MERGE: Final = 'tag:yaml.org,2002:merge'
 
 
-def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], problems: list[Problem]) -> None:
+def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], problems: list[WorldProblem]) -> None:
     """Note where each value is: the line and column of its key, or of itself in a list."""
     marks.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
     if isinstance(node, yaml.MappingNode):
@@ -125,7 +131,7 @@ def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], pro
             word: Any = construct_yaml(key_node) if isinstance(key_node, yaml.ScalarNode) else '?'
             marks[*path, word] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
             if str(word) in seen:
-                problems.append(Problem((*path, word), 'is there twice; leave one of them out'))
+                problems.append(WorldProblem((*path, word), 'is there twice; leave one of them out'))
             seen.add(str(word))
             _mark(value, (*path, word), marks, problems)
     elif isinstance(node, yaml.SequenceNode):
@@ -133,7 +139,7 @@ def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], pro
             _mark(one, (*path, i), marks, problems)
 
 
-def _line(file: Path, problem: Problem, marks: Mapping[Where, tuple[int, int]]) -> str:
+def _line(file: Path, problem: WorldProblem, marks: Mapping[Where, tuple[int, int]]) -> str:
     path = problem.path
     while path not in marks and path:
         path = path[:-1]
@@ -143,7 +149,7 @@ def _line(file: Path, problem: Problem, marks: Mapping[Where, tuple[int, int]]) 
 
 
 class _Reader:
-    def __init__(self, data: Any, directory: Path, problems: list[Problem], pose: Pose | None) -> None:
+    def __init__(self, data: Any, directory: Path, problems: list[WorldProblem], pose: Pose | None) -> None:
         self._data = data
         self._pose = pose
         self._directory = directory
@@ -152,13 +158,15 @@ class _Reader:
     def model(self) -> WorldModel:
         data = self._data
         if not isinstance(data, Mapping):
-            self._problems.append(Problem((), f'expected a mapping with {names(SECTIONS)}, got {shown(data)}'))
+            self._problems.append(
+                WorldProblem((), f'expected a mapping with {names(SECTIONS)}, got {short_repr(data)}')
+            )
             self._data = {}
             return WorldModel()
         known = [*keys_of(WorldModel), *SECTIONS]
         for word in data:
             if word not in known:
-                self._problems.append(Problem((word,), f'there is no such key{hint(word, known)}'))
+                self._problems.append(WorldProblem((word,), f'there is no such key{did_you_mean(word, known)}'))
         top = {word: value for word, value in data.items() if word in keys_of(WorldModel)}
         return read(WorldModel, top, (), self._problems) or WorldModel()
 
@@ -175,7 +183,7 @@ class _Reader:
         if data is None:
             return []
         if not isinstance(data, Mapping):
-            self._problems.append(Problem((section,), f'expected a mapping of names, got {shown(data)}'))
+            self._problems.append(WorldProblem((section,), f'expected a mapping of names, got {short_repr(data)}'))
             return []
         entries = []
         for name, value in data.items():
@@ -183,12 +191,12 @@ class _Reader:
                 entries.append((name, value))
             else:
                 text = 'cannot be a name: give letters, digits and _, a letter first, at most 63'
-                self._problems.append(Problem((section, name), text))
+                self._problems.append(WorldProblem((section, name), text))
         return entries
 
     def map(self, model: WorldModel) -> OccupancyMap | None:
         if model.map is not None and model.plan is not None:
-            self._problems.append(Problem(('map',), "there is a 'plan' too; leave one of them out"))
+            self._problems.append(WorldProblem(('map',), "there is a 'plan' too; leave one of them out"))
             return None
         if model.plan is not None:
             return model.plan.drawn()
@@ -197,7 +205,7 @@ class _Reader:
         try:
             return load_map(self._directory / model.map)
         except MapError as error:
-            self._problems.append(Problem(('map',), str(error)))
+            self._problems.append(WorldProblem(('map',), str(error)))
             return None
 
     def _models(self) -> dict[str, RobotModel]:
@@ -212,12 +220,14 @@ class _Reader:
     ) -> RobotModel | None:
         """A model of a robot, in which ``base_key`` names another one; with keys ``beside`` it for the caller."""
         if not isinstance(value, Mapping):
-            self._problems.append(Problem(path, f'expected a mapping, got {shown(value)}'))
+            self._problems.append(WorldProblem(path, f'expected a mapping, got {short_repr(value)}'))
             return None
         base = value.get(base_key, 'waffle')
         if not isinstance(base, str) or base not in models:
             self._problems.append(
-                Problem((*path, base_key), f'there is no model {shown(base)} before this{hint(base, models)}')
+                WorldProblem(
+                    (*path, base_key), f'there is no model {short_repr(base)} before this{did_you_mean(base, models)}'
+                )
             )
             return None
         return read(RobotModel, value, path, self._problems, models[base], (base_key, *beside))
@@ -234,7 +244,7 @@ class _Reader:
             if 'pose' in value:
                 pose = convert(Pose, value['pose'], (*path, 'pose'), self._problems)
             elif pose is None:
-                self._problems.append(Problem(path, "'pose' is missing: where it is at the start, [x, y, yaw]"))
+                self._problems.append(WorldProblem(path, "'pose' is missing: where it is at the start, [x, y, yaw]"))
                 continue
             robots.append((path, name, model, pose))
         return robots
@@ -250,7 +260,7 @@ class _Reader:
         """For each where it is said, its timing and its parameters."""
         entries = self._data.get('faults') or []
         if not isinstance(entries, list):
-            self._problems.append(Problem(('faults',), f'expected a list, got {shown(entries)}'))
+            self._problems.append(WorldProblem(('faults',), f'expected a list, got {short_repr(entries)}'))
             return []
         faults: list[tuple[Where, FaultTiming, Mapping[str, Any]]] = []
         for i, entry in enumerate(entries):
@@ -260,3 +270,111 @@ class _Reader:
             if timing is not None and read(FAULTS[timing.fault], parameters, (*path, 'parameters'), self._problems):
                 faults.append((path, timing, parameters))
         return faults
+
+
+# Rooms and walls that are drawn in a world file, as an occupancy map.
+
+MAX_PARTS: Final = 5000
+PIECE: Final = 32
+"""Cells across which a piece of a wall goes at most along the axis along which it is shorter."""
+
+
+@dataclass(frozen=True)
+class Opening(ModelSpecification):
+    """A gap in the walls."""
+
+    title: ClassVar[str] = 'opening'
+
+    at: Point = key('its middle: [x, y]', unit='m')
+    width: float = key('how wide it is', 1.0, unit='m', low=0.05, high=100.0)
+
+
+@dataclass(frozen=True)
+class Room(ModelSpecification):
+    """A room: four walls round a rectangle, whose middle line they follow."""
+
+    title: ClassVar[str] = 'room'
+
+    from_: Point = key('a corner: [x, y]', unit='m')
+    to: Point = key('the opposite corner: [x, y]', unit='m')
+
+    @property
+    def walls(self) -> tuple[Point, ...]:
+        """Its walls as one line."""
+        (x0, y0), (x1, y1) = self.from_, self.to
+        return (x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)
+
+
+@dataclass(frozen=True)
+class FloorPlan(ModelSpecification):
+    """Rooms, walls and openings. Openings are cut into walls when these are drawn; the order does not matter."""
+
+    title: ClassVar[str] = 'plan'
+
+    rooms: tuple[Room, ...] = key('the rooms; neighbours share a wall where their corners say so', ())
+    walls: tuple[tuple[Point, ...], ...] = key(
+        'more walls, each a line along points: [[x, y], [x, y], ...]', (), unit='m'
+    )
+    openings: tuple[Opening, ...] = key('gaps in the walls, for doors and passages', ())
+    thickness: float = key('thickness of the walls', 0.1, unit='m', low=0.01, high=10.0)
+    resolution: float = key('side of a cell of the map that it becomes', 0.05, unit='m', low=0.005, high=10.0)
+    margin: float = key('free space round it on the map', 0.5, unit='m', low=0.0, high=100.0)
+
+    def conflicts(self) -> Iterable[str]:
+        parts = len(self.rooms) + len(self.openings) + sum(map(len, self.walls))
+        if not 0 < parts <= MAX_PARTS or not (self.rooms or self.walls):
+            yield f'give rooms or walls, {MAX_PARTS} parts at most'
+            return
+        if any(len(wall) < 2 for wall in self.walls):
+            yield 'a wall has two points or more'
+        rows, columns, _ = self._grid()
+        if rows * columns > MAX_CELLS:
+            yield f'{rows} x {columns} cells; a map has at most {MAX_CELLS}: a coarser resolution needs fewer'
+
+    def _lines(self) -> list[tuple[Point, ...]]:
+        return [*(room.walls for room in self.rooms), *self.walls]
+
+    def _grid(self) -> tuple[int, int, Point]:
+        points = [point for line in self._lines() for point in line]
+        border = self.margin + self.thickness / 2.0
+        left, bottom = min(x for x, _ in points) - border, min(y for _, y in points) - border
+        width, height = max(x for x, _ in points) + border - left, max(y for _, y in points) + border - bottom
+        return math.ceil(height / self.resolution - 1e-6), math.ceil(width / self.resolution - 1e-6), (left, bottom)
+
+    def drawn(self) -> OccupancyMap:
+        """The map: cells whose middle is in a wall, and in no opening, are occupied."""
+        rows, columns, (left, bottom) = self._grid()
+        cells = numpy.full((rows, columns), FREE, numpy.int8)
+        half = self.thickness / 2.0 + 1e-9
+        for line in self._lines():
+            for start, end in pairwise(line):
+                # In pieces, for of all cells round a long wall that is aslant few are in it.
+                narrow = min(abs(a - b) for a, b in zip(start, end, strict=True)) / self.resolution
+                ends = numpy.linspace(start, end, max(1, math.ceil(narrow / PIECE)) + 1)
+                for piece in pairwise(ends.tolist()):
+                    self._fill(cells, (left, bottom), (start, end), piece, half)
+        for opening in self.openings:
+            x, y = opening.at
+            reach = opening.width / 2.0
+            r0, r1 = (max(0, math.ceil((v - bottom) / self.resolution - 0.5 - 1e-6)) for v in (y - reach, y + reach))
+            c0, c1 = (max(0, math.ceil((v - left) / self.resolution - 0.5 - 1e-6)) for v in (x - reach, x + reach))
+            cells[r0:r1, c0:c1] = FREE
+        return OccupancyMap(cells, self.resolution, Pose(left, bottom, 0.0))
+
+    def _fill(
+        self, cells: NDArray[numpy.int8], corner: Point, wall: tuple[Point, Point], piece: Sequence[Point], half: float
+    ) -> None:  # fmt: skip
+        """Draw a piece of a straight wall: all cells round it whose middle is within half the thickness of the wall of
+        its middle line."""
+        start, end = wall
+        ends = list(zip(*piece, corner, strict=True))
+        left, bottom = (max(0, math.floor((min(a, b) - half - c) / self.resolution)) for a, b, c in ends)
+        right, top = (math.ceil((max(a, b) + half - c) / self.resolution) for a, b, c in ends)
+        part = cells[bottom : top + 1, left : right + 1]
+        x = corner[0] + (left + numpy.arange(part.shape[1]) + 0.5) * self.resolution - start[0]
+        y = corner[1] + (bottom + numpy.arange(part.shape[0])[:, None] + 0.5) * self.resolution - start[1]
+        dx, dy = end[0] - start[0], end[1] - start[1]
+        square = dx * dx + dy * dy
+        along = numpy.clip((x * dx + y * dy) / square, 0.0, 1.0) if square else numpy.zeros_like(x + y)
+        away = numpy.maximum(numpy.abs(x - along * dx), numpy.abs(y - along * dy))
+        part[away <= half] = OCCUPIED

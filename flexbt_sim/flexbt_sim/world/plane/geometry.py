@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses in the plane."""
+"""Poses in the plane and the shapes of bodies: circles and polygons, with gaps and containment."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Final, NamedTuple
+
+from flexbt_sim.errors import SimulationError
 
 FARTHEST: Final = 1e7
 """Greatest coordinate of a place, m: with greater ones distances and cells cannot be computed any more."""
@@ -58,3 +63,167 @@ def inverse(pose: Pose) -> Pose:
     """The pose of the frame that a pose is given in, in the frame of the pose."""
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
     return Pose(-pose.x * cos - pose.y * sin, pose.x * sin - pose.y * cos, wrap(-pose.yaw))
+
+
+# What bodies take up in the plane, and the distances between them.
+
+Point = tuple[float, float]
+"""x and y, m."""
+
+Segments = list[tuple[float, float, float, float]]
+"""Straight lines from (x, y) to (x, y), m."""
+
+MAX_CORNERS: Final = 200
+LARGEST: Final = 50.0
+"""Greatest distance, m, of a point of a shape from its origin."""
+
+SMALLEST: Final = 0.001
+"""Least radius and side, m."""
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle round the origin; ``radius`` in m."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        if not SMALLEST <= self.radius <= LARGEST:
+            raise SimulationError(f'a circle of a radius of {self.radius:g} m; give {SMALLEST:g} to {LARGEST:g}')
+
+    @property
+    def turning_radius(self) -> float:
+        """How far from the origin a point is that moves when the shape turns, m: a circle looks the same."""
+        return 0.0
+
+    def points(self, pose: Pose) -> list[Point]:
+        """64 points on the circle at a pose: a polygon of them is within 0.12 % of it."""
+        angles = (math.tau * n / 64.0 for n in range(64))
+        return [(pose.x + self.radius * math.cos(a), pose.y + self.radius * math.sin(a)) for a in angles]
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A polygon without holes; ``corners`` in m from the origin, in either direction."""
+
+    corners: tuple[Point, ...]
+
+    def __post_init__(self) -> None:
+        sides = list(self.sides(Pose(0.0, 0.0, 0.0)))
+        if len(sides) < 3 or not all(math.hypot(x, y) <= LARGEST for x, y in self.corners):
+            raise SimulationError(
+                f'a polygon has 3 corners or more, at most {LARGEST:g} m from its origin: a pose says where that is'
+            )
+        if any(math.hypot(x1 - x0, y1 - y0) < SMALLEST for x0, y0, x1, y1 in sides):
+            raise SimulationError(f'a polygon with a side of less than {SMALLEST:g} m')
+        neighbours = {(i, (i + 1) % len(sides)) for i in range(len(sides))}
+        for i, one in enumerate(sides):
+            for j in range(i + 1, len(sides)):
+                if (i, j) not in neighbours and (j, i) not in neighbours and _cross(one, sides[j]):
+                    raise SimulationError('a polygon with sides that cross each other; give the corners in their order')
+
+    @cached_property
+    def radius(self) -> float:
+        """Of the circle round the origin that has all of it, m."""
+        return max(math.hypot(x, y) for x, y in self.corners)
+
+    @property
+    def turning_radius(self) -> float:
+        """How far from the origin a point is that moves when the shape turns, m."""
+        return self.radius
+
+    def points(self, pose: Pose) -> list[Point]:
+        """The corners of the polygon at a pose."""
+        cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+        return [(pose.x + x * cos - y * sin, pose.y + x * sin + y * cos) for x, y in self.corners]
+
+    def sides(self, pose: Pose) -> Segments:
+        """The sides of the polygon at a pose."""
+        points = self.points(pose)
+        return [(*a, *b) for a, b in pairwise([*points, points[0]])]
+
+
+Shape = Circle | Polygon
+
+
+def box(length: float, width: float) -> Polygon:
+    """A rectangle about the origin; ``length`` along x, m."""
+    x, y = length / 2.0, width / 2.0
+    return Polygon(((x, y), (-x, y), (-x, -y), (x, -y)))
+
+
+def gap(one: Shape, at: Pose, other: Shape, there: Pose) -> float:
+    """Distance between two shapes, m; negative when they overlap, the deeper the more."""
+    if isinstance(one, Circle):
+        if isinstance(other, Circle):
+            return math.hypot(there.x - at.x, there.y - at.y) - one.radius - other.radius
+        return depth(at.x, at.y, other, there) - one.radius
+    if isinstance(other, Circle):
+        return depth(there.x, there.y, one, at) - other.radius
+    return _polygon_gap(one.sides(at), other.sides(there))
+
+
+def depth(x: float, y: float, polygon: Polygon, pose: Pose) -> float:
+    """Distance from a point to a polygon, m; inside, minus the distance to its sides."""
+    sides = polygon.sides(pose)
+    distance = min(_to_segment(x, y, side) for side in sides)
+    return -distance if _inside(x, y, sides) else distance
+
+
+def contains(shape: Shape, pose: Pose, x: float, y: float) -> bool:
+    """Whether a point is in a shape."""
+    if isinstance(shape, Circle):
+        return math.hypot(x - pose.x, y - pose.y) <= shape.radius
+    return math.hypot(x - pose.x, y - pose.y) <= shape.radius and _inside(x, y, shape.sides(pose))
+
+
+def _polygon_gap(one: Segments, other: Segments) -> float:
+    """Distance of two polygons; when they overlap, minus how far one has to move to leave the hull of the other."""
+    overlap = (
+        any(_inside(x, y, other) for x, y, *_ in one)
+        or any(_inside(x, y, one) for x, y, *_ in other)
+        or any(_cross(a, b) for a in one for b in other)
+    )
+    if overlap:
+        return -min(_overlap_across(side, one, other) for side in (*one, *other))
+    return min(
+        min(_nearest(x, y, other) for x, y, *_ in one),
+        min(_nearest(x, y, one) for x, y, *_ in other),
+    )
+
+
+def _overlap_across(side: tuple[float, float, float, float], one: Segments, other: Segments) -> float:
+    """How far two polygons overlap at right angles to a side."""
+    x0, y0, x1, y1 = side
+    length = math.hypot(x1 - x0, y1 - y0)
+    ours, theirs = ([(x * (y1 - y0) - y * (x1 - x0)) / length for x, y, *_ in sides] for sides in (one, other))
+    return min(max(ours) - min(theirs), max(theirs) - min(ours))
+
+
+def _nearest(x: float, y: float, sides: Segments) -> float:
+    return min(_to_segment(x, y, side) for side in sides)
+
+
+def _to_segment(x: float, y: float, segment: tuple[float, float, float, float]) -> float:
+    x0, y0, x1, y1 = segment
+    dx, dy = x1 - x0, y1 - y0
+    along = ((x - x0) * dx + (y - y0) * dy) / (dx * dx + dy * dy)
+    along = min(1.0, max(0.0, along))
+    return math.hypot(x0 + along * dx - x, y0 + along * dy - y)
+
+
+def _inside(x: float, y: float, sides: Segments) -> bool:
+    inside = False
+    for x0, y0, x1, y1 in sides:
+        if (y0 > y) != (y1 > y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
+            inside = not inside
+    return inside
+
+
+def _cross(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+    return _side(a, b[0], b[1]) != _side(a, b[2], b[3]) and _side(b, a[0], a[1]) != _side(b, a[2], a[3])
+
+
+def _side(segment: tuple[float, float, float, float], x: float, y: float) -> bool:
+    x0, y0, x1, y1 = segment
+    return (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0)

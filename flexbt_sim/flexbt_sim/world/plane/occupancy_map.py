@@ -16,13 +16,15 @@ import scipy
 from numpy.typing import NDArray
 from PIL import Image
 
-from flexbt_core.values import finite_number, load_yaml, one_line, read_text, shown
+from flexbt_core.values.json_data import finite_number
+from flexbt_core.values.text import one_line, short_repr
+from flexbt_core.values.text_files import read_text
+from flexbt_core.values.yaml_data import load_yaml
 from flexbt_sim.errors import MapError
 
 from . import loops
-from .acceleration import compiled
-from .geometry import FARTHEST, Pose
-from .shapes import Shape
+from .geometry import FARTHEST, Pose, Shape
+from .loops import compiled
 
 FREE: Final = 0
 OCCUPIED: Final = 100
@@ -188,7 +190,7 @@ def load_map(file: Path) -> OccupancyMap:
     fields = _read_yaml(file)
     image = fields.get('image')
     if not isinstance(image, str) or not image:
-        raise MapError(file, 'image', f'expected a file name, got {shown(image)}')
+        raise MapError(file, 'image', f'expected a file name, got {short_repr(image)}')
     resolution = _number(file, fields, 'resolution')
     if not MIN_RESOLUTION <= resolution <= MAX_RESOLUTION:
         raise MapError(
@@ -197,7 +199,7 @@ def load_map(file: Path) -> OccupancyMap:
     origin = fields.get('origin')
     numbers = [finite_number(value) for value in origin] if isinstance(origin, list) and len(origin) == 3 else [None]
     if None in numbers:
-        raise MapError(file, 'origin', f'expected [x, y, yaw] in m, m and rad, got {shown(origin)}')
+        raise MapError(file, 'origin', f'expected [x, y, yaw] in m, m and rad, got {short_repr(origin)}')
     occupied = _number(file, fields, 'occupied_thresh')
     free = _number(file, fields, 'free_thresh')
     if not 0.0 <= free < occupied <= 1.0:
@@ -206,10 +208,10 @@ def load_map(file: Path) -> OccupancyMap:
         )
     mode = fields.get('mode', 'trinary')
     if not isinstance(mode, str) or mode.lower() not in MODES:
-        raise MapError(file, 'mode', f'{shown(mode)} is none of {", ".join(MODES)}')
+        raise MapError(file, 'mode', f'{short_repr(mode)} is none of {", ".join(MODES)}')
     negate = fields.get('negate', 0)
     if negate not in (0, 1):
-        raise MapError(file, 'negate', f'expected 0 or 1, got {shown(negate)}')
+        raise MapError(file, 'negate', f'expected 0 or 1, got {short_repr(negate)}')
     grey, transparent = _read_image(file, file.parent / image)
     cells = _occupancies(mode.lower(), bool(negate), occupied, free)[grey]
     if mode.lower() != 'raw':
@@ -217,7 +219,7 @@ def load_map(file: Path) -> OccupancyMap:
     x, y, yaw = (float(number) for number in numbers if number is not None)
     pose = Pose(x, y, yaw)
     if not pose.is_place:
-        raise MapError(file, 'origin', f'{shown(origin)} is no place: more than {FARTHEST:g} m away')
+        raise MapError(file, 'origin', f'{short_repr(origin)} is no place: more than {FARTHEST:g} m away')
     # The image has its first row at the top, the grid at the bottom.
     return OccupancyMap(numpy.ascontiguousarray(cells[::-1]), resolution, pose)
 
@@ -273,5 +275,5 @@ def _require_file(path: Path) -> None:
 def _number(file: Path, fields: Mapping[str, Any], name: str) -> float:
     number = finite_number(fields.get(name))
     if number is None:
-        raise MapError(file, name, f'expected a number, got {shown(fields.get(name))}')
+        raise MapError(file, name, f'expected a number, got {short_repr(fields.get(name))}')
     return number

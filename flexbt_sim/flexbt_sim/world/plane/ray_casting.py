@@ -16,11 +16,10 @@ import numpy
 from numpy.typing import NDArray
 
 from . import loops
-from .acceleration import compiled
 from .bodies import Body
-from .geometry import Pose
+from .geometry import Circle, Pose
+from .loops import compiled
 from .occupancy_map import OccupancyMap
-from .shapes import Circle
 
 _BEYOND: Final = 1e-6
 """By how much, in cells, a beam goes into the next cell to be in it."""

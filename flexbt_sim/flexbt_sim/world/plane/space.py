@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 from flexbt_sim.errors import SimulationError
 
 from . import loops
-from .acceleration import compiled
-from .blocks import Blocks
-from .bodies import At, Body
-from .geometry import FARTHEST, Pose
+from .bodies import At, Body, BodyGrid
+from .geometry import FARTHEST, Circle, Polygon, Pose, Shape, box, contains, gap
+from .loops import compiled
 from .occupancy_map import OccupancyMap
-from .shapes import Circle, Polygon, Shape, box, contains, gap
 
 COLLISION_CHECK_DISTANCE: Final = 0.002
 """How far, m, a body goes from one collision check to the next when it is near one."""
@@ -45,7 +43,7 @@ class Space:
         self._mobile: dict[str, Body] = {}
         self._fastest = 0.0
         self._is_changed = False
-        self._places = Blocks((), 0.0)
+        self._places = BodyGrid((), 0.0)
         self._have_moved = False
         self._near_since = self._near_until = -math.inf
         if world is not None:
@@ -208,7 +206,7 @@ class Space:
         """Find for each body those that are within _REACH of it. It holds until they may have come half as near."""
         self._near_since = self.time
         self._near_until = self.time + _REACH / (4.0 * self._fastest) if self._fastest else math.inf
-        blocks = Blocks(self._bodies.values(), _REACH / 2.0)
+        blocks = BodyGrid(self._bodies.values(), _REACH / 2.0)
         for body in self._bodies.values():
             body.near = [other for other in blocks.large if other is not body]
         pairs = set[tuple[str, str]]()

@@ -1,25 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The control nodes of Nav2 that its stock trees use."""
+"""Control nodes of Nav2: recovery, pipeline, round robin, sequences of its branch main, pause and resume."""
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
+from enum import Enum
 from typing import Final
 
-from flexbt_core.behavior_tree.engine import Control, NodeConfig, TreeNode
-from flexbt_core.behavior_tree.model import (
-    BOOL,
-    FAILURE,
-    INT,
-    RUNNING,
-    SKIPPED,
-    SUCCESS,
-    Example,
-    NodeStatus,
-    Recovered,
-    TickAbandoned,
-    input_port,
-)
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.parents import Control
+from flexbt_core.behavior_tree.model.errors import TickAbandoned
+from flexbt_core.behavior_tree.model.outcomes import Example, Recovered
+from flexbt_core.behavior_tree.model.ports import BOOL, INT, STRING, inout_port, input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 class RecoveryNode(Control):
@@ -227,4 +221,186 @@ class RoundRobinOfMain(RoundRobin):
     ports = {'wrap_around': replace(RoundRobin.ports['wrap_around'], default='false')}
 
 
-NODES: Final = (PipelineSequence, RecoveryNode, RoundRobin, RoundRobinOfMain)
+# The sequences that Nav2 has in its branch main: NonblockingSequence and PersistentSequence.
+
+
+class NonblockingSequence(Control):
+    """Ticks all its children at every tick. SUCCESS when all succeed in one tick; FAILURE as soon as one fails.
+
+    Children that have succeeded are ticked again, without a reset, while others are RUNNING. A child that is skipped is
+    an error.
+    """
+
+    __slots__ = ()
+
+    nav2_branch = 'main'
+    runs_several = True
+    example = Example(
+        '<NonblockingSequence><Sleep msec="100"/><Script code="n += 1"/></NonblockingSequence>',
+        ticks=(RUNNING, SUCCESS),
+        before={'n': 0},
+        after={'n': 2},
+    )
+
+    def tick(self) -> NodeStatus:
+        result = SUCCESS
+        for index in range(len(self.children)):
+            status = self.tick_child(index)
+            if status is FAILURE:
+                self.reset_children()
+                return FAILURE
+            if status is SKIPPED:
+                raise self.fault(f'the child [{self.children[index].path}] was skipped; {self.id} has no rule for that')
+            if status is RUNNING:
+                result = RUNNING
+        if result is SUCCESS:
+            self.reset_children()
+        return result
+
+
+class PersistentSequence(Control):
+    """A Sequence that keeps its position on the blackboard, so that a halt, and even another run, goes on from there.
+
+    SUCCESS and SKIPPED of a child advance ``current_child_idx``; the end and a FAILURE set it to 0. The entry has to be
+    there before the first tick, such as by ``<Script code="current_child_idx := 0"/>``.
+    """
+
+    __slots__ = ()
+
+    nav2_branch = 'main'
+    ports = {'current_child_idx': inout_port(INT, description='{key} of the position, from 0')}
+    example = Example(
+        """
+        <PersistentSequence current_child_idx="{position}"><AlwaysSuccess/><Sleep msec="100"/></PersistentSequence>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'position': 0},
+        after={'position': 0},
+    )
+
+    def tick(self) -> NodeStatus:
+        current: int = self.get_input('current_child_idx')
+        if current < 0:
+            raise ValueError(f'port [current_child_idx] has to be a position from 0 on, not {current}')
+        self.status = RUNNING
+        while current < len(self.children):
+            status = self.tick_child(current)
+            if status is RUNNING:
+                return RUNNING
+            if status is FAILURE:
+                return self._finish(FAILURE)
+            current += 1
+            self.set_output('current_child_idx', current)
+        return self._finish(SUCCESS)
+
+    def _finish(self, status: NodeStatus) -> NodeStatus:
+        self.reset_children()
+        self.set_output('current_child_idx', 0)
+        return status
+
+
+# PauseResumeController of Nav2 (branch main): a tree within a tree that can be paused from outside.
+
+
+class PauseState(Enum):
+    """What a PauseResumeController is at. The value is the index of the child that is ticked."""
+
+    RESUMED = 0
+    PAUSED = 1
+    ON_PAUSE = 2
+    ON_RESUME = 3
+
+
+_NEXT: Final = {PauseState.ON_PAUSE: PauseState.PAUSED, PauseState.ON_RESUME: PauseState.RESUMED}
+
+
+class PauseResumeController(Control):
+    """Ticks its first child. After a pause the third, until it completes, and then the second; after the resume the
+    fourth, until it completes, and then the first again.
+
+    A request halts the child that runs. The result of the first child is that of the node (skipped counts as SUCCESS);
+    that of the others only takes it on, but a FAILURE of any is the node's. Children after the first may be left out.
+    """
+
+    # The host derives from this class, and calls pause and resume for requests to the services that the ports name.
+
+    __slots__ = ('_lock', '_requested', '_state')
+
+    ports = {
+        'pause_service_name': input_port(STRING, optional=True, description='service that pauses'),
+        'resume_service_name': input_port(STRING, optional=True, description='service that resumes'),
+    }
+    children_bounds = (1, 4)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._lock = threading.Lock()
+        self._state = PauseState.RESUMED
+        self._requested: PauseState | None = None
+
+    @property
+    def state(self) -> PauseState:
+        return self._state
+
+    def pause(self) -> bool:
+        """Asks for a pause, from any thread. False when the node is paused already, or is not RUNNING."""
+        with self._lock:
+            if self.status is not RUNNING or (self._state is PauseState.PAUSED and self._requested is None):
+                return False
+            self._requested = PauseState.ON_PAUSE
+        self.wake()
+        return True
+
+    def resume(self) -> bool:
+        """Asks for the end of a pause, from any thread. False when the node is not paused."""
+        with self._lock:
+            if self._state is not PauseState.PAUSED or self._requested is not None:
+                return False
+            self._requested = PauseState.ON_RESUME
+        self.wake()
+        return True
+
+    def tick(self) -> NodeStatus:
+        if not self.active:
+            self._restart()
+        self.status = RUNNING
+        with self._lock:
+            requested, self._requested = self._requested, None
+            if requested is not None:
+                self._state = requested
+        if requested is not None:
+            self.reset_children()
+        index = self._state.value
+        if index < len(self.children):
+            status = self.tick_child(index)
+            if status is RUNNING:
+                return RUNNING
+            self.reset_children()
+            if status is FAILURE:
+                return FAILURE
+            if self._state is PauseState.RESUMED:
+                return SUCCESS
+        following = _NEXT.get(self._state)
+        if following is not None:
+            self._state = following
+            self.context.woken = True
+        return RUNNING
+
+    def halt(self) -> None:
+        self._restart()
+        super().halt()
+
+    def _restart(self) -> None:
+        with self._lock:
+            self._state = PauseState.RESUMED
+            self._requested = None
+
+
+NODES: Final = (
+    PipelineSequence,
+    RecoveryNode,
+    RoundRobin,
+    RoundRobinOfMain,
+    NonblockingSequence,
+    PersistentSequence,
+)

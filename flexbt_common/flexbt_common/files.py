@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files by name: ``package/relative/path`` in the share of an installed package, absolute paths, and files of the
+user."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from ament_index_python.packages import (
+    PackageNotFoundError,
+    get_package_share_directory,
+    get_packages_with_prefixes,
+)
+
+from flexbt_core.values.text import did_you_mean, truncate_middle
+
+from .errors import ResourceError
+
+# Files by name: ``package/relative/path`` in the share directory of an installed package, or an absolute path.
+#
+# An absolute path in the share directory of a package, as programs put it together, is the same as its name there.
+#
+# A name may come from another process. So it leads to nothing outside of the share directories and the
+# directories that were allowed explicitly, not through ``..`` and not through a symbolic link. (A link inside of a
+# share directory that leads out of it is followed only when it was put there by the installation of the package
+# itself: colcon's ``--symlink-install`` links single files to their sources.)
+
+MAX_NAME: Final = 4096
+"""Longest name of a file, characters: PATH_MAX of Linux."""
+
+MAX_PARTS: Final = 100
+"""Directories of a name at most: each is looked at."""
+
+_FIND_SHARE: Final = re.compile(r'\$\(find-pkg-share\s+([^\s()]+)\s*\)')
+
+_EXPECTED: Final = 'not a file name; expected package/relative/path or an absolute path'
+
+
+def resolve_file(name: str, allowed: Sequence[Path] = (), parameter: str = 'allowed_directories') -> Path:
+    """Find the file called ``name``.
+
+    ``allowed`` are the directories in which an absolute path may lie; ``parameter`` is where the user names them.
+
+    Raises:
+        ResourceError: unknown package, no such file, or a place that is not allowed.
+    """
+    if len(name) > MAX_NAME:
+        raise ResourceError(truncate_middle(name), f'a name of {len(name)} characters; at most {MAX_NAME} are allowed')
+    if name.count('/') > MAX_PARTS:
+        raise ResourceError(truncate_middle(name), f'a name of more than {MAX_PARTS} directories')
+    try:
+        return _found(name, allowed, parameter)
+    except OSError as error:  # a part of it is longer than the file system takes, for one
+        raise ResourceError(name, f'cannot be looked for: {error.strerror}') from error
+
+
+def _found(name: str, allowed: Sequence[Path], parameter: str) -> Path:
+    if not name or '\0' in name or name != name.encode(errors='replace').decode():
+        raise ResourceError(repr(name), _EXPECTED)
+    name = _in_package(name) or name
+    if name.startswith('/'):
+        return _existing(name, _inside_allowed(name, allowed, parameter))
+    package, _, rest = name.partition('/')
+    relative = PurePosixPath(rest)
+    if not rest or relative.is_absolute() or package in ('.', '..'):
+        raise ResourceError(name, _EXPECTED)
+    if '..' in relative.parts:
+        raise ResourceError(name, "a path inside a package must not contain '..'")
+    share = _known_share(name, package)
+    _refuse_links(name, share, relative)
+    return _existing(name, share / relative)
+
+
+def with_package_shares(text: str) -> str:
+    """Replace each ``$(find-pkg-share PACKAGE)`` by the share directory of the package, as a launch file does.
+
+    Raises:
+        ResourceError: there is no such package.
+    """
+    return _FIND_SHARE.sub(lambda found: str(_known_share(text, found[1])), text)
+
+
+def _known_share(name: str, package: str) -> Path:
+    share = _share_of(package)
+    if share is None:
+        raise ResourceError(
+            name,
+            f'no installed package {package!r}; install it, or source the workspace that has it'
+            + did_you_mean(package, get_packages_with_prefixes(), ''),
+        )
+    return share
+
+
+def _in_package(name: str) -> str:
+    """``package/relative/path`` for an absolute path in the share directory of a package, otherwise ''."""
+    path = PurePosixPath(name)
+    for share in path.parents:
+        if share.parent.name == 'share' and _share_of(share.name) == Path(share):
+            return f'{share.name}/{path.relative_to(share)}'
+    return ''
+
+
+def _share_of(package: str) -> Path | None:
+    try:
+        return Path(get_package_share_directory(package))
+    except (PackageNotFoundError, ValueError):
+        return None
+
+
+def _inside_allowed(name: str, allowed: Sequence[Path], parameter: str) -> Path:
+    path = Path(os.path.realpath(name))  # Path.resolve would raise where links go round in circles
+    if any(path.is_relative_to(directory.resolve()) for directory in allowed):
+        return path
+    places = ', '.join(str(directory) for directory in allowed) or 'none'
+    raise ResourceError(
+        name,
+        f'lies outside the allowed directories ({places}); '
+        f'use package/relative/path, or add its directory to the parameter {parameter!r}',
+    )
+
+
+def _refuse_links(name: str, share: Path, relative: PurePosixPath) -> None:
+    for inside in relative.parents[:-1]:  # the last is the share directory itself
+        if (share / inside).is_symlink():
+            raise ResourceError(
+                name, f'{share / inside} is a symbolic link to a directory; such paths are not followed'
+            )
+    target = os.path.realpath(share / relative)
+    if (share / relative).is_symlink() and Path(target).name != relative.name:
+        raise ResourceError(name, f'is a symbolic link to {target}; such links are not followed')
+
+
+def _existing(name: str, path: Path) -> Path:
+    if path.is_file():
+        return path
+    what = 'is not a file' if path.exists() else 'no such file'
+    raise ResourceError(name, f'{what} ({path}){did_you_mean(path.name, _names_in(path.parent), "")}')
+
+
+def _names_in(directory: Path) -> list[str]:
+    try:
+        return [entry.name for entry in directory.iterdir() if entry.is_file()]
+    except OSError:
+        return []
+
+
+# Where programs keep files of the user who runs them.
+
+USER_DIRECTORY: Final = '~/.ros/flexbt'
+"""The directory of records and recordings, unless another one is given."""
+
+
+def home_path(path: str) -> Path:
+    """A path that may begin with ``~`` or ``~user``.
+
+    Where there is no such home directory, as in a container whose user has no account, that of temporary files stands
+    for it.
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        import tempfile  # which every program would else take some time for at its start
+
+        return Path(tempfile.gettempdir(), *Path(path).parts[1:])
+
+
+def node_file(directory: str, node_name: str, suffix: str) -> Path | None:
+    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for no directory.
+
+    It is called by the names around the node and its own, joined by dots.
+    """
+    return home_path(directory) / f'{node_name.strip("/").replace("/", ".")}{suffix}' if directory else None

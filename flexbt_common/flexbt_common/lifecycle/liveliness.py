@@ -1,0 +1,660 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Liveliness of nodes: a token that a node holds while it works, and a watch that notices its loss within a second."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+import os
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+
+from flexbt_common.errors import LimitExceededError
+from flexbt_common.middleware.received_messages import (
+    COMPLAINT_SECONDS,
+    UNKNOWN_WRITER,
+    Received,
+    ReceivedMessages,
+    guid_prefix_of,
+)
+from flexbt_common.names import alive_topic
+from flexbt_common.runtime.clock_watch import clock_health
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.sender_rates import SenderRates
+from flexbt_common.values.limits import check_limits
+from flexbt_core.clock.clock import Timer
+from flexbt_core.values.text import one_line, sanitize_for_message
+
+# Whether another node is alive, known within a fraction of a second, at no cost to those who watch; and whether it is
+# ready.
+#
+# A node holds a token: a publisher on ``<name>/alive``, which it asserts some times a second, as long as all its
+# threads answer (see :class:`Health`). The middleware of a watcher takes the assertions, without waking Python, and
+# tells when they stop: at once when the node ends in order, after the lease when the process is killed, or when a part
+# of it hangs. (A participant's own lease, on which the action clients' ``server_is_ready`` depends, is seconds.)
+#
+# A watcher knows three stages:
+#
+# - *alive*;
+# - *late*: nothing was heard of it for the lease, or it says itself that a part of it does not answer. It hangs, or its
+#   computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again. A node that
+#   the middleware has found and that has said nothing is late, too: it can send goals before its token is heard (0.5 s
+#   were measured), and may be stopped or killed meanwhile;
+# - *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back,
+#   another process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by
+#   its being late for longer than a time that the watcher sets. A process whose place was taken, and that is heard
+#   again, has a namesake: nobody knows which of the two answers, so the node is late as long as both are heard.
+#
+# Alive is not ready: a process lives for seconds before the last of its actions and services exists. The message on the
+# token's topic says whether the node is ready, and whoever comes later gets it too. A node that has said nothing is
+# not.
+#
+# The token is asserted by hand, because that is between itself and its watchers. What DDS asserts automatically goes to
+# every process of the domain: among 12 robots it was half of what an idle executive had to do, and it grows with each.
+
+LEASE_SECONDS: Final = 0.5
+"""A watcher notices after this time that the token is not asserted any more."""
+
+REPEAT_SECONDS: Final = 1.0
+"""A token also says its status as often as this, s: where the middleware has not told of an assertion, there is no
+silence all the same. (Fast DDS loses some of these events on a busy machine: measured.)
+
+For as long after a watcher was found it is said with each assertion: what was said before reaches one in two of them
+only when it is said again (measured; Fast DDS over shared memory)."""
+
+PEER_TIMEOUT: Final = 5.0
+"""After this time a node that is late is taken for gone, s of wall time; unless the watcher sets another one."""
+
+PEER_TIMEOUT_TEXT: Final = 'how long a node may be late before it is taken for gone, s of wall time'
+"""Description of the parameter ``peer_timeout`` of nodes that watch others."""
+
+START_SECONDS: Final = 5.0
+"""In this time of its own life, a process waits for the first assertion of a token: when it takes the place of one that
+was killed, the middleware of the others does not reach it for up to 2.5 s (measured; Fast DDS over shared memory)."""
+
+STARTED: Final = time.monotonic()
+"""When this process was new: this module is loaded then."""
+
+_LOOK_SECONDS: Final = 0.2
+"""From one look at whether the process of a node that is late exists, to the next."""
+
+_STATUS_BYTES: Final = 10_000
+"""Bytes of what a token says, at most; more is left aside."""
+
+_PROBLEM_CHARACTERS: Final = 1_000
+"""Of what is wrong, at most: a failure may be told with its whole trace."""
+
+_STATUS_RATE: Final = 50.0
+_STATUS_BURST: Final = 100
+"""How often a participant may say it: a second, and at once."""
+
+_WORDLESS_SECONDS: Final = 3.0 * REPEAT_SECONDS
+"""For so long an assertion stands for a word, s: where the middleware has not told that they stopped."""
+
+_PROCESSES: Final = 16
+"""Of the processes that have held a token, so many are known."""
+
+_PID: Final = 'pid'
+_BEGAN: Final = 'began'
+_CLOCK: Final = 'clock'
+"""The part of a node that is not ready while nobody publishes the time that it waits for."""
+
+
+def _qos() -> QoSProfile:
+    _check_profile()
+    return QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+        liveliness_lease_duration=Duration(nanoseconds=int(LEASE_SECONDS * 1e9)),
+    )
+
+
+def has_liveliness_protocol() -> bool:
+    """Return whether the middleware of this process tells liveliness: that of a console on a radio does not."""
+    file = Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))
+    return not (file.is_file() and '<use_WriterLivelinessProtocol>false<' in file.read_text(errors='replace'))
+
+
+def _check_profile() -> None:
+    """Fast DDS would end the process without a word.
+
+    Raises:
+        RuntimeError: the profile in use turns the protocol off by which liveliness is told.
+    """
+    if not has_liveliness_protocol():
+        file = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
+        raise RuntimeError(
+            f'{file} turns the liveliness protocol off, which the nodes of a robot need; '
+            'set FASTRTPS_DEFAULT_PROFILES_FILE to another profile (radio_robot.xml beside radio_console.xml)'
+        )
+
+
+class LivelinessToken:
+    """Says that this process is alive, as long as it has the node, and all its threads answer.
+
+    Whatever part of a node wants a token: it is one for the whole node, and stays when that part has ended.
+    """
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._held = runtime.call(lambda: runtime.once('liveliness token', _HeldToken))
+
+    def set_ready(self, is_ready: bool, part: str = '', why: str = '') -> None:
+        """Say whether all that others need of the node exists and works, or why not. From any thread.
+
+        A ``part`` of it may say so for itself; the node is ready when all are that have said something.
+        """
+        self._held.set_ready(is_ready, part, why)
+
+    def add_name(self, name: str) -> None:
+        """Hold a token for the node ``name`` (fully qualified) too, for which this one stands in. From any thread."""
+        self._runtime.call(lambda: self._held.add_name(name))
+
+    def remove_name(self, name: str) -> None:
+        """Stand in for it no more: it has ended, for those who watch it. From any thread."""
+        self._runtime.call(lambda: self._held.remove_name(name))
+
+
+class _HeldToken:
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._node = runtime.node
+        self._identity = ProcessIdentity.own()
+        self._lock = threading.Lock()
+        self._unready = {'': ''}  # by part that is not ready: why, for people, if that is known
+        self._problem = ''
+        self._publishers: dict[str, Any] = {}
+        self._said_at = self._watcher_found_at = -math.inf
+        self.add_name(self._node.get_fully_qualified_name())
+        self._clock = clock_health(runtime)
+        self._clock.add_listener(self._clock_changed)
+        runtime.health.on_late(self._tell_late)
+        runtime.health.on_beat(self._assert)
+        runtime.on_close(lambda: self._publish(has_ended=True))
+
+    def add_name(self, name: str) -> None:
+        made = self._publishers.get(name)
+        if made is None:  # made without the lock: the clock's thread takes it, and with that all deadlines would wait
+            made = self._node.create_publisher(
+                DiagnosticStatus,
+                alive_topic(name),
+                _qos(),
+                event_callbacks=PublisherEventCallbacks(matched=self._watcher_found),
+            )
+        with self._lock:
+            self._publishers[name] = made
+            self._publish()  # also for those who have not missed the process whose place this one takes
+
+    def remove_name(self, name: str) -> None:
+        with self._lock:
+            publisher = self._publishers.pop(name)
+            publisher.publish(self._status(name, has_ended=True))
+        self._node.destroy_publisher(publisher)
+
+    def set_ready(self, is_ready: bool, part: str, why: str) -> None:
+        with self._lock:
+            self._unready.pop(part, None)
+            if not is_ready:
+                self._unready[part] = why
+            self._publish()
+
+    def _clock_changed(self) -> None:
+        if self._clock.is_missing is not (_CLOCK in self._unready):
+            self.set_ready(not self._clock.is_missing, _CLOCK, self._clock.problem)
+
+    def _watcher_found(self, _event: Any) -> None:
+        self._watcher_found_at = time.monotonic()
+
+    def _tell_late(self, problem: str) -> None:
+        with self._lock:
+            self._problem = problem
+            self._publish()
+
+    def _publish(self, has_ended: bool = False) -> None:
+        self._said_at = time.monotonic()
+        for name, publisher in self._publishers.items():
+            with contextlib.suppress(InvalidHandle):  # the node is gone
+                publisher.publish(self._status(name, has_ended))
+
+    def _status(self, name: str, has_ended: bool) -> DiagnosticStatus:
+        level, message = DiagnosticStatus.OK, ''
+        if self._unready:
+            level, message = DiagnosticStatus.WARN, '; '.join(filter(None, self._unready.values()))
+        if self._problem:
+            level, message = DiagnosticStatus.STALE, self._problem
+        return DiagnosticStatus(
+            level=DiagnosticStatus.ERROR if has_ended else level,
+            name=name,
+            message=sanitize_for_message(message)[:_PROBLEM_CHARACTERS],
+            hardware_id=self._identity.host,
+            values=[
+                KeyValue(key=_PID, value=str(self._identity.pid)),
+                KeyValue(key=_BEGAN, value=self._identity.began),
+            ],
+        )
+
+    def _assert(self) -> None:
+        with self._lock:
+            now = time.monotonic()
+            if now >= self._said_at + REPEAT_SECONDS or now < self._watcher_found_at + REPEAT_SECONDS:
+                self._publish()
+                return
+            for publisher in self._publishers.values():
+                with contextlib.suppress(InvalidHandle):
+                    publisher.assert_liveliness()
+
+
+class LivelinessWatch:
+    """Watches the token of the node ``node_name`` (relative to this node's namespace, or fully qualified).
+
+    ``on_change`` is called on the executor thread with the new value of :attr:`alive`, ``on_ready`` with that of
+    :attr:`ready`, ``on_late`` with that of :attr:`late`. A node that is gone is not late any more, and one that comes
+    back was gone before: ``on_late(False)`` comes before ``on_change(False)``, and ``on_change(True)`` before all else,
+    but for a node that was found and is not heard: it is late, and gone, without having been alive.
+
+    ``timeout``: for how long the node may be late before it is taken for gone, s of wall time.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        node_name: str,
+        on_change: Callable[[bool], None] = lambda _is_alive: None,
+        on_ready: Callable[[bool], None] = lambda _is_ready: None,
+        on_late: Callable[[bool], None] = lambda _is_late: None,
+        timeout: float = PEER_TIMEOUT,
+    ) -> None:
+        self.node_name = node_name
+        self._runtime = runtime
+        self._timeout = timeout
+        self._on_change = on_change
+        self._on_ready = on_ready
+        self._on_late = on_late
+        self._was_there = self._told_alive = False
+        self._told_ready = False
+        self._told_late = False
+        self._timed_out = False  # late for too long; until it is heard again
+        self._end: Timer | None = None
+        # On the executor thread, so that no event comes before all is there that it needs.
+        runtime.call(self._open)
+        runtime.on_close(self.close)
+
+    def _open(self) -> None:
+        topic = self._runtime.node.resolve_topic_name(alive_topic(self.node_name))
+        token = self._token = self._runtime.once(_key(topic), lambda runtime: _SeenToken(runtime, topic))
+        token.listeners.append(self._tell)
+        if token.is_there:
+            self._runtime.post(lambda: self._tell() if token.is_there and self._tell in token.listeners else None)
+
+    @property
+    def alive(self) -> bool | None:
+        """True while the node is alive or late, False since it is gone, None while it has never been seen."""
+        return False if self._timed_out else self._token.alive
+
+    @property
+    def late(self) -> bool:
+        """Whether nothing was heard for longer than the lease of a node that is alive or found, or a part hangs."""
+        return self._token.late_since is not None and not self._timed_out
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing is heard of a node that is not known to have ended: it is late, or was so for too long."""
+        return self._token.late_since is not None
+
+    @property
+    def age(self) -> float:
+        """For how long nothing was heard of a node that is late, s of wall time; 0.0 of one that is not."""
+        since = self._token.late_since
+        return self._runtime.steady.now() - since if self.late and since is not None else 0.0
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with a node that is alive, or was late for too long, for people; '' when it is ready, or when
+        nothing is known."""
+        if self._timed_out:
+            return self._token.problem
+        if self.late:
+            if not self.alive:
+                return 'it was found, and has not been heard yet'
+            return self._token.problem or 'it hangs, was stopped, or its computer is busy'
+        return self._token.why_unready or 'it is starting, or inactive' if self.alive and not self.ready else ''
+
+    @property
+    def ready(self) -> bool:
+        """Whether the node is alive and not late, and has said that it is ready."""
+        return self.alive is True and not self.late and self._token.says_ready
+
+    def has_ended(self, writer: bytes) -> bool:
+        """Whether a writer of this node, on any topic, is of a process that has ended for certain, which the middleware
+        tells only when the lease of its participant is over."""
+        return self._token.has_ended(writer)
+
+    def is_gone(self, writer: bytes) -> bool:
+        """Return whether a writer of this node, on any topic, is of a process that is taken for gone: it has ended,
+        another one has its place, or it is late for too long. One that has not been heard yet is not.
+        """
+        return self._token.knows(writer) and (
+            self.alive is False or self._token.is_replaced(writer) or self._token.has_ended(writer)
+        )
+
+    def close(self) -> None:
+        """Stop watching; nothing is called any more. From any thread."""
+        self._runtime.post(self._close)
+
+    def _close(self) -> None:
+        self._runtime.cancel_on_close(self.close)
+        self._keep_time(None)
+        if self._tell in self._token.listeners:
+            self._token.listeners.remove(self._tell)
+            self._token.release()
+
+    def _tell(self) -> None:
+        since = self._token.late_since
+        self._timed_out = self._timed_out and since is not None
+        self._keep_time(since if self.late else None)
+        if not self.late:
+            self._tell_late()
+        is_there = self._token.is_there and not self._timed_out
+        if self.alive and not self._told_alive:
+            self._told_alive = True
+            self._on_change(True)
+        elif self._was_there and not is_there:
+            self._told_alive = False
+            self._on_change(False)
+        self._was_there = is_there
+        self._tell_late()
+        if self.ready is not self._told_ready:
+            self._told_ready = not self._told_ready
+            self._on_ready(self._told_ready)
+
+    def _tell_late(self) -> None:
+        if self.late is not self._told_late:
+            self._told_late = not self._told_late
+            self._on_late(self._told_late)
+
+    def _keep_time(self, late_since: float | None) -> None:
+        if (late_since is None) is (self._end is None):
+            return
+        if self._end is not None:
+            self._end.cancel()
+            self._end = None
+        if late_since is not None:
+            self._end = self._runtime.post_at(late_since + self._timeout, self._on_timeout)
+
+    def _on_timeout(self) -> None:
+        if self._end is not None:
+            self._timed_out = True
+            self._tell()
+
+
+class _SeenToken:
+    """A token as its watchers on one node see it.
+
+    There is one subscription for all of them, which stays as long as there are watchers, and as long as the token is
+    alive: to a later one Fast DDS does not tell that the token is asserted already, and its counts are wrong from then
+    on.
+    """
+
+    def __init__(self, runtime: NodeRuntime, topic: str) -> None:
+        self._topic = topic
+        self.alive: bool | None = None
+        self._unheard = False  # the middleware has found it, and it has said nothing yet
+        self.late_since: float | None = None
+        self.says_ready = False
+        self.why_unready = ''
+        self.problem = self._hang = ''
+        self.listeners: list[Callable[[], None]] = []
+        self._identity: ProcessIdentity | None = None
+        self._processes: OrderedDict[bytes, ProcessIdentity] = OrderedDict()  # by participant
+        self._replaced: OrderedDict[ProcessIdentity, None] = OrderedDict()
+        self._namesakes: dict[ProcessIdentity, float] = {}  # and when they were heard
+        self._is_asserted = False
+        self._heard_at = self._silent_since = 0.0
+        self._runtime = runtime
+        self._timer: Timer | None = None
+        self._rates = SenderRates(_STATUS_RATE, _STATUS_BURST, runtime.steady.now)
+        self._messages = ReceivedMessages(
+            runtime.node,
+            DiagnosticStatus,
+            topic,
+            _qos(),
+            self._receive,
+            _STATUS_BYTES,
+            event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
+        )
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it is alive, or was found."""
+        return self.alive is True or self._unheard
+
+    def has_ended(self, writer: bytes) -> bool:
+        """See :meth:`LivelinessWatch.has_ended`."""
+        process = self._processes.get(guid_prefix_of(writer))
+        return process is not None and process.has_ended()
+
+    def knows(self, writer: bytes) -> bool:
+        """Return whether the process of a writer has been heard."""
+        return guid_prefix_of(writer) in self._processes
+
+    def is_replaced(self, writer: bytes) -> bool:
+        """Return whether the process of a writer was heard, and another one has taken its place."""
+        process = self._processes.get(guid_prefix_of(writer))
+        return process is not None and process in self._replaced
+
+    def _receive(self, received: Received) -> None:
+        if not self._rates.allows(received.process):
+            self._messages.blame(received)
+            return
+        try:
+            status = received.unpack(DiagnosticStatus)
+            check_limits(status)
+        except (ValueError, LimitExceededError) as error:
+            logger = self._runtime.node.get_logger()
+            logger.error(f'{self._topic}: left aside: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS)
+            return
+        identity = _identity_of(status)
+        if received.writer != UNKNOWN_WRITER:
+            self._processes[received.participant] = identity
+            self._processes.move_to_end(received.participant)
+            if len(self._processes) > _PROCESSES:
+                self._processes.popitem(last=False)
+        self._on_status(status, identity)
+
+    def _on_status(self, status: DiagnosticStatus, identity: ProcessIdentity) -> None:
+        now = self._runtime.steady.now()
+        holder = self._identity if self.alive else None
+        if status.level == DiagnosticStatus.ERROR:
+            if self.is_there and holder in (None, identity):
+                self._leave()
+            elif self._namesakes.pop(identity, None) is not None:
+                self._review()
+            return
+        if holder is not None and identity != holder:
+            if identity in self._replaced and now < self._heard_at + _WORDLESS_SECONDS and not holder.has_ended():
+                self._namesakes[identity] = now
+                self._review()
+                return
+            self._replace(holder)  # before it was missed
+            if not self.listeners:
+                return  # nobody has watched any more
+        if not self.alive and not self._is_asserted:
+            self._await_first_word()
+        hangs = status.level == DiagnosticStatus.STALE
+        if not (hangs or self._namesakes or self._is_asserted):
+            self._silent_since = max(self._silent_since, now + REPEAT_SECONDS)
+        self._heard_at = now
+        self.alive, self._unheard, self._identity = True, False, identity
+        self._replaced.pop(identity, None)
+        self.says_ready = status.level == DiagnosticStatus.OK
+        self._hang = status.message if hangs else ''
+        self.why_unready = '' if hangs else status.message
+        self._review()
+
+    def _replace(self, holder: ProcessIdentity) -> None:
+        self._leave()
+        self._replaced[holder] = None
+        if len(self._replaced) > _PROCESSES:
+            self._replaced.popitem(last=False)
+
+    def _several(self) -> str:
+        """What is wrong while several processes say that they hold the token; '' when it is one."""
+        since = self._runtime.steady.now() - _WORDLESS_SECONDS
+        self._namesakes = {
+            one: heard for one, heard in self._namesakes.items() if heard > since and not one.has_ended()
+        }
+        if not self._namesakes or self._identity is None:
+            return ''
+        found = sorted(f'{one.pid}{"" if one.is_here else " elsewhere"}' for one in (self._identity, *self._namesakes))
+        return f'{len(found)} nodes have this name: end all but one of the processes {", ".join(found)}'
+
+    def _await_first_word(self) -> None:
+        self._silent_since = max(self._runtime.steady.now(), STARTED + START_SECONDS - LEASE_SECONDS)
+
+    def _matched(self, event: Any) -> None:
+        if event.current_count > 0:
+            if event.current_count_change > 0 and not self.alive:
+                self._unheard, self._heard_at = True, self._runtime.steady.now()
+                self._await_first_word()
+                self._review()
+            return
+        if not self.is_there:
+            return
+        if self._identity is not None and self._identity.is_here:
+            self._is_asserted = False  # it may only have been stopped for longer than the middleware waits
+            self._review()
+        else:
+            self._leave()
+
+    def _liveliness_changed(self, event: Any) -> None:
+        is_asserted = event.alive_count > 0
+        if self._is_asserted and not is_asserted:
+            self._silent_since = self._runtime.steady.now() - LEASE_SECONDS
+        self._is_asserted = is_asserted
+        # After what was said with the assertion: to say that a part of it hangs, asserts the token as well.
+        self._runtime.post(self._review)
+
+    def _leave(self) -> None:
+        self.alive, self._unheard, self._identity = False, False, None
+        self._namesakes.clear()
+        self.late_since, self.says_ready = None, False
+        self.problem = self._hang = ''
+        self._inform()
+        self.release()
+
+    def release(self) -> None:
+        """Hear no more when nobody watches, and nothing is there to be watched."""
+        if not self.listeners and not self.alive:
+            self._runtime.forget(_key(self._topic))
+            self._runtime.node.destroy_subscription(self._messages.subscription)
+
+    def _review(self) -> None:
+        """Find out whether it is late, and whether it is gone."""
+        if not self.is_there:
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        now = self._runtime.steady.now()
+        problem = self._hang or self._several()
+        if problem and not self.problem:
+            self._silent_since = now - LEASE_SECONDS
+        self.problem = problem
+        late_from = self._silent_since + LEASE_SECONDS
+        if self._is_asserted and not self.problem:
+            late_from = max(late_from, self._heard_at + _WORDLESS_SECONDS)
+        if now < late_from:
+            self.late_since = None
+            next_look = late_from
+        elif self._identity is not None and self._identity.has_ended():
+            self._leave()
+            return
+        else:
+            self.late_since = late_from - LEASE_SECONDS if self.late_since is None else self.late_since
+            next_look = now + _LOOK_SECONDS
+        self._timer = self._runtime.post_at(next_look, self._review)
+        self._inform()
+
+    def _inform(self) -> None:
+        for listener in list(self.listeners):
+            listener()
+
+
+def _key(topic: str) -> Hashable:
+    """Of a seen token among what a runtime makes once."""
+    return 'liveliness', topic
+
+
+def _identity_of(status: DiagnosticStatus) -> ProcessIdentity:
+    values = {value.key: value.value for value in status.values}
+    pid = values.get(_PID, '')
+    return ProcessIdentity(status.hardware_id, int(pid) if pid.isdecimal() else 0, values.get(_BEGAN, ''))
+
+
+# Which process of which computer somebody is; and, on the same computer, whether it has ended.
+
+_BOOT_ID: Final = Path('/proc/sys/kernel/random/boot_id')
+_PID_NAMESPACE: Final = Path('/proc/self/ns/pid')
+_STATE, _START_TIME = 0, 19  # fields 3 and 22 of proc_pid_stat(5), counted after the name
+
+
+@dataclass(frozen=True)
+class ProcessIdentity:
+    """``host`` is the computer, since it was switched on, and the namespace in which ``pid`` is valid; '' when that is
+    not known. ``began`` tells the process from others that had or will have its number.
+    """
+
+    host: str
+    pid: int
+    began: str
+
+    @staticmethod
+    def own() -> ProcessIdentity:
+        """That of this process."""
+        pid = os.getpid()
+        try:
+            return _own(pid)
+        except OSError:  # no Linux
+            return ProcessIdentity('', pid, '')
+
+    @property
+    def is_here(self) -> bool:
+        """Whether it can be told if this process has ended: it is of this computer."""
+        return bool(self.host) and self.host == ProcessIdentity.own().host
+
+    def has_ended(self) -> bool:
+        """Whether the process has ended for certain."""
+        if not self.is_here:
+            return False
+        try:
+            fields = _stat(str(self.pid))
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        except OSError:  # it cannot be told: this process has no file descriptor left, for one
+            return False
+        return fields[_START_TIME] != self.began or fields[_STATE] in ('Z', 'X')
+
+
+@functools.lru_cache(maxsize=1)
+def _own(pid: int) -> ProcessIdentity:
+    """By the number of the process: a fork has another one, and is another process."""
+    host = f'{_BOOT_ID.read_text().strip()} {_PID_NAMESPACE.readlink()}'
+    return ProcessIdentity(host, pid, _stat('self')[_START_TIME])
+
+
+def _stat(process: str) -> list[str]:
+    # The name of the program is in brackets, and may hold anything.
+    return Path('/proc', process, 'stat').read_text().rpartition(')')[2].split()

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""rclpy's default context, for users' code: ``rclpy.ok()``, ``rclpy.create_node()``, ``rclpy.spin_once()``.
+
+Our nodes have contexts of their own. States and leaves of users are often written for a process that has called
+``rclpy.init()``, so each process that runs them has an initialized default context as well. As it is not that of our
+nodes, ``rclpy.shutdown()`` in a state does not end the node that runs the state.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final
+
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions, uninstall_signal_handlers
+
+from flexbt_common.discovery import RANGE
+
+from .fastdds import end_callbacks
+
+_RENAMING: Final = re.compile(r'__(node|name):=')
+_REMAP: Final = ('-r', '--remap')
+_opening: Final = threading.Lock()
+
+
+class DefaultContext:
+    """The default context of the process, as long as it is needed. Its methods may be called on any thread."""
+
+    def __init__(self, args: Sequence[str] | None = (), node: Node | None = None) -> None:
+        """``args`` are the arguments of the process, None for ``sys.argv``. They count for users' nodes as for ours,
+        except for a new name of the node. ``node`` has the domain and the kind of time that users' nodes get.
+        """
+        self._args = sys.argv[1:] if args is None else args
+        self._node = node
+        self._opened: Context | None = None
+
+    def open(self) -> None:
+        """Initialize the context, unless it is initialized.
+
+        If users' code has shut it down and initialized it anew, rclpy's signal handlers are taken off: they would shut
+        down the contexts of our nodes as well, before anything could end in order.
+        """
+        with _opening:
+            if rclpy.ok():
+                if self._opened not in (None, rclpy.get_default_context()):
+                    uninstall_signal_handlers()
+                    self._opened = rclpy.get_default_context()
+                return
+            node = self._node
+            is_simulated = node is not None and node.get_parameter('use_sim_time').value
+            rclpy.init(
+                args=[*_without_name(self._args), *(_SIMULATED_TIME if is_simulated else ())],
+                domain_id=None if node is None else node.context.get_domain_id(),
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+            self._opened = rclpy.get_default_context()
+
+    def shut_down(self) -> None:
+        """End what waits in rclpy: loops over ``rclpy.ok()``, threads that spin. Nothing if somebody else opened it."""
+        if self._opened is rclpy.get_default_context():
+            rclpy.try_shutdown()
+
+    def close(self) -> None:
+        """Shut the context down, and destroy the nodes that are left in it."""
+        self.shut_down()
+        context, self._opened = self._opened, None
+        if context is not None:
+            for node in _nodes_in(context):
+                try:
+                    end_callbacks(node)
+                    node.destroy_node()
+                except InvalidHandle:  # it is destroyed already
+                    continue
+                except Exception as error:  # code of users
+                    node.get_logger().warning(f'not destroyed: {error!r}')
+
+
+@contextmanager
+def offline_default_context() -> Iterator[None]:
+    """For the length of the block there is a default context, whose nodes are alone."""
+    default_context = DefaultContext(('--ros-args', '--disable-external-lib-logs'))
+    with undiscovered():
+        default_context.open()
+    try:
+        yield
+    finally:
+        default_context.close()
+
+
+@contextmanager
+def undiscovered() -> Iterator[None]:
+    """The nodes of contexts that are made in the block discover nobody, and are discovered by nobody."""
+    before = os.environ.get(RANGE)
+    os.environ[RANGE] = 'OFF'
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[RANGE]
+        else:
+            os.environ[RANGE] = before
+
+
+_SIMULATED_TIME: Final = ('--ros-args', '-p', 'use_sim_time:=true')
+
+
+def _without_name(args: Sequence[str]) -> Iterator[str]:
+    """The arguments without the rules that rename every node of the process, as launch files give them for one node."""
+    words = iter(args)
+    for word in words:
+        if word not in _REMAP:
+            yield word
+            continue
+        rule = next(words, None)
+        if rule is None or not _RENAMING.match(rule):
+            yield from filter(None, (word, rule))
+
+
+def _nodes_in(context: Context) -> list[Node]:
+    """The nodes of a context. rclpy keeps no list of them; what nobody holds any more has been collected, and one whose
+    constructor has raised has no context."""
+    return [one for one in gc.get_objects() if issubclass(type(one), Node) and getattr(one, 'context', None) is context]

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Publishers and subscriptions of a topic that exchange no message, since their qualities of service do not fit.
+
+The middleware tells each end that another one does not fit, and by which policy. Here the graph is asked who that is
+and what it offers or wants, so that people read what to change, where they see only that nothing comes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from copy import copy
+from typing import Any, Final, TypeVar
+
+from rclpy.action.server import RCLError
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+    qos_policy_name_from_kind,
+)
+
+from flexbt_core.values.text import one_line
+
+from .received_messages import COMPLAINT_SECONDS, UNKNOWN_NODE
+
+_MOST_SHOWN: Final = 3
+"""Endpoints of a topic that are named: there may be any number."""
+
+_NAME_CHARACTERS: Final = 100
+
+Events = TypeVar('Events', PublisherEventCallbacks, SubscriptionEventCallbacks)
+
+
+class QosMisfits:
+    """Those of one node, by topic (resolved name). Used on the executor thread, but for :meth:`of`."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._tell: Callable[[str], object] | None = None
+        self._texts: dict[str, str] = {}
+        self._told_at: dict[str, float] = {}
+
+    def on_found(self, tell: Callable[[str], object] | None) -> None:
+        """Have ``tell`` told of each topic that the node cannot hear, instead of the log of the node; None for the log.
+        What others cannot hear of the node is for the log.
+        """
+        self._tell = tell
+
+    def of(self, topic: str) -> str:
+        """Why no messages come or go on a topic, as far as is known; '' for nothing. From any thread."""
+        return self._texts.get(topic, '')
+
+    def watched(self, events: Events, topic: str) -> Events:
+        """The callbacks for the events of an endpoint, with ours unless they have their own or want none."""
+        if events.incompatible_qos is not None or not events.use_default_callbacks:
+            return events
+        watched = copy(events)
+        watched.incompatible_qos = lambda event: self._found(self._node.resolve_topic_name(topic), event)
+        return watched
+
+    def check(self, topic: str) -> str:
+        """Ask the graph again; gives what :meth:`of` gives from now on."""
+        try:
+            found = list(self._misfits(topic))
+        except (RCLError, InvalidHandle):  # the node ends, or an endpoint is being destroyed
+            return self.of(topic)
+        more = f' And {len(found) - _MOST_SHOWN} more.' if len(found) > _MOST_SHOWN else ''
+        self._texts.pop(topic, None)
+        if found:
+            self._texts[topic] = ' '.join(found[:_MOST_SHOWN]) + more
+        return self.of(topic)
+
+    def _found(self, topic: str, event: Any) -> None:
+        before = self.of(topic)
+        text = self.check(topic)
+        if not text:  # the graph does not know that endpoint yet
+            policy = qos_policy_name_from_kind(event.last_policy_kind)
+            text = self._texts[topic] = f'No messages on {topic!r}: another node has another {policy} there.'
+        now = time.monotonic()
+        if text != before and now - self._told_at.get(topic, -COMPLAINT_SECONDS) >= COMPLAINT_SECONDS:
+            self._told_at[topic] = now
+            is_ours = any(one.topic_name == topic for one in self._node.subscriptions)
+            (self._tell if self._tell and is_ours else self._node.get_logger().warning)(text)
+
+    def _misfits(self, topic: str) -> Iterator[str]:
+        me = self._node.get_fully_qualified_name()
+        for subscription in (one for one in self._node.subscriptions if one.topic_name == topic):
+            for other in self._node.get_publishers_info_by_topic(topic):
+                if why := _why(other.qos_profile, subscription.qos_profile, 'it', me):
+                    yield f'No messages on {topic!r} from {_name_of(other)}: {why}'
+        for publisher in (one for one in self._node.publishers if one.topic_name == topic):
+            for other in self._node.get_subscriptions_info_by_topic(topic):
+                if why := _why(publisher.qos_profile, other.qos_profile, me, 'it'):
+                    yield f'No messages on {topic!r} to {_name_of(other)}: {why}'
+
+
+def _why(offered: QoSProfile, wanted: QoSProfile, publisher: str, subscriber: str) -> str:
+    """Why nothing comes, and what to do; '' when the two fit."""
+    compatibility, reason = qos_check_compatible(offered, wanted)
+    if compatibility != QoSCompatibility.ERROR:
+        return ''
+    own, others = [], []
+    if (offered.reliability, wanted.reliability) == (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE):
+        own.append('BEST_EFFORT')
+        others.append('RELIABLE')
+    if (offered.durability, wanted.durability) == (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL):
+        own.append('VOLATILE')
+        others.append('TRANSIENT_LOCAL')
+    if not own:
+        return f'{reason.removeprefix("ERROR: ").rstrip("; ")}. Give both the same quality of service.'
+    less, more = ' and '.join(own), ' and '.join(others)
+    return (
+        f'{publisher} publishes {less}, {subscriber} subscribes {more}. Subscribe with {less}, or publish with {more}.'
+    )
+
+
+def _name_of(endpoint: Any) -> str:
+    if endpoint.node_name == UNKNOWN_NODE:
+        return 'a node that is not known yet'
+    return one_line(f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}', _NAME_CHARACTERS)

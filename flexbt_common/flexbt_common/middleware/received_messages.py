@@ -1,0 +1,379 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Subscriptions to what any participant may send: bounded, with the identity of the writer, or only the latest
+message."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+
+from flexbt_common.values.limits import MESSAGE
+
+from .fastdds import ignore_participant, loaded_function
+from .rclpy_private import EXECUTOR, is_usable
+
+# A subscription for what comes from anybody: bounded, and with the identity of who has written each message.
+#
+# rclpy unpacks every message, whatever its size, takes one in a turn of the executor, and does not say who has written
+# it (7.1 leaves the identifier of the publisher out of its message info, which rcl has). A flood from one writer so
+# drives what others have written out of the queue, and costs as much as what is worth something. Here all that is there
+# is taken at once, as bytes, by rcl's own function; what is too large is never unpacked, and the receiver can tell the
+# writers from each other before it unpacks anything.
+
+COMPLAINT_SECONDS: Final = 5.0
+"""From one line of the log about messages that cannot be used to the next, s: they may come at any rate."""
+
+UNKNOWN_NODE: Final = '_NODE_NAME_UNKNOWN_'
+"""What rmw calls the node of an endpoint that it has just discovered."""
+
+UNKNOWN_WRITER: Final = b''
+"""Instead of a writer that the middleware, or rclpy as it is (``FLEXBT_STOCK_RCLPY``), does not tell."""
+
+EXCESS_MESSAGES: Final = 500
+EXCESS_BYTES: Final = 20_000_000
+"""Messages that are too many, and bytes of messages that are too large, after which the participants of a process are
+ignored."""
+
+_PROCESSES: Final = 256
+"""Of which this is remembered: those that were blamed last."""
+
+_TURN_SECONDS: Final = 0.02
+"""After this time the other callbacks of the node come first."""
+
+_GID_SIZE: Final = 16  # RMW_GID_STORAGE_SIZE
+_OK: Final = 0
+_NOTHING_TAKEN: Final = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A message that has come. ``writer`` identifies its publisher in the domain, ``sent`` is in seconds of wall time
+    on the sender's clock (0 when it is unknown), ``size`` in bytes.
+
+    ``data`` is the serialized message; None when it is larger than the receiver takes.
+    """
+
+    data: bytes | None
+    size: int
+    writer: bytes
+    sent: float
+
+    @property
+    def participant(self) -> bytes:
+        """Identifies the participant of the domain that the writer belongs to, so the process or a part of it."""
+        return guid_prefix_of(self.writer)
+
+    @property
+    def process(self) -> bytes:
+        """Identifies the process that the writer belongs to, whose participants share what one may send: Fast DDS
+        begins their identifiers with the vendor, the host and the process. With a middleware that does it in another
+        way, and with DDS security, which changes them, it is one participant."""
+        return self.writer[:8]
+
+    def unpack(self, message_type: type[Any]) -> Any:
+        """The message.
+
+        Raises:
+            ValueError: these bytes are no such message, or it is too large.
+        """
+        if self.data is None:
+            raise ValueError(f'{self.size} bytes are too many')
+        try:
+            return deserialize_message(self.data, message_type)
+        except Exception as error:  # rclpy's own, or that of a text which is no UTF-8
+            raise ValueError(f'these {self.size} bytes are no {message_type.__name__}: {error}') from error
+
+
+class ReceivedMessages:
+    """Takes what comes on a topic. To be made on the executor thread, where ``on_message`` is called for each message.
+
+    Messages of more than ``limit`` bytes come without their data. Of a process that goes on sending such, or what
+    the receiver blames it for, nothing more is heard, where the middleware can do that; ``on_ignored`` gets a line
+    about it, by default the node's log does. While ``is_awaited`` says no, messages stay with the middleware,
+    as many as the queue takes; with stock rclpy they come all the same.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        message_type: type[Any],
+        topic: str,
+        qos: QoSProfile,
+        on_message: Callable[[Received], object],
+        limit: int,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+        on_ignored: Callable[[str], object] | None = None,
+        is_awaited: Callable[[], bool] | None = None,
+    ) -> None:
+        self._node = node
+        self._topic = topic
+        self._on_message = on_message
+        self._limit = limit
+        self._is_awaited = is_awaited
+        self._depth = qos.depth
+        # By process: messages that are too many, and bytes of what is too large.
+        self._excess: OrderedDict[bytes, tuple[int, int]] = OrderedDict()
+        self._on_ignored = on_ignored if on_ignored is not None else node.get_logger().error
+        self._taker = _Taker.make()
+        self.subscription = node.create_subscription(
+            message_type, topic, self._callback(), qos, event_callbacks=event_callbacks, raw=True
+        )
+
+    def _callback(self) -> Callable[[bytes, Mapping[str, int]], None]:
+        def callback(data: bytes, info: Mapping[str, int]) -> None:
+            """For the executor of rclpy, which has taken the message."""
+            size = len(data)
+            sent = info['source_timestamp'] * 1e-9
+            self._on_message(Received(data if size <= self._limit else None, size, UNKNOWN_WRITER, sent))
+
+        if self._taker is not None:
+            callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.OpenExecutor
+        if self._is_awaited is not None:
+            callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
+        return callback
+
+    def take(self) -> None:
+        """Take what has come by now, on the executor thread; stock rclpy takes it when its turn comes."""
+        if self._taker is not None:
+            for _ in range(self._depth):
+                if not self._take_next():
+                    return
+
+    def _take_all(self, _subscription: Subscription) -> None:
+        until = time.monotonic() + _TURN_SECONDS
+        while time.monotonic() < until and self._take_next():
+            pass
+
+    def _take_next(self) -> bool:
+        """Whether there was one."""
+        assert self._taker is not None
+        received = self._taker.take(self.subscription, self._limit)
+        if received is None:
+            return False
+        if received.data is None:
+            self.blame(received)
+        self._on_message(received)
+        return True
+
+    def blame(self, received: Received) -> None:
+        """Note that a message is more than its sender may send. Who goes on with that is ignored."""
+        participant = received.participant
+        before = self._excess.pop(received.process, (0, 0))
+        count, size = before[0] + 1, before[1] + (received.size if received.data is None else 0)
+        self._excess[received.process] = count, size
+        if len(self._excess) > _PROCESSES:
+            self._excess.popitem(last=False)
+        if participant == UNKNOWN_WRITER or (count < EXCESS_MESSAGES and size < EXCESS_BYTES):
+            return
+        who = writer_name(self._node, self._topic, participant)
+        is_told = before[0] >= EXCESS_MESSAGES or before[1] >= EXCESS_BYTES  # this is a further one of its process
+        if ignore_participant(self._node, participant) and not is_told:
+            self._on_ignored(
+                f'{who or "a node that is gone"} floods {self._topic} ({count} messages too many, {size / 1e6:.0f} MB '
+                'too large); nothing more is heard of its process until this one is started again'
+            )
+
+
+def guid_prefix_of(writer: bytes) -> bytes:
+    """The participant of the domain that a writer belongs to: the first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1). With a
+    middleware that is not DDS, no two writers have the same."""
+    return writer[:12]
+
+
+def writer_name(node: Node, topic: str, writer: bytes) -> str:
+    """The node that a writer on a topic belongs to, for people; '' when it is unknown, or not there (any more)."""
+    if writer == UNKNOWN_WRITER:
+        return ''
+    for endpoint in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
+        if bytes(endpoint.endpoint_gid)[: len(writer)] == writer:
+            if endpoint.node_name == UNKNOWN_NODE:
+                return 'a node that has just come'
+            return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+    return ''
+
+
+def reports_writers() -> bool:
+    """Whether messages come with their writers in this process."""
+    return is_usable(EXECUTOR) and _Taker.make() is not None
+
+
+class _Gid(ctypes.Structure):
+    """rmw_gid_t"""
+
+    _fields_ = (('implementation', ctypes.c_char_p), ('data', ctypes.c_uint8 * _GID_SIZE))
+
+
+class _MessageInfo(ctypes.Structure):
+    """rmw_message_info_t"""
+
+    _fields_ = (
+        ('source_timestamp', ctypes.c_int64),
+        ('received_timestamp', ctypes.c_int64),
+        ('publication_sequence_number', ctypes.c_uint64),
+        ('reception_sequence_number', ctypes.c_uint64),
+        ('publisher_gid', _Gid),
+        ('from_intra_process', ctypes.c_bool),
+    )
+
+
+class _Allocator(ctypes.Structure):
+    """rcutils_allocator_t"""
+
+    _fields_ = tuple(
+        (name, ctypes.c_void_p) for name in ('allocate', 'deallocate', 'reallocate', 'zero_allocate', 'state')
+    )
+
+
+class _Bytes(ctypes.Structure):
+    """rcutils_uint8_array_t"""
+
+    _fields_ = (
+        ('buffer', ctypes.c_void_p),
+        ('length', ctypes.c_size_t),
+        ('capacity', ctypes.c_size_t),
+        ('allocator', _Allocator),
+    )
+
+
+class _Taker:
+    """Takes messages by functions of rcl and rcutils (ROS 2 Jazzy), whose headers the structures above are from."""
+
+    def __init__(self) -> None:
+        pointer = ctypes.POINTER
+        short = functools.partial(loaded_function, is_short=True)
+        self._take = short(
+            'librcl.so', 'rcl_take_serialized_message', ctypes.c_int,
+            ctypes.c_void_p, pointer(_Bytes), pointer(_MessageInfo), ctypes.c_void_p,
+        )  # fmt: skip
+        self._init = short(
+            'librcutils.so', 'rcutils_uint8_array_init', ctypes.c_int,
+            pointer(_Bytes), ctypes.c_size_t, pointer(_Allocator),
+        )  # fmt: skip
+        self._free = short('librcutils.so', 'rcutils_uint8_array_fini', ctypes.c_int, pointer(_Bytes))
+        self._forget_error = short('librcutils.so', 'rcutils_reset_error', None)
+        self._allocator = short('librcutils.so', 'rcutils_get_default_allocator', _Allocator)()
+
+    @classmethod
+    def make(cls) -> _Taker | None:
+        """None where rcl is another one."""
+        try:
+            return cls()
+        except (OSError, AttributeError):
+            return None
+
+    def take(self, subscription: Subscription, limit: int) -> Received | None:
+        """The next message; None when there is none, or none that can be taken."""
+        taken, info = _Bytes(), _MessageInfo()
+        if self._init(ctypes.byref(taken), 0, ctypes.byref(self._allocator)) != _OK:
+            self._forget_error()
+            return None
+        try:
+            with subscription.handle:
+                code = self._take(subscription.handle.pointer, ctypes.byref(taken), ctypes.byref(info), None)
+            if code != _OK:
+                if code != _NOTHING_TAKEN:
+                    self._forget_error()
+                return None
+            data = ctypes.string_at(taken.buffer, taken.length) if taken.length <= limit else None
+            return Received(data, taken.length, bytes(info.publisher_gid.data), info.source_timestamp * 1e-9)
+        finally:
+            self._free(ctypes.byref(taken))
+
+
+# The newest message of a topic, for whoever reads it far more rarely than it comes.
+
+MOST_BYTES: Final[Mapping[type[Any], int]] = {PoseStamped: 2_000}
+"""Of types whose messages are handed on again and again; of others, as many as a message may have at all."""
+
+
+class LatestMessage:
+    """Keeps the newest message of a topic as bytes, from which it is made when somebody asks for it.
+
+    Made and closed on the executor thread. While ``is_awaited()``, by default never, the executor takes what comes and
+    calls ``on_message``; otherwise a message stays with the middleware until somebody asks. One of more bytes than
+    MOST_BYTES says is left aside.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        message_type: type[Any],
+        topic: str,
+        qos: QoSProfile | int,
+        on_message: Callable[[], object] = lambda: None,
+        is_awaited: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._type = message_type
+        self._on_message = on_message
+        self._is_awaited = is_awaited
+        self._newest: bytes | None = None
+        self._made: tuple[bytes, Any] | None = None
+        self._node = node
+        self._most = MOST_BYTES.get(message_type, MESSAGE)
+        self._lock = threading.Lock()
+        self._takes = is_usable(EXECUTOR)  # otherwise rclpy's executor does, always
+        self._subscription = node.create_subscription(message_type, topic, self._callback(), qos, raw=True)
+
+    @property
+    def message(self) -> Any | None:
+        """The newest message, the same object until there is a newer one; None before the first. From any thread."""
+        if self._takes:
+            self._take_all(self._subscription)
+        newest, made = self._newest, self._made
+        if newest is None:
+            return None
+        if made is None or made[0] is not newest:
+            made = self._made = (newest, deserialize_message(newest, self._type))
+        return made[1]
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._node.destroy_subscription(self._subscription)
+
+    def _callback(self) -> Callable[[bytes], None]:
+        def callback(data: bytes) -> None:
+            """For the executor of rclpy, which has taken the message."""
+            self._keep(data)
+            if self._is_awaited():
+                self._on_message()
+
+        callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.OpenExecutor
+        callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
+        return callback
+
+    def _take_all(self, subscription: Subscription) -> None:
+        has_come = False
+        with self._lock:  # what is taken last is the newest
+            try:
+                with subscription.handle:
+                    while (taken := subscription.handle.take_message(self._type, True)) is not None:
+                        self._keep(taken[0])
+                        has_come = True
+            except InvalidHandle:
+                return  # closed
+        if has_come and self._is_awaited():
+            self._on_message()
+
+    def _keep(self, data: bytes) -> None:
+        if len(data) <= self._most:
+            self._newest = data
+            return
+        self._node.get_logger().error(
+            f'{self._subscription.topic_name}: a message of {len(data)} bytes is left aside; at most {self._most} '
+            'are allowed',
+            throttle_duration_sec=COMPLAINT_SECONDS,
+        )

@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rigid transforms, and a buffer of the frames over the last seconds with the rules of tf2. Pure."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from .errors import TransformError
+
+Vector = tuple[float, float, float]
+"""x, y, z, m."""
+
+Quaternion = tuple[float, float, float, float]
+"""x, y, z, w, of length 1."""
+
+
+class Rigid(NamedTuple):
+    """Where a frame is in another: takes the coordinates of a point in the former to those in the latter."""
+
+    translation: Vector = (0.0, 0.0, 0.0)
+    rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+    @classmethod
+    def planar(cls, x: float, y: float, yaw: float) -> Rigid:
+        """In the plane: m, m, rad."""
+        return cls((x, y, 0.0), (0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)))
+
+    @classmethod
+    def of(cls, translation: Vector, rotation: Quaternion) -> Rigid:
+        """With a quaternion of any length; of all zeros, as in messages not filled in, it is no turn."""
+        return cls(translation, _unit(rotation)) if any(rotation) else cls(translation)
+
+    def __matmul__(self, other: Rigid) -> Rigid:
+        """First ``other``, then this one."""
+        return Rigid(self.apply(other.translation), _product(self.rotation, other.rotation))
+
+    def inverse(self) -> Rigid:
+        """The way back."""
+        x, y, z, w = self.rotation
+        back = (-x, -y, -z, w)
+        tx, ty, tz = _rotated(back, self.translation)
+        return Rigid((-tx, -ty, -tz), back)
+
+    def apply(self, point: Vector) -> Vector:
+        """The point in the other frame."""
+        rotated = _rotated(self.rotation, point)
+        return (
+            rotated[0] + self.translation[0],
+            rotated[1] + self.translation[1],
+            rotated[2] + self.translation[2],
+        )
+
+    def towards(self, other: Rigid, share: float) -> Rigid:
+        """A part of the way to ``other``, 0 to 1: straight, and turning evenly about one axis (slerp)."""
+        here, there = self.translation, other.translation
+        translation = (
+            here[0] + share * (there[0] - here[0]),
+            here[1] + share * (there[1] - here[1]),
+            here[2] + share * (there[2] - here[2]),
+        )
+        return Rigid(translation, _slerp(self.rotation, other.rotation, share))
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return _unit(
+        (
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        )
+    )
+
+
+def _unit(q: Quaternion) -> Quaternion:
+    size = math.hypot(*q)  # which is not 0 where the squares are
+    return (q[0] / size, q[1] / size, q[2] / size, q[3] / size)
+
+
+def _rotated(q: Quaternion, v: Vector) -> Vector:
+    x, y, z, w = q
+    # Twice the cross product with the axis, and that once more: fewer products than with a matrix.
+    tx, ty, tz = 2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])
+    return (
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
+    )
+
+
+def _slerp(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
+    cosine = sum(p * q for p, q in zip(a, b, strict=True))
+    sign = math.copysign(1.0, cosine)  # of the two quaternions of a rotation, the nearer one
+    angle = math.acos(min(1.0, abs(cosine)))
+    if angle < 1e-6:
+        of_a, of_b = 1.0 - share, sign * share
+    else:
+        of_a = math.sin((1.0 - share) * angle) / math.sin(angle)
+        of_b = sign * math.sin(share * angle) / math.sin(angle)
+    return _unit(
+        (
+            of_a * a[0] + of_b * b[0],
+            of_a * a[1] + of_b * b[1],
+            of_a * a[2] + of_b * b[2],
+            of_a * a[3] + of_b * b[3],
+        )
+    )
+
+
+# The tree of frames over the last seconds, with the rules of tf2 (https://docs.ros.org/en/jazzy/p/tf2/). Pure.
+#
+# Each frame has one parent. What a frame's transforms were is kept for :data:`HISTORY`; between two of them a transform
+# is interpolated, beyond them it is not known.
+
+HISTORY: Final = 10.0
+"""How long transforms are kept, s, as in tf2."""
+
+MOST_FRAMES: Final = 2_000
+"""Frames that are kept; a broadcaster that makes up names must not fill the memory."""
+
+MOST_SAMPLES: Final = 4_000
+"""Transforms that are kept of a frame."""
+
+UNIT_TOLERANCE: Final = 0.01
+"""How far the square of the length of a quaternion may be from 1, as in tf2."""
+
+
+class _Track:
+    """The transforms of a frame to its parent, by time."""
+
+    def __init__(self, parent: str, is_static: bool) -> None:
+        self.parent = parent
+        self.is_static = is_static
+        self.times: list[float] = []
+        self.transforms: list[Rigid] = []
+
+    def add(self, time: float, transform: Rigid) -> None:
+        if self.is_static:
+            self.times, self.transforms = [-math.inf], [transform]
+            return
+        if self.times and time < self.times[-1] - HISTORY:
+            return
+        place = bisect.bisect_left(self.times, time)
+        if place < len(self.times) and self.times[place] == time:
+            self.transforms[place] = transform
+            return
+        self.times.insert(place, time)
+        self.transforms.insert(place, transform)
+        old = bisect.bisect_left(self.times, self.times[-1] - HISTORY)
+        old = max(old, len(self.times) - MOST_SAMPLES)
+        if old > 0:
+            del self.times[:old], self.transforms[:old]
+
+    def at(self, time: float, frame: str) -> Rigid:
+        if self.is_static:
+            return self.transforms[0]
+        first, last = self.times[0], self.times[-1]
+        if not first <= time <= last:
+            where = 'past' if time < first else 'future'
+            raise TransformError(
+                f'the transform of {frame!r} to {self.parent!r} at {time:.3f} s is in the {where} of what is known, '
+                f'{first:.3f} to {last:.3f} s',
+                is_early=time > last,
+            )
+        place = bisect.bisect_left(self.times, time)
+        if self.times[place] == time:
+            return self.transforms[place]
+        before, after = self.times[place - 1], self.times[place]
+        share = (time - before) / (after - before)
+        return self.transforms[place - 1].towards(self.transforms[place], share)
+
+
+class TransformBuffer:
+    """What is known of the frames. Times are in s."""
+
+    def __init__(self) -> None:
+        self._tracks: dict[str, _Track] = {}
+
+    def clear(self) -> None:
+        """Forget what changes; what is static stays. When time goes back, what is known of the future is wrong."""
+        self._tracks = {frame: track for frame, track in self._tracks.items() if track.is_static}
+
+    def set(self, parent: str, frame: str, transform: Rigid, time: float = 0.0, *, is_static: bool = False) -> None:
+        """Take where ``frame`` is in ``parent`` at a time; a static transform holds at every time.
+
+        Raises:
+            TransformError: the frames or the numbers cannot be, or there are too many frames.
+        """
+        for name in (parent, frame):
+            _check_frame(name)
+        if parent == frame:
+            raise TransformError(f'frame {frame!r} is said to be its own parent')
+        numbers = (*transform.translation, *transform.rotation, time)
+        length = sum(part * part for part in transform.rotation)
+        if not all(map(math.isfinite, numbers)) or abs(length - 1.0) > UNIT_TOLERANCE:
+            raise TransformError(
+                f'the transform of {frame!r} to {parent!r} has numbers that are none, or a quaternion that is not of '
+                f'length 1: {transform}'
+            )
+        track = self._tracks.get(frame)
+        if track is None and len(self._tracks) >= MOST_FRAMES:
+            raise TransformError(f'there are {MOST_FRAMES} frames already: {frame!r} is not taken')
+        if track is None or (track.parent, track.is_static) != (parent, is_static):
+            track = self._tracks[frame] = _Track(parent, is_static)
+        track.add(time, Rigid.of(*transform))
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """All frames that are known, sorted."""
+        return tuple(sorted({*self._tracks, *(track.parent for track in self._tracks.values())}))
+
+    def lookup(self, target: str, source: str, time: float | None = None) -> Rigid:
+        """Where frame ``source`` is in frame ``target`` at a time; None for the latest at which all is known.
+
+        Raises:
+            TransformError: it is not known; ``is_early`` says that it may be in a moment.
+        """
+        up, down = self._way(target, source)
+        if time is None:
+            time = self._latest(up, down)
+        return self._climb(down, time).inverse() @ self._climb(up, time)
+
+    def latest(self, target: str, source: str) -> float:
+        """The latest time at which all between two frames is known, s; infinite where all is static.
+
+        Raises:
+            TransformError: as :meth:`lookup`.
+        """
+        return self._latest(*self._way(target, source))
+
+    def carries(self, carrier: str, frame: str) -> bool:
+        """Whether a frame is below another one, so that it moves with that."""
+        return carrier in self._ancestors(frame)
+
+    def _latest(self, up: list[str], down: list[str]) -> float:
+        ends = [self._tracks[frame].times[-1] for frame in (*up, *down) if not self._tracks[frame].is_static]
+        return min(ends, default=math.inf)
+
+    def _way(self, target: str, source: str) -> tuple[list[str], list[str]]:
+        """The frames from each of both up to where they meet, which is left out."""
+        for name in (target, source):
+            _check_frame(name)
+        ups, downs = list(self._ancestors(source)), list(self._ancestors(target))
+        on_the_way = {frame: index for index, frame in enumerate(downs)}
+        meeting = next(((i, on_the_way[frame]) for i, frame in enumerate(ups) if frame in on_the_way), None)
+        if meeting is None:
+            raise TransformError(self._why_apart(target, source), is_early=True)
+        return ups[: meeting[0]], downs[: meeting[1]]
+
+    def _climb(self, frames: list[str], time: float) -> Rigid:
+        whole = Rigid()
+        for frame in frames:
+            whole = self._tracks[frame].at(time, frame) @ whole
+        return whole
+
+    def _ancestors(self, frame: str) -> Iterator[str]:
+        """The frame, its parent, and so on; it ends when they come round."""
+        seen: set[str] = set()
+        while frame not in seen:
+            seen.add(frame)
+            yield frame
+            if frame not in self._tracks:
+                return
+            frame = self._tracks[frame].parent
+
+    def _why_apart(self, target: str, source: str) -> str:
+        known = self.frames
+        for frame in (source, target):
+            if frame not in known:
+                return f'frame {frame!r} is not known; known: {", ".join(known) or "none"}'
+        return f'frames {target!r} and {source!r} are not connected'
+
+
+def _check_frame(name: str) -> None:
+    if not name or name.startswith('/'):
+        raise TransformError(f'{name!r} is no name of a frame: give one that is not empty and begins without a slash')

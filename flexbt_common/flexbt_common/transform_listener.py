@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hears ``tf`` and ``tf_static`` of a robot, for whoever needs frames other than the map's.
+
+Most goals are in the frame of the map, and transforms come often: a node listens from the first time that it needs
+another frame. Then it waits until the transform is there, or for so long as it says. Who has to know frames at the
+stamps of the first requests, too, asks for the listener at its start. While nobody waits, what comes stays with the
+middleware for some tenths of a second (node_executor.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+from geometry_msgs.msg import Pose, PoseStamped
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import MESSAGE, check_limits
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_core.errors import FlexbtError
+
+from . import names
+from .errors import TransformError
+from .transform_buffer import Rigid, TransformBuffer
+
+TRANSFORM_TIMEOUT: Final = 1.0
+"""How long a transform is waited for by default, s of wall time: whoever has just begun to listen has none."""
+
+TRANSFORM_QUEUE: Final = 100
+REST_SECONDS: Final = 0.1
+"""While nobody waits, messages are not asked for before so long after the last ones: a thousand a second find room in
+the queue."""
+
+BROADCASTERS: Final = 100
+"""Static broadcasters whose messages a late listener gets."""
+
+OnPose = Callable[[PoseStamped], object]
+OnTransform = Callable[[Rigid], object]
+OnError = Callable[[TransformError], object]
+
+
+class TransformListener:
+    """The transforms of the robot in whose namespace the node is. On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._buffer = TransformBuffer()
+        self._runtime = runtime
+        self._waiting: list[Callable[[bool], bool]] = []
+        self._heard_at = 0.0
+        node = runtime.node
+        self._messages = [
+            ReceivedMessages(
+                node,
+                TFMessage,
+                topic,
+                qos,
+                partial(self._on_message, is_static=is_static),
+                MESSAGE,
+                is_awaited=self._is_awaited,
+            )
+            for topic, qos, is_static in (
+                (names.TF_STATIC, names.transient_local_qos(BROADCASTERS), True),
+                (names.TF, QoSProfile(depth=TRANSFORM_QUEUE), False),
+            )
+        ]
+        threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
+        # Kept, since the jumps are told for as long as it is.
+        self._jumps = node.get_clock().create_jump_callback(
+            threshold, post_callback=lambda _jump: runtime.post(lambda: self.buffer.clear())
+        )
+
+    @property
+    def buffer(self) -> TransformBuffer:
+        """What is known by now."""
+        self._take()
+        return self._buffer
+
+    @classmethod
+    def of(cls, runtime: NodeRuntime) -> TransformListener:
+        """The listener of a node, which begins to listen now if nobody has asked before."""
+        return runtime.once('transform listener', cls)
+
+    def transform_pose(
+        self,
+        pose: PoseStamped,
+        target: str,
+        on_pose: OnPose,
+        on_error: OnError,
+        timeout: float = TRANSFORM_TIMEOUT,
+    ) -> None:
+        """Give ``pose`` in the frame ``target``: at the time of its header, or the latest when that is 0.
+
+        See :meth:`lookup`.
+        """
+
+        def on_transform(transform: Rigid) -> None:
+            there = PoseStamped(pose=transformed(pose.pose, transform))
+            there.header.frame_id, there.header.stamp = target, pose.header.stamp
+            on_pose(there)
+
+        self.lookup(
+            target, pose.header.frame_id, seconds_of(pose.header.stamp) or None, on_transform, on_error, timeout
+        )
+
+    def lookup(
+        self,
+        target: str,
+        source: str,
+        time: float | None,
+        on_transform: OnTransform,
+        on_error: OnError,
+        timeout: float = TRANSFORM_TIMEOUT,
+    ) -> None:
+        """Give where the frame ``source`` is in ``target`` at a time, s; None for the latest.
+
+        ``on_transform`` or ``on_error`` is called once: at once, or when the transform is known, or after ``timeout``
+        seconds of wall time.
+        """
+
+        def attempt(is_last: bool) -> bool:
+            try:
+                transform = self._buffer.lookup(target, source, time)
+            except TransformError as error:
+                if error.is_early and not is_last:
+                    return False
+                on_error(error)
+                return True
+            on_transform(transform)
+            return True
+
+        self._take()
+        if attempt(timeout <= 0.0):
+            return
+        self._waiting.append(attempt)
+        self._runtime.post_in(timeout, lambda: self._end(attempt))
+
+    def _is_awaited(self) -> bool:
+        return bool(self._waiting) or self._runtime.steady.now() - self._heard_at >= REST_SECONDS
+
+    def _take(self) -> None:
+        for messages in self._messages:
+            messages.take()
+
+    def _end(self, attempt: Callable[[bool], bool]) -> None:
+        self._take()
+        if attempt in self._waiting:
+            self._waiting.remove(attempt)
+            attempt(True)
+
+    def _on_message(self, received: Received, is_static: bool) -> None:
+        self._heard_at = self._runtime.steady.now()
+        try:
+            message = received.unpack(TFMessage)
+            check_limits(message)
+            take_transforms(self._buffer, message, is_static=is_static)
+        except (FlexbtError, ValueError) as error:
+            self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+        for attempt in list(self._waiting):
+            if attempt in self._waiting:
+                self._waiting.remove(attempt)  # first: what it calls may ask for transforms, and so hear the next ones
+                if not attempt(False):
+                    self._waiting.append(attempt)
+
+
+def take_transforms(buffer: TransformBuffer, message: Any, *, is_static: bool) -> None:
+    """Take those of a tf2_msgs/TFMessage into a buffer, up to the first that cannot be. Raises TransformError."""
+    for stamped in message.transforms:
+        parent, frame, stamp = stamped.header.frame_id, stamped.child_frame_id, stamped.header.stamp
+        buffer.set(parent, frame, _rigid_of(stamped.transform), seconds_of(stamp), is_static=is_static)
+
+
+def transformed(pose: Pose, transform: Rigid) -> Pose:
+    """A geometry_msgs/Pose in the frame that ``transform`` leads to. A quaternion of zeros counts as no turn."""
+    at, turned = pose.position, pose.orientation
+    local = Rigid.of((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
+    (x, y, z), rotation = transform @ local
+    result = Pose()
+    result.position.x, result.position.y, result.position.z = x, y, z
+    turned = result.orientation
+    turned.x, turned.y, turned.z, turned.w = rotation
+    return result
+
+
+def _rigid_of(message: Any) -> Rigid:
+    """A geometry_msgs/Transform as plain numbers."""
+    at, turned = message.translation, message.rotation
+    return Rigid((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))

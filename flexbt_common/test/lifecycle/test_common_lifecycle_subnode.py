@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A part of a process that is a managed node for others, asked as a lifecycle manager does."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+
+from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_testing.nodes.clients import LifecycleClient
+from flexbt_testing.waiting import DEADLINE, wait_until
+
+
+def test_a_manager_takes_it_through_its_states() -> None:
+    told: list[bool] = []
+    with NodeRuntime.open('host', namespace='/robot1') as host, NodeRuntime.open('manager') as runtime:
+        part = host.call(lambda: LifecycleSubnode(host, 'amcl', told.append))
+        manager = LifecycleClient(runtime, '/robot1/amcl')
+        assert manager.state() == 'active'
+        assert part.is_active
+        assert {label for _, label, _ in manager.transitions()} == {'deactivate', 'shutdown'}
+        for transition, succeeds, state in (
+            ('activate', False, 'active'),
+            ('deactivate', True, 'inactive'),
+            (99, False, 'inactive'),
+            ('cleanup', True, 'unconfigured'),
+            (1, True, 'inactive'),  # configure
+            (3, True, 'active'),  # activate
+            ('shutdown', True, 'finalized'),
+            ('configure', False, 'finalized'),
+        ):
+            assert manager.change(transition) is succeeds
+            assert manager.state() == state
+        assert told == [False, True, False]
+        assert not part.is_active
+
+
+def test_it_is_a_node_as_long_as_it_is_there() -> None:
+    with NodeRuntime.open('host', namespace='/robot1') as host, NodeRuntime.open('manager') as runtime:
+
+        def names_and_namespaces() -> set[tuple[str, str]]:
+            return set(runtime.node.get_node_names_and_namespaces())
+
+        part = host.call(lambda: LifecycleSubnode(host, 'deeper/amcl'))
+        wait_until(lambda: ('amcl', '/robot1/deeper') in names_and_namespaces(), names_and_namespaces)
+
+        def services() -> list[tuple[str, list[str]]]:
+            found: list[tuple[str, list[str]]] = runtime.node.get_service_names_and_types_by_node(
+                'amcl', '/robot1/deeper'
+            )
+            return found
+
+        wait_until(lambda: ('/robot1/deeper/amcl/get_state', ['lifecycle_msgs/srv/GetState']) in services(), services)
+        assert LifecycleClient(runtime, '/robot1/deeper/amcl').state() == 'active'
+        host.call(part.close)
+        wait_until(lambda: ('amcl', '/robot1/deeper') not in names_and_namespaces(), names_and_namespaces)
+        assert ('host', '/robot1') in names_and_namespaces()
+        host.call(lambda: LifecycleSubnode(host, 'amcl'))
+        wait_until(lambda: ('amcl', '/robot1') in names_and_namespaces(), names_and_namespaces)
+        host.close()
+        wait_until(lambda: not {name for name, _ in names_and_namespaces()} & {'host', 'amcl'}, names_and_namespaces)
+
+
+def test_its_parameters_can_be_set_at_any_time_as_those_of_any_node() -> None:
+    told: list[tuple[float, bool]] = []
+    with NodeRuntime.open('host', namespace='/robot1') as host, NodeRuntime.open('person') as person:
+        part = host.call(lambda: LifecycleSubnode(host, 'controller_server', has_parameters=True))
+        bounds = ParameterDescriptor(floating_point_range=[FloatingPointRange(from_value=0.1, to_value=1.0)])
+        host.call(
+            lambda: part.declare('FollowPath.speed', 0.3, bounds, lambda v: told.append((v, host.on_executor_thread)))
+        )
+        client = person.call(lambda: AsyncParameterClient(person.node, '/robot1/controller_server'))  # as ros2 param's
+        assert client.wait_for_services(DEADLINE)
+
+        def answer(ask: Any) -> Any:
+            future, done = person.call(ask), threading.Event()
+            person.call(lambda: future.add_done_callback(lambda _: done.set()))
+            assert done.wait(DEADLINE)
+            return future.result()
+
+        assert 'FollowPath.speed' in answer(client.list_parameters).result.names
+        for value, successful in ((0.2, True), (7.0, False), ('fast', False)):
+            wanted = Parameter('FollowPath.speed', value=value)
+            (result,) = answer(lambda wanted=wanted: client.set_parameters([wanted])).results
+            assert result.successful is successful, result.reason
+            assert answer(lambda: client.get_parameters(['FollowPath.speed'])).values[0].double_value == 0.2
+        (result,) = answer(lambda: client.set_parameters([Parameter('FollowPath.lookahead', value=1.0)])).results
+        assert not result.successful
+        (result,) = answer(lambda: client.set_parameters([Parameter('use_sim_time', value=True)])).results
+        assert not result.successful and 'set use_sim_time of /robot1/host' in result.reason
+        assert told == [(0.2, True)]

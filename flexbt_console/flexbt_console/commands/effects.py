@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What commands do: build a command for the executive, show what the console knows, or query the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from flexbt_console.errors import NoAnswerError, NotShownError, RefusedError, UsageError
+from flexbt_console.mirror.records import (
+    LIVENESS,
+    NOTE_LENGTH,
+    SYNTHESIS_SECONDS,
+    CommandKind,
+    DecisionKind,
+    OperatorCommand,
+    SynthesisRequest,
+)
+from flexbt_console.mirror.trees import MirroredTree
+from flexbt_console.mirror.view import View
+from flexbt_console.present.json_form import map_json, status_json, structure_json, tree_json
+from flexbt_console.present.rendering import (
+    behaviors_lines,
+    event_line,
+    log_lines,
+    places_lines,
+    status_lines,
+    structure_lines,
+    synthesis_lines,
+    userdata_lines,
+)
+from flexbt_core.values.text import one_line
+
+from .command_builder import CommandBuilder, find_behavior
+from .operator_values import assignment, autonomy_level, capability_text, line_count, map_size, retry_count, start_input
+from .spec import DECISION, UNSEEN, Answers, CommandLine, ConsoleHistory, RobotQueries, Send, ShownAnswer
+
+
+def alone(kind: CommandKind) -> Send:
+    """A command without arguments of its own."""
+    return Send((kind,), lambda line, view, make: make.command(view, kind))
+
+
+def at_path(kind: CommandKind) -> Send:
+    """A command for the state or container that the line names."""
+    return Send((kind,), lambda line, view, make: make.at_path(kind, view, line.words[0]))
+
+
+def to_requester(kind: CommandKind) -> Send:
+    """A command about an operator who asks for the authority."""
+    return Send((kind,), lambda line, view, make: make.to_requester(kind, view, line.first_word))
+
+
+def check_input(line: CommandLine) -> None:
+    """Raises UsageError: neither a value, nor that it is declined."""
+    if not line.has('--decline') and not line.words:
+        assert line.spec is not None
+        raise UsageError(f'usage: {line.spec.usage}')
+
+
+def check_note(line: CommandLine) -> None:
+    """Raises UsageError: it is empty, or too long."""
+    if len(line.text) > NOTE_LENGTH:
+        raise UsageError(f'the note has {len(line.text)} characters; at most {NOTE_LENGTH} are taken')
+    if not line.text.strip():
+        raise UsageError('the note is empty')
+
+
+def _assignments(line: CommandLine) -> list[tuple[str, str]]:
+    return [assignment(word) for word in line.words[1:]]
+
+
+def _start(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+    inputs = [start_input(text, view.places) for text in line.values('--input')]
+    level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else None
+    _check_listed(line, view)
+    return make.start(view, line.words[0], _assignments(line), level, inputs, unseen=line.has(UNSEEN))
+
+
+def _switch(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+    _check_listed(line, view)
+    return make.switch(view, line.words[0], _assignments(line), unseen=line.has(UNSEEN))
+
+
+def _check_listed(line: CommandLine, view: View) -> None:
+    """Raises NotShownError: the behavior may be one that was synthesized, and nobody here can have seen its machine."""
+    if view.behaviors is None and not line.has(UNSEEN):
+        message = view.snapshot.message if view.snapshot is not None else ''
+        why = f' ({one_line(message, 300)})' if message else ''
+        raise NotShownError(
+            f'the robot has not said which behaviors it has, and how those were synthesized{why}; nothing was sent. '
+            'Wait for it, or send it all the same with --unseen'
+        )
+
+
+def _autonomy(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+    return make.autonomy(view, autonomy_level(line.words[0]), line.words[1] if len(line.words) > 1 else '')
+
+
+def _force(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+    path, outcome = line.words if len(line.words) == 2 else ('', line.words[0])
+    return make.force(view, path, outcome, line.value(DECISION), unseen=line.has(UNSEEN))
+
+
+def _input(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+    decision_id, unseen = line.value(DECISION), line.has(UNSEEN)
+    if line.has('--decline'):
+        return make.decline(view, decision_id or line.first_word)
+    if not decision_id and len(line.words) > 1:
+        if view.pending(line.words[0]) is not None:
+            return make.answer(view, line.words[0], ' '.join(line.words[1:]), unseen=unseen)
+        if any(decision.wants_text for decision in view.decisions):
+            # The first word might be meant as the name of a request that is gone: it must not become the answer.
+            raise RefusedError('a text of several words is one word in quotes, or goes with --decision ID')
+    return make.answer(view, decision_id, line.text, unseen=unseen)
+
+
+def _names_decision(line: CommandLine, view: View) -> bool:
+    return bool(line.words)
+
+
+def _names_state(line: CommandLine, view: View) -> bool:
+    return len(line.words) == 2
+
+
+def _names_input_request(line: CommandLine, view: View) -> bool:
+    return bool(line.words) and view.pending(line.words[0]) is not None
+
+
+_OUTCOMES: Final = frozenset({DecisionKind.TRANSITION, DecisionKind.CHOICE})
+_VALUES: Final = frozenset({DecisionKind.INPUT})
+
+START: Final = Send((CommandKind.START,), _start)
+SWITCH: Final = Send((CommandKind.SWITCH,), _switch)
+AUTONOMY: Final = Send((CommandKind.AUTONOMY,), _autonomy)
+CONFIRM: Final = Send(
+    (CommandKind.CONFIRM,),
+    lambda line, view, make: make.confirm(view, line.value(DECISION) or line.first_word, unseen=line.has(UNSEEN)),
+    Answers(_OUTCOMES, _names_decision),
+)
+FORCE: Final = Send((CommandKind.FORCE,), _force, Answers(_OUTCOMES, _names_state, also_alone=True))
+INPUT: Final = Send((CommandKind.ANSWER, CommandKind.DECLINE), _input, Answers(_VALUES, _names_input_request))
+DECLINE: Final = Send(
+    (CommandKind.DECLINE,),
+    lambda line, view, make: make.decline(view, line.value(DECISION) or line.first_word),
+    Answers(_VALUES, _names_decision),
+)
+RESUME: Final = Send((CommandKind.RESUME, CommandKind.RESUME_RUN), lambda line, view, make: make.resume(view))
+REPEAT: Final = Send((CommandKind.REPEAT,), lambda line, view, make: make.repeat(view, line.first_word))
+NOTE: Final = Send(
+    (CommandKind.NOTE,), lambda line, view, make: replace(make.command(view, CommandKind.NOTE), text=line.text)
+)
+
+
+# What lines show: of the picture that the console has (for :class:`.spec.Show`), or by asking the robot (for
+# :class:`.spec.Ask`).
+
+LOG_COUNT: Final = 20
+"""Lines of the log that are shown when no number is given."""
+
+SCAN_PERIOD: Final = 0.5
+"""Seconds from one scan on the map to the next when none are given."""
+
+SURROUNDINGS_SECONDS: Final = 2.0
+"""So long what is latched, and a plan that is told each second, is waited for."""
+
+
+def status(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
+    return ShownAnswer(status_json(view), status_lines(view))
+
+
+def behaviors(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
+    if view.behaviors is None:
+        raise NoAnswerError('the executive has not said which behaviors it has')
+    if line.words:
+        found = (find_behavior(view.behaviors, line.text),)
+        return ShownAnswer(found, behaviors_lines(found, with_machines=True))
+    return ShownAnswer(view.behaviors, behaviors_lines(view.behaviors))
+
+
+def structure(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
+    if view.snapshot is None or not view.snapshot.run_id:
+        raise RefusedError('nothing has run yet: there is no state machine to show')
+    if view.structure is None:
+        raise NoAnswerError('the state machine of the run has not arrived')
+    return ShownAnswer(structure_json(view.structure), structure_lines(view.structure, view))
+
+
+def log(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
+    entries = known.log(line_count(line.words[0]) if line.words else LOG_COUNT)
+    text = [text for entry in entries for text in log_lines(entry, with_time=True)]
+    return ShownAnswer(entries, text or ['the log is empty'])
+
+
+def events(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
+    events = known.events(line_count(line.words[0]) if line.words else LOG_COUNT)
+    return ShownAnswer(events, [event_line(event, with_time=True) for event in events] or ['nothing has happened yet'])
+
+
+def places(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
+    return ShownAnswer(view.places, places_lines(view.places))
+
+
+def userdata(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[[str], None]) -> ShownAnswer:
+    path, *keys = line.words or ('',)
+    scopes = robot.userdata(path, keys, timeout)
+    return ShownAnswer(scopes, userdata_lines(scopes))
+
+
+def tree(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[[str], None]) -> ShownAnswer:
+    from flexbt_console.present.style import glyphs  # what only this needs
+    from flexbt_console.present.tree_lines import chains_of_failures, whole_tree_lines
+
+    def told(view: View) -> list[MirroredTree]:
+        return [run for run in view.trees if run.sequence > 0]
+
+    def missing(view: View) -> set[str]:
+        named = {state.tree_run_id for state in view.snapshot.active_states} if view.snapshot else set()
+        return named - {'', *(run.run_id for run in told(view))}
+
+    # Where no state names its tree there may be none at all.
+    view = robot.surroundings(lambda view: bool(told(view)) and not missing(view), min(timeout, SURROUNDINGS_SECONDS))
+    if missing(view):
+        raise NoAnswerError('a tree runs, and its nodes have not arrived; is the BT server in the same namespace?')
+    if not told(view):
+        raise RefusedError('no tree has run yet, or the BT server is gone')
+    runs = view.running_trees or told(view)[:1]
+    shown = [line for run in runs for line in ('', *whole_tree_lines(run, glyphs()))][1:]
+    return ShownAnswer([tree_json(run, chains_of_failures(run)) for run in runs], shown)
+
+
+def map_of_robot(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[[str], None]) -> ShownAnswer:
+    from flexbt_console.present.maps import map_lines, save_map  # what only this needs
+
+    wants_scan = line.has('--scan')
+
+    def has_arrived(view: View) -> bool:
+        around, snapshot = view.drawn, view.snapshot
+        drives = snapshot is not None and any(state.progress is not None for state in snapshot.active_states)
+        wanted = (around.map, around.plan or not drives, around.scan or not wants_scan)
+        has_subject = view.decision is None or not view.lacks(view.decision)
+        return view.has_places and has_subject and all(wanted)
+
+    view = robot.surroundings(has_arrived, min(timeout, SURROUNDINGS_SECONDS), SCAN_PERIOD if wants_scan else 0.0)
+    around, pose = view.drawn, view.snapshot.robot_pose if view.snapshot else None
+    if around.map is None and pose is None:
+        raise NoAnswerError('neither a map nor the pose of the robot has arrived')
+    value = map_json(view)
+    if line.has('--png'):
+        file = Path(line.value('--png'))
+        save_map(file, around, pose, view.places)
+        return ShownAnswer({**value, 'file': str(file)}, [f'the map is in {one_line(str(file))}'])
+    return ShownAnswer(value, map_lines(view, map_size(line.value('--size'))))
+
+
+def synthesis(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[[str], None]) -> ShownAnswer:
+    if line.has('--cancel'):
+        count = robot.cancel_synthesis(timeout)
+        if not count:
+            raise RefusedError('no synthesis is under way')
+        return ShownAnswer(count, ['the synthesis is canceled'])
+    request = SynthesisRequest(
+        line.first_word,
+        capability_text(line.value('--file')) if line.has('--file') else '',
+        line.value('--spec'),
+        tuple(line.values('--goal')),
+        tuple(line.values('--initial')),
+        tuple(line.values('--outcome')),
+        line.value('--liveness') or LIVENESS[0],
+        retry_count(line.value('--retries')) if line.has('--retries') else -1,
+        line.value('--name'),
+        line.seconds('--time-limit') or SYNTHESIS_SECONDS,
+    )
+    made = robot.synthesis(request, timeout, tell)
+    return ShownAnswer(made, synthesis_lines(made), is_refusal=not made.behavior)
+
+
+def check_synthesis(line: CommandLine) -> None:
+    if line.has('--cancel'):
+        own = {option.name for option in line.spec.options} if line.spec is not None else set()
+        if line.words or own & line.options.keys() != {'--cancel'}:
+            raise UsageError('--cancel stands alone: it ends the synthesis that is under way')
+    elif line.has('--file') == bool(line.words):
+        raise UsageError('name the SYSTEM that the robot knows, or a file of capabilities of this computer by --file')

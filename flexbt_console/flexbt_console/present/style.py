@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tones, which say how grave a line is, and glyphs in Unicode and ASCII. Colour never carries meaning alone."""
+
+from __future__ import annotations
+
+import locale
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, TextIO
+
+from flexbt_console.mirror.trees import MirroredStatus
+
+
+class Tone(Enum):
+    """What a line is to its reader; the value is the colour of a terminal (ECMA-48, SGR)."""
+
+    PLAIN = ''
+    GOOD = '32'
+    WARNING = '33'
+    ERROR = '31'
+    DECISION = '36'
+    DIM = '90'
+
+
+class Line(str):
+    """A line of text with its tone; where only the text is wanted, it is that text."""
+
+    __slots__ = ('tone',)
+
+    def __new__(cls, text: str, tone: Tone) -> Line:
+        """The text, and what it is to its reader."""
+        line = super().__new__(cls, text)
+        line.tone = tone
+        return line
+
+    tone: Tone
+
+
+def tone_of(line: str) -> Tone:
+    """The tone of a line; a text alone is plain."""
+    return line.tone if isinstance(line, Line) else Tone.PLAIN
+
+
+def coloured(line: str, has_colours: bool) -> str:
+    """The line with its tone as a colour, if the terminal has colours."""
+    tone = tone_of(line)
+    return f'\x1b[{tone.value}m{line}\x1b[0m' if has_colours and tone.value else str(line)
+
+
+def has_colours(stream: TextIO) -> bool:
+    """Whether colours may be written: to a terminal, unless NO_COLOR (no-color.org) is set."""
+    return stream.isatty() and not os.environ.get('NO_COLOR') and os.environ.get('TERM') != 'dumb'
+
+
+# The signs of a terminal, in Unicode and in ASCII. Each has a shape of its own: colours never carry meaning alone.
+
+
+@dataclass(frozen=True)
+class Glyphs:
+    """``status`` of a node of a tree, ``active`` and ``waits`` of a state; ``robot`` by heading, eight from east on,
+    against the clock; ``ellipsis``, of one cell, stands for what is cut. Without ``has_braille``, maps are drawn by one
+    character a cell."""
+
+    status: Mapping[MirroredStatus, str]
+    active: str
+    waits: str
+    locked: str
+    breakpoint: str
+    arrow: str
+    branch: str
+    robot: str
+    goal: str
+    place: str
+    cursor: str
+    ellipsis: str
+    has_braille: bool
+
+
+UNICODE: Final = Glyphs(
+    status={
+        MirroredStatus.IDLE: '·',
+        MirroredStatus.RUNNING: '▶',
+        MirroredStatus.SUCCESS: '✓',
+        MirroredStatus.FAILURE: '✗',
+        MirroredStatus.SKIPPED: '↷',
+    },
+    active='▶',
+    waits='?',
+    locked='■',
+    breakpoint='●',
+    arrow='→',
+    branch='│',
+    robot='→↗↑↖←↙↓↘',
+    goal='◎',
+    place='◦',
+    cursor='┼',
+    ellipsis='…',
+    has_braille=True,
+)
+
+ASCII: Final = Glyphs(
+    status={
+        MirroredStatus.IDLE: '.',
+        MirroredStatus.RUNNING: '>',
+        MirroredStatus.SUCCESS: '+',
+        MirroredStatus.FAILURE: 'x',
+        MirroredStatus.SKIPPED: '~',
+    },
+    active='>',
+    waits='?',
+    locked='#',
+    breakpoint='*',
+    arrow='->',
+    branch='|',
+    robot='>/^\\</v\\',
+    goal='X',
+    place='@',
+    cursor='+',
+    ellipsis='~',
+    has_braille=False,
+)
+
+
+_COERCED: Final = frozenset({'C.UTF-8', 'C.utf8', 'UTF-8'})
+"""What Python makes of LC_CTYPE in the locale C (PEP 538)."""
+
+
+def glyphs() -> Glyphs:
+    """Those of this terminal: ASCII when FLEXBT_ASCII is set, where the locale has no others, and for a terminal of
+    DEC's, which has none either."""
+    given = os.environ.get
+    character_type = given('LC_CTYPE', '')
+    # Python takes UTF-8 for C, also where somebody has asked for C (PEP 538 and 540).
+    asked = given('LC_ALL') or (character_type if character_type not in _COERCED else '') or given('LANG')
+    encoding = locale.getpreferredencoding(do_setlocale=False).lower()
+    is_ascii = asked in ('C', 'POSIX') or 'utf' not in encoding or given('TERM', '').startswith('vt')
+    return ASCII if given('FLEXBT_ASCII') or is_ascii else UNICODE

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A running tree as lines: statuses, times, and the nodes that act always among the lines that are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, MirroredTree
+from flexbt_core.values.text import one_line
+
+from .cells import cut
+from .style import Glyphs, Line, Tone, tone_of
+
+_TONES: Final = {
+    MirroredStatus.IDLE: Tone.DIM,
+    MirroredStatus.RUNNING: Tone.DECISION,
+    MirroredStatus.SUCCESS: Tone.GOOD,
+    MirroredStatus.FAILURE: Tone.ERROR,
+    MirroredStatus.SKIPPED: Tone.DIM,
+}
+
+HELD_SECONDS: Final = 5.0
+"""A node that has ended counts as of now for this time: one that is ticked at a rate keeps its line in between."""
+
+SHOWN_SECONDS: Final = 1.0
+"""A status that has held for less time is shown without it."""
+
+
+def tree_lines(run: MirroredTree, columns: int, rows: int, signs: Glyphs) -> list[str]:
+    """The tree in at most so many rows of so many cells: a title, then the nodes around those that act.
+
+    A condition has a question mark behind its name. A node that was halted shows, dimmed, how it had ended before: the
+    reason of a failure stays to be seen. All are dim when the server is gone. Where there is no room for all, controls
+    and decorators without a name of their own are left out, and what is below nodes that have not run lately; then what
+    has not run lately and has not failed, and ways that a condition keeps closed; and at last all that does not act.
+    """
+    if rows <= 0:
+        return []
+    nodes = _in_order(run, lambda node: True)
+    if len(nodes) > rows - 1:
+        nodes = _in_order(run, lambda node: _is_of_now(run, node), is_left_out=_is_structure)
+    if len(nodes) > rows - 1:
+        closed = _closed_ways(run)
+        nodes = [
+            (node, depth)
+            for node, depth in nodes
+            if node.uid not in closed and (_is_of_now(run, node) or run.status(node.uid) is MirroredStatus.FAILURE)
+        ]
+    if len(nodes) > rows - 1:
+        nodes = [(node, depth) for node, depth in nodes if _acts(run, node)]
+    lines = [_node_line(run, node, depth, signs) for node, depth in nodes]
+    acting = set(run.running_leaves)
+    marked = [place for place, (node, _) in enumerate(nodes) if node.uid in acting]
+    marked = marked or [place for place, (node, _) in enumerate(nodes) if _is_of_now(run, node)]
+    shown = window(lines, marked[-1] if marked else 0, rows - 1)
+    title = _title(run)
+    return [Line(cut(title, columns), tone_of(title)), *(_cut_line(line, columns) for line in shown)]
+
+
+def whole_tree_lines(run: MirroredTree, signs: Glyphs) -> list[str]:
+    """The whole tree, however much that is, and behind it what has failed, each with what failed by it."""
+    shown = [_title(run), *(_node_line(run, node, depth, signs) for node, depth in _in_order(run, lambda node: True))]
+    for leaf, *above in chains_of_failures(run):
+        by_it = f', and so {", ".join(one_line(node.name) for node in above)}' if above else ''
+        shown.append(Line(f'failed: {one_line(leaf.name)}{by_it}', Tone.ERROR))
+    return shown
+
+
+def chains_of_failures(run: MirroredTree) -> list[list[MirroredNode]]:
+    """Each node that has failed by itself, not by its children, and those above it that have failed, the nearest first.
+
+    One that was halted since counts by how it had ended.
+    """
+    nodes = {node.uid: node for node in run.nodes}
+    failed = {uid for uid in nodes if run.shown_status(uid) is MirroredStatus.FAILURE}
+    reasons = sorted(failed - {nodes[uid].parent for uid in failed})
+    chains = []
+    for uid in reasons:
+        chain = [nodes[uid]]
+        while chain[-1].parent in failed and chain[-1].parent < chain[-1].uid:  # there is no ring
+            chain.append(nodes[chain[-1].parent])
+        chains.append(chain)
+    return chains
+
+
+def acting_lines(run: MirroredTree) -> list[str]:
+    """Each leaf that acts, with the time that it has taken and all that has a name around it, the nearest first.
+
+    The one that has acted longest comes first: others that come and go do not move it.
+    """
+    nodes = {node.uid: node for node in run.nodes}
+    shown = []
+    for uid in sorted(run.running_leaves, key=run.seconds, reverse=True):
+        around, below, parent = [], uid, nodes[uid].parent
+        while parent in nodes and parent < below:  # there is no ring
+            around += [] if _is_structure(nodes[parent]) else [one_line(nodes[parent].name)]
+            below, parent = parent, nodes[parent].parent
+        inside = f'  in {", ".join(around)}' if around else ''
+        shown.append(f'{one_line(nodes[uid].name)}  {run.seconds(uid):.0f} s{inside}')
+    return shown
+
+
+def window(lines: list[str], marked: int, rows: int) -> list[str]:
+    """At most so many of the lines, the marked one among them; what is left out is counted."""
+    if len(lines) <= rows:
+        return lines
+    if rows <= 2:
+        return lines[marked : marked + max(0, rows)]
+    begin = min(max(0, marked - (rows - 2) // 2), len(lines) - rows)
+    shown = lines[begin : begin + rows]
+    if begin > 0:
+        shown[0] = Line(f'  ({begin + 1} above)', Tone.DIM)
+    below = len(lines) - begin - rows
+    if below > 0:
+        shown[-1] = Line(f'  ({below + 1} below)', Tone.DIM)
+    return shown
+
+
+def _title(run: MirroredTree) -> str:
+    state, tone = 'finished' if run.finished else 'running', Tone.PLAIN
+    if run.paused:
+        state, tone = 'paused', Tone.WARNING
+    if run.server_gone:
+        state, tone = 'SERVER GONE: last state', Tone.ERROR
+    left_out = f'  {run.left_out} more nodes left out' if run.left_out else ''
+    return Line(f'tree {one_line(run.tree)}  {state}{left_out}', tone)
+
+
+def _is_of_now(run: MirroredTree, node: MirroredNode) -> bool:
+    """Return whether a node runs, or has run within :data:`HELD_SECONDS`."""
+    if run.status(node.uid) is MirroredStatus.RUNNING:
+        return True
+    return run.shown_status(node.uid) is not MirroredStatus.IDLE and run.seconds(node.uid) < HELD_SECONDS
+
+
+def _closed_ways(run: MirroredTree) -> set[int]:
+    """Return the nodes that have failed by a condition while the tree goes on another way: no fault, and no news."""
+    if run.finished:
+        return set()
+    chains = chains_of_failures(run)
+    return {node.uid for leaf, *above in chains if leaf.kind is MirroredNodeKind.CONDITION for node in (leaf, *above)}
+
+
+def _acts(run: MirroredTree, node: MirroredNode) -> bool:
+    """Return whether a node does what the tree does now: it is of now, no condition, and has not failed."""
+    has_failed = run.status(node.uid) is MirroredStatus.FAILURE
+    return _is_of_now(run, node) and node.kind is not MirroredNodeKind.CONDITION and not has_failed
+
+
+def _is_structure(node: MirroredNode) -> bool:
+    """Return whether a node only holds others together: a control or decorator that has no name of its own."""
+    return node.kind in (MirroredNodeKind.CONTROL, MirroredNodeKind.DECORATOR) and node.name in ('', node.registration)
+
+
+def _in_order(
+    run: MirroredTree,
+    is_open: Callable[[MirroredNode], bool],
+    is_left_out: Callable[[MirroredNode], bool] = lambda node: False,
+) -> list[tuple[MirroredNode, int]]:
+    """Return the nodes with their depth, each before its children; not those below nodes that are not open. Children
+    of a node that is left out take its place."""
+    children: dict[int, list[MirroredNode]] = {}
+    for node in run.nodes:
+        children.setdefault(node.parent, []).append(node)
+    ordered: list[tuple[MirroredNode, int]] = []
+    waiting = [(node, 0) for node in reversed(children.get(0, []))]
+    while waiting:
+        node, depth = waiting.pop()
+        is_shown = not is_left_out(node)
+        ordered += [(node, depth)] if is_shown else []
+        if is_open(node):
+            waiting += [(child, depth + is_shown) for child in reversed(children.get(node.uid, []))]
+    return ordered
+
+
+def _node_line(run: MirroredTree, node: MirroredNode, depth: int, signs: Glyphs) -> str:
+    status = run.status(node.uid)
+    shown = run.shown_status(node.uid)
+    seconds = run.seconds(node.uid)
+    has_time = status is MirroredStatus.RUNNING and seconds >= SHOWN_SECONDS and not run.server_gone
+    time = f'  {seconds:.0f} s' if has_time else ''
+    name = one_line(node.name) + ('?' if node.kind is MirroredNodeKind.CONDITION else '')
+    kind = f' ({one_line(node.registration)})' if node.registration not in (node.name, '') else ''
+    word = f'  {shown.name}' if shown is MirroredStatus.FAILURE else ''
+    tone = (
+        _TONES[status]
+        if status is not MirroredStatus.IDLE
+        else Tone.ERROR
+        if shown is MirroredStatus.FAILURE
+        else Tone.DIM
+    )
+    tone = Tone.DIM if run.server_gone else tone
+    return Line(f'{"  " * depth}{signs.status[shown]} {name}{kind}{word}{time}', tone)
+
+
+def _cut_line(line: str, columns: int) -> str:
+    """What is deep loses of its indent what its name needs; the rest is cut."""
+    text = line.lstrip(' ')
+    indent = min(len(line) - len(text), columns // 3)
+    return Line(cut(' ' * indent + text, columns), tone_of(line))

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The meaning of a typed line: a command, or a short answer to the decision that was shown when typing began."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.command_line import COMMON_OPTIONS, check, parse
+from flexbt_console.commands.registry import COMMANDS, build, find
+from flexbt_console.commands.spec import DECISION, Ask, CommandLine, LinkNeed, Send, Show
+from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.mirror.records import CommandKind, Decision, DecisionKind, OperatorCommand
+from flexbt_console.mirror.view import View
+from flexbt_core.clock.clock import Clock
+from flexbt_core.values.text import did_you_mean, short_repr
+
+CHANGED = 'the decision changed while you were typing; nothing was sent. Look at it, and answer again'
+
+
+class NoLiveLinkError(RefusedError):
+    """A live link is needed, and there is none now."""
+
+
+class Local(Enum):
+    """What the prompt does by itself."""
+
+    NOTHING = 'nothing'
+    QUIT = 'quit'
+    HELP = 'help'
+    SHOW = 'show'
+    ASK = 'ask'
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """What is to be done: send ``command``, called ``label`` to the operator, or something local with ``line``."""
+
+    local: Local = Local.NOTHING
+    command: OperatorCommand | None = None
+    label: str = ''
+    line: CommandLine | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """The decision that a line belongs to (see :class:`ShownDecision`)."""
+
+    decision_id: str | None
+    hasty: bool = False
+
+    def decision(self, view: View) -> Decision:
+        """That decision.
+
+        Raises:
+            RefusedError: it is not pending any more, or was not there yet when the typing began.
+        """
+        if self.hasty:
+            raise RefusedError('this decision had just come up when you began to type; nothing was sent')
+        if self.decision_id is None:
+            if view.decision is not None:
+                raise RefusedError(CHANGED)
+            raise RefusedError('nothing waits for you; "help" lists the commands')
+        found = view.pending(self.decision_id)
+        if found is None:
+            raise RefusedError(CHANGED if view.decision else 'the decision is gone; nothing was sent')
+        return found
+
+
+def interpret(text: str, view: View, make: CommandBuilder, bound: Bound) -> Meaning:
+    """Find out what a line means. Names of commands come first; then it is an answer.
+
+    Raises:
+        UsageError: it is not written as it has to be.
+        RefusedError: it cannot work now; nothing is sent.
+    """
+    words = _words(text)
+    if not words:
+        return Meaning()
+    name = words[0].lower()
+    if name in ('quit', 'exit'):
+        return Meaning(Local.QUIT)
+    if name in ('help', '?'):
+        topic = find(words[1]) if len(words) > 1 else None
+        if topic is None and len(words) > 1:
+            raise UsageError(_no_command(words[1]))
+        return Meaning(Local.HELP, line=CommandLine(topic))
+    spec = find(name)
+    if spec is not None and spec.in_prompt:
+        return _command(parse([name, *words[1:]]), view, make, bound)
+    if spec is not None and not any(text.strip() in decision.choices for decision in view.decisions):
+        raise UsageError(f'{name!r} is for the command line: console {name}')
+    if bound.decision_id is None and view.decision is None and not words[0].isdigit():
+        raise UsageError(_no_command(words[0]))
+    return _answer(text.strip(), view, make, bound.decision(view))
+
+
+def _command(line: CommandLine, view: View, make: CommandBuilder, bound: Bound) -> Meaning:
+    spec = line.spec
+    assert spec is not None
+    if line.has('--help'):
+        return Meaning(Local.HELP, line=line)
+    shell_only = [option.name for option in spec.options if not option.in_prompt and line.has(option.name)]
+    shell_only += [option.name for option in COMMON_OPTIONS if line.has(option.name)]
+    if shell_only:
+        raise UsageError(f'{shell_only[0]} is for the command line; it means nothing at the prompt')
+    check(line)
+    if isinstance(spec.action, Show):
+        return Meaning(Local.SHOW, line=line)
+    if spec.link is LinkNeed.LIVE:
+        _require_live(view)
+    if isinstance(spec.action, Ask):
+        return Meaning(Local.ASK, line=line)
+    return Meaning(command=build(_bind(line, view, bound), view, make), label=' '.join([spec.name, *line.words]))
+
+
+def _bind(line: CommandLine, view: View, bound: Bound) -> CommandLine:
+    """The line with the decision that it answers named in it."""
+    assert line.spec is not None and isinstance(line.spec.action, Send)
+    answers = line.spec.action.answers
+    if answers is None or line.has(DECISION) or answers.names_its_own(line, view):
+        return line
+    if answers.also_alone and bound.decision_id is None and not view.decisions:
+        return line
+    decision = bound.decision(view)
+    if answers.also_alone and decision.kind not in answers.kinds:
+        return line  # meant for the state that asks: checked against the state itself
+    return line.bound_to(decision.id)
+
+
+def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> Meaning:
+    _require_live(view)
+    choices = decision.choices
+    chosen = text
+    if text.isascii() and text.isdigit() and choices:
+        is_number = len(text) < 6 and not text.startswith('0')
+        counted = choices[int(text) - 1] if is_number and int(text) <= len(choices) else None
+        if text in choices and counted not in (None, text):
+            verb = 'input' if decision.kind is DecisionKind.INPUT else 'force'
+            raise RefusedError(f'{text} is an answer, and the number of {short_repr(counted)}; write: {verb} {text}')
+        if text not in choices and counted is None:
+            raise RefusedError(f'{short_repr(text)} is none of the choices 1 to {len(choices)}')
+        chosen = text if counted is None else counted
+    if decision.kind is DecisionKind.INPUT and not choices and decision.wants_text:
+        # Any mistyped command would be a valid answer.
+        raise RefusedError(f'{text!r} is no command; a text is answered by: input "..."')
+    return choose(chosen, view, make, decision)
+
+
+def choose(chosen: str, view: View, make: CommandBuilder, decision: Decision, *, unseen: bool = False) -> Meaning:
+    """The command by which a decision is answered: one of its choices, or the value that it asks for, as text.
+
+    ``unseen``: the operator was asked, and insists, although what the decision is about was not received.
+
+    Raises:
+        NotShownError: what the decision is about was not received.
+        UsageError: the value is not written as its type has to be.
+        RefusedError: it cannot work now; nothing is sent.
+    """
+    _require_live(view)
+    if decision.kind is DecisionKind.INPUT:
+        return Meaning(command=make.answer(view, decision.id, chosen, unseen=unseen), label=f'input {chosen}')
+    command = make.choose(view, decision, chosen, unseen=unseen)
+    verb = 'confirm' if command.kind is CommandKind.CONFIRM else 'force'
+    return Meaning(command=command, label=f'{verb} {chosen}')
+
+
+def _require_live(view: View) -> None:
+    if not view.live:
+        seen = 'no executive was heard' if view.age is None else f'what you see is {view.age:.1f} s old'
+        raise NoLiveLinkError(f'there is no live link ({seen}); nothing was sent. Only "stop" is tried all the same')
+
+
+def _no_command(word: str) -> str:
+    known = [spec.name for spec in COMMANDS if spec.in_prompt]
+    return f'there is no command {short_repr(word)}' + did_you_mean(word.lower(), known, '; "help" lists them')
+
+
+def _words(text: str) -> list[str]:
+    try:
+        return shlex.split(text)
+    except ValueError:
+        return text.split()
+
+
+# Which decision the operator was looking at when the typing began, so that no answer reaches another one.
+
+REACTION_SECONDS: Final = 0.4
+"""A key that is pressed sooner than this after a decision took the place of another was meant for the other.
+
+So it is also when there was nothing in between for no longer than this: who presses Enter twice answers once.
+"""
+
+
+class ShownDecision:
+    """Binds each typed line to the decision that was on the screen at its first key."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._shown: str | None = None
+        self._left_at: float | None = None
+        self._replaced_at: float | None = None
+        self._bound: str | None = None
+        self._typing = False
+        self._hasty = False
+
+    @property
+    def shown(self) -> str | None:
+        """Identifier of the decision on the screen."""
+        return self._shown
+
+    def drawn(self, decision_id: str | None) -> None:
+        """The screen shows this decision now."""
+        if decision_id == self._shown:
+            return
+        now = self._clock.now()
+        if self._shown is not None:
+            self._left_at = now
+        is_replaced = self._left_at is not None and now - self._left_at < REACTION_SECONDS
+        self._replaced_at = now if is_replaced and decision_id is not None else None
+        self._shown = decision_id
+
+    def known(self, decision_id: str) -> None:
+        """The screen shows this decision now, for which the operator has asked."""
+        self._shown, self._left_at, self._replaced_at = decision_id, None, None
+
+    def typed(self, text: str) -> None:
+        """The line reads so now; the first character of a line binds it."""
+        if not text:
+            self._typing = False
+        elif not self._typing:
+            self._typing = True
+            self._bound = self._shown
+            since = None if self._replaced_at is None else self._clock.now() - self._replaced_at
+            self._hasty = since is not None and since < REACTION_SECONDS
+
+    @property
+    def bound(self) -> tuple[str | None, bool]:
+        """The decision that the line is bound to, and whether its typing began too soon to be meant."""
+        return (self._bound, self._hasty) if self._typing else (self._shown, False)
+
+    def take(self) -> tuple[str | None, bool]:
+        """What the line, which is finished, is bound to."""
+        bound = self.bound
+        self._typing = False
+        return bound

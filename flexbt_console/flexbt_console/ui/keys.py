@@ -1,0 +1,375 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The keys of an operator: one table, from which footer, help and documentation of the screen are made, and what the
+same keys and buttons of the page do.
+
+No key depends on which pane has the focus. A key whose command cannot work now says why.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Container, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from flexbt_console.mirror.records import AutonomyLevel, DecisionKind, ExecutiveState
+from flexbt_console.mirror.view import View
+
+Possible = Callable[[View], str]
+"""Why it cannot work now; '' when it can."""
+
+Written = Callable[[View, str | None], list[str]]
+"""What a key of this operator stands for, as it would be typed: one line, or several of which one is meant."""
+
+
+@dataclass(frozen=True)
+class KeyBinding:
+    """A key, or several; ``action`` is its name, for the screen where it has no ``lines``.
+
+    ``sends``: it gives a command that needs a live link, and the authority where somebody has it.
+    ``rank``: 1 has a place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs``
+    it now.
+    """
+
+    keys: tuple[str, ...]
+    shown: str
+    label: str
+    help: str
+    action: str
+    blocked: Possible = lambda view: ''
+    lines: Written | None = None
+    rank: int = 1
+    needs: Callable[[View, str | None], bool] = lambda view, operator: False
+    sends: bool = False
+
+    def can_be_used(self, view: View, operator: str | None, *, has_answer: bool = True) -> bool:
+        """Return whether it has an effect now, as far as is known; what is pressed all the same says why it has none.
+
+        ``has_answer``: there is something for Enter to send or to begin.
+        """
+        snapshot = view.snapshot
+        is_held = snapshot is not None and snapshot.authority not in ('', operator)
+        is_refused = (operator is None and self.gives_command) or (self.action == 'confirm' and not has_answer)
+        return not (self.blocked(view) or is_refused or (self.sends and (is_held or not view.live)))
+
+    @property
+    def gives_command(self) -> bool:
+        """Return whether it is refused to an observer."""
+        return self.sends or self.action in ('stop', 'authority', 'note')
+
+    @property
+    def asks(self) -> bool:
+        """Return whether its line is shown first, and Enter sends it.
+
+        Every key may be the first letter of a word that is typed as an answer, so only STOP acts at once. What is typed
+        on becomes part of the line, which then is no command.
+        """
+        return self.lines is not None and self.gives_command and self.action != 'stop'
+
+
+def has_map(view: View) -> bool:
+    """Return whether there is anything to draw on a map."""
+    around, robot = view.drawn, view.snapshot.robot_pose if view.snapshot else None
+    return bool(around.map or around.plan or around.driven or robot or view.places)
+
+
+def _runs(view: View) -> str:
+    return '' if view.running else 'no behavior runs'
+
+
+def _is_idle(view: View) -> str:
+    return 'a behavior runs; "w" goes on with another one' if view.running else _has_behaviors(view)
+
+
+def _is_switchable(view: View) -> str:
+    return _runs(view) or _has_behaviors(view)
+
+
+def _has_behaviors(view: View) -> str:
+    return '' if view.behaviors else 'the robot has not said which behaviors it has'
+
+
+def _waits(view: View) -> str:
+    return '' if view.decision is not None else 'nothing waits for you'
+
+
+def _has_choices(view: View) -> str:
+    return _waits(view) or ('' if view.decision is not None and view.decision.choices else 'there is nothing to pick')
+
+
+def _wants_pose(view: View) -> str:
+    if view.decision is None or not view.decision.wants_pose:
+        return 'no pose is asked for'
+    return '' if has_map(view) else 'there is no map to point at yet; ":" types a place, or x y yaw'
+
+
+def _wants_value(view: View) -> str:
+    is_input = view.decision is not None and view.decision.kind is DecisionKind.INPUT
+    return '' if is_input else 'no value is asked for'
+
+
+def _is_active(view: View) -> str:
+    return '' if view.active_paths else 'no state is active'
+
+
+def _has_outcomes(view: View) -> str:
+    has_some = any(view.outcomes(path) for path in view.active_paths)
+    return _is_active(view) or ('' if has_some else 'the outcomes of the active state are not known yet')
+
+
+def _is_lockable(view: View) -> str:
+    return '' if view.lockable_paths else 'nothing that is active can be locked'
+
+
+# The lines of keys. Of several states that are active, any can be meant; a lock is also for the containers around them.
+
+
+def _line(text: str) -> Written:
+    return lambda view, operator: [text]
+
+
+def _pause(view: View, operator: str | None) -> list[str]:
+    stands = view.snapshot is not None and view.snapshot.state in (ExecutiveState.PAUSED, ExecutiveState.INTERRUPTED)
+    return ['resume' if stands else 'pause']
+
+
+def _autonomy(by: int) -> Written:
+    def lines(view: View, operator: str | None) -> list[str]:
+        level = (view.snapshot.autonomy if view.snapshot else AutonomyLevel.LOW) + by
+        return [f'autonomy {min(max(level, AutonomyLevel.OFF), AutonomyLevel.FULL)}']
+
+    return lines
+
+
+def _lock(view: View, operator: str | None) -> list[str]:
+    return _at_each(view.lockable_paths, 'lock', 'unlock', view.snapshot.locked if view.snapshot else ())
+
+
+def _breakpoint(view: View, operator: str | None) -> list[str]:
+    return _at_each(view.active_paths, 'breakpoint', 'clear', view.snapshot.breakpoints if view.snapshot else ())
+
+
+def _repeat(view: View, operator: str | None) -> list[str]:
+    return _at_each(view.active_paths, 'repeat', 'repeat', ())
+
+
+def _at_each(paths: Iterable[str], verb: str, undo: str, done: Container[str]) -> list[str]:
+    return [f'{undo if path in done else verb} {shlex.quote(path)}' for path in paths]
+
+
+def _authority(view: View, operator: str | None) -> list[str]:
+    snapshot = view.snapshot
+    if snapshot is None or operator not in (snapshot.authority, *snapshot.authority_requests):
+        return ['claim']
+    asking = snapshot.authority_requests if snapshot.authority == operator else ()
+    return [*(f'{verb} {shlex.quote(one)}' for one in asking for verb in ('handover', 'refuse')), 'release']
+
+
+def _is_held_or_asked_for(view: View, operator: str | None) -> bool:
+    """Whether the authority keeps this operator from commanding, or somebody asks this operator for it."""
+    snapshot = view.snapshot
+    if snapshot is None or operator is None:
+        return False
+    return bool(snapshot.authority_requests if snapshot.authority == operator else snapshot.authority)
+
+
+_OF_DECISION: Final = (
+    KeyBinding(
+        ('enter',),
+        'Enter',
+        'confirm',
+        'send the answer in brackets to the decision on the screen; begin the line for a value',
+        'confirm',
+        _waits,
+        sends=True,
+    ),
+    KeyBinding(
+        tuple('0123456789'),
+        '0-9',
+        'pick',
+        'put the answer of that number in brackets, by 0 from a list; Enter sends it',
+        'pick',
+        _has_choices,
+    ),
+    KeyBinding(
+        ('g',), 'g', 'point', 'answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2
+    ),
+    KeyBinding(
+        ('a',),
+        'a',
+        'all',
+        'all that waits for you: one of it comes into the bar',
+        'waiting',
+        _waits,
+        rank=3,
+        needs=lambda view, operator: len(view.decisions) > 1,
+    ),
+    KeyBinding(
+        ('d',),
+        'd',
+        'decline',
+        'decline to give the value that is asked for',
+        'decline',
+        _wants_value,
+        _line('decline'),
+        rank=3,
+        sends=True,
+    ),
+)
+
+_OF_RUN: Final = (
+    KeyBinding(
+        ('exclamation_mark', 'f8'),
+        '! F8',
+        'STOP',
+        'stop the run, bring the robot to rest; F8 from anywhere',
+        'stop',
+        lines=_line('stop'),
+    ),
+    KeyBinding(('p',), 'p', 'pause', 'pause the run, or go on with it', 'pause', _runs, _pause, sends=True),
+    KeyBinding(
+        ('f',),
+        'f',
+        'force',
+        'leave an active state by an outcome of your choice',
+        'force',
+        _has_outcomes,
+        rank=2,
+        sends=True,
+    ),
+    KeyBinding(
+        ('plus',),
+        '+ -',
+        'autonomy',
+        'let the robot decide more alone, or less',
+        'more_autonomy',
+        lines=_autonomy(1),
+        rank=2,
+        sends=True,
+    ),
+    KeyBinding(
+        ('minus',),
+        '-',
+        'less autonomy',
+        'let the robot decide less alone',
+        'less_autonomy',
+        lines=_autonomy(-1),
+        rank=3,
+        sends=True,
+    ),
+    KeyBinding(('s',), 's', 'start', 'start a behavior', 'start', _is_idle, sends=True),
+    KeyBinding(
+        ('w',),
+        'w',
+        'switch',
+        'go on with another behavior, keeping the active states',
+        'switch',
+        _is_switchable,
+        rank=3,
+        sends=True,
+    ),
+    KeyBinding(
+        ('l',),
+        'l',
+        'lock',
+        'keep a state or container from being left, or let it go',
+        'lock',
+        _is_lockable,
+        _lock,
+        rank=3,
+        sends=True,
+    ),
+    KeyBinding(
+        ('b',),
+        'b',
+        'break',
+        'set or clear a breakpoint at the active state',
+        'breakpoint',
+        _is_active,
+        _breakpoint,
+        rank=3,
+        sends=True,
+    ),
+    KeyBinding(
+        ('r',),
+        'r',
+        'repeat',
+        'leave the active state and enter it again',
+        'repeat',
+        _is_active,
+        _repeat,
+        rank=3,
+        sends=True,
+    ),
+    KeyBinding(
+        ('c',),
+        'c',
+        'authority',
+        'claim the authority to command, or ask who has it; give it to who asks, refuse it, or give it back',
+        'authority',
+        lines=_authority,
+        rank=3,
+        needs=_is_held_or_asked_for,
+    ),
+)
+
+_OF_SCREEN: Final = (
+    KeyBinding(('colon',), ':', 'command', 'type any command; Tab completes it, Esc leaves', 'command_line'),
+    KeyBinding(('question_mark', 'f1'), '?', 'keys', 'show the keys and the commands', 'help'),
+    KeyBinding(
+        ('tab',),
+        'Tab',
+        'focus',
+        'go to the next pane, which the next three are for; after the last, none',
+        'focus',
+        rank=3,
+    ),
+    KeyBinding(
+        ('pageup',),
+        'PgUp',
+        'back',
+        'scroll back in the pane with the focus, or else in the log; Esc: the latest',
+        'scroll_back',
+        rank=3,
+    ),
+    KeyBinding(('pagedown',), 'PgDn', 'on', 'scroll on again', 'scroll_on', rank=3),
+    KeyBinding(
+        ('z',),
+        'z',
+        'zoom',
+        'that pane, or the next one, alone on the screen; after the last, all of them',
+        'zoom',
+        rank=2,
+    ),
+    KeyBinding(('h',), 'h', 'hide', 'hide the pane with the focus; without a focus, show all of them', 'hide', rank=3),
+    KeyBinding(('o',), 'o', 'robots', 'all robots, the most urgent first; Enter goes to one', 'robots', rank=2),
+    KeyBinding(('q',), 'q', 'quit', 'leave the screen', 'leave'),
+    KeyBinding(
+        ('u',),
+        'u',
+        'userdata',
+        'show what the states have handed to each other',
+        'userdata',
+        _runs,
+        _line('userdata'),
+        rank=3,
+    ),
+    KeyBinding(('n',), 'n', 'note', 'write a remark into the log', 'note', rank=3),
+)
+
+SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state wants'))
+"""What the decision bar marks its answers with."""
+
+KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
+
+HOW_KEYS_SEND: Final = (
+    'Only STOP acts at once. Any other key that changes something shows its line, list or form first; Enter sends it. '
+    'Letters that follow each other within 0.7 s are a word, and send nothing.'
+)
+
+
+def help_lines() -> list[str]:
+    """The table, for people, and the signs of the decision bar."""
+    keys = [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]
+    signs = [f'{sign:>6}  {"":<14} {what}' for sign, what in SIGNS]
+    return [*keys, '', HOW_KEYS_SEND, '', 'In the bar of the decision:', *signs]

@@ -1,0 +1,371 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The prompt itself, on prompt_toolkit: typing, drawing, and printing what happens above the line."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import sys
+import threading
+import traceback
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from prompt_toolkit import PromptSession
+from prompt_toolkit.application import in_terminal
+from prompt_toolkit.completion import CompleteEvent, Completer, Completion
+from prompt_toolkit.document import Document
+from prompt_toolkit.formatted_text import StyleAndTextTuples
+from prompt_toolkit.history import InMemoryHistory
+from prompt_toolkit.input import Input
+from prompt_toolkit.output import ColorDepth, Output
+from prompt_toolkit.shortcuts import CompleteStyle
+from prompt_toolkit.styles import Style
+
+from flexbt_console.commands.completion import candidates
+from flexbt_console.errors import ConsoleError
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import OperatorCommand
+from flexbt_console.mirror.view import View
+from flexbt_console.present.cells import fold
+from flexbt_console.present.events import SETTLE_SECONDS, Follower
+from flexbt_console.present.style import Line, Tone, coloured, has_colours, tone_of
+from flexbt_console.ui.answers import Bound, Local, NoLiveLinkError, ShownDecision, interpret
+from flexbt_console.ui.station import Reading, RobotRequest, SentCommands, Station, carry_out
+from flexbt_console.ui.terminal import OnSignal, standard_error_as_lines
+from flexbt_core.clock.clock import Clock
+from flexbt_core.values.text import escape_lines, one_line
+
+from .raw_input import MOST_TYPED, RawInput, is_gone
+from .toolbar import toolbar
+
+AGE_SECONDS: Final = 0.5
+"""How often the age of the picture is drawn anew while nothing else happens."""
+
+REDRAW_SECONDS: Final = 0.1
+"""Shortest time between two drawings, which limits what goes over a slow terminal connection."""
+
+TOOLBAR_ROWS: Final = 12
+
+STYLE: Final = Style.from_dict(
+    {
+        'bottom-toolbar': 'noreverse',
+        'good': 'bold ansigreen',
+        'warning': 'bold ansiyellow',
+        'error': 'bold ansired',
+        'decision': 'bold ansicyan',
+        'dim': 'ansibrightblack',
+    }
+)
+
+
+def run_prompt(station: Station, clock: Clock, on_signal: OnSignal) -> None:
+    """Run the prompt in this terminal until the operator quits, the terminal goes away, or a signal ends it, of which
+    ``on_signal`` tells (see :class:`TerminalWatch`)."""
+    keyboard = RawInput(lambda characters: prompt.refuse_paste(characters))
+    prompt = Prompt(station, clock, on_signal=on_signal, input=keyboard)
+    asyncio.run(prompt.run())
+
+
+@dataclass(frozen=True)
+class _Held:
+    """A line that was typed while there was no live link, and the time until which it waits for one."""
+
+    text: str
+    bound: Bound
+    until: float
+
+
+class Prompt:
+    """One operator at one terminal. Everything here runs on the event loop's thread.
+
+    The time-out of the station is also that for the link to be live.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        clock: Clock,
+        *,
+        on_signal: OnSignal = lambda end: contextlib.nullcontext(),
+        input: Input | None = None,
+        output: Output | None = None,
+    ) -> None:
+        self._mirror = station.mirror
+        self._station = station
+        self._clock = clock
+        self._on_signal = on_signal
+        self._held: deque[_Held] = deque()
+        self._shown = ShownDecision(clock)
+        self._follower = Follower(station.mirror)
+        self._history = _History()
+        self._sent = SentCommands(clock)
+        self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
+        self._refresh_planned = False
+        self._settled_at = math.inf
+        self._ended = False
+        self._has_colours = has_colours(sys.stdout)
+        self._session: PromptSession[str] = PromptSession(
+            '> ',
+            completer=_PromptCompleter(station.mirror),
+            history=self._history,
+            complete_while_typing=False,
+            complete_style=CompleteStyle.READLINE_LIKE,
+            reserve_space_for_menu=0,
+            bottom_toolbar=self._toolbar,
+            style=STYLE,
+            color_depth=None if self._has_colours else ColorDepth.DEPTH_1_BIT,
+            input=input,
+            output=output,
+        )
+        self._session.app.min_redraw_interval = REDRAW_SECONDS
+        self._session.default_buffer.on_text_changed += lambda buffer: self._typed(buffer.text)
+
+    @property
+    def shown_decision(self) -> str | None:
+        """Identifier of the decision that is on the screen."""
+        return self._shown.shown
+
+    def refuse_paste(self, characters: int) -> None:
+        """Tell that a paste was too long for a line."""
+        told = f'a paste of {characters} characters was left out: a line has {MOST_TYPED} at most; nothing was done'
+        self._print(_warned([told]))
+
+    def _typed(self, text: str) -> None:
+        """A key counts as dealing with the decision on the screen."""
+        # What is too long was cut, here or in the terminal's reader: it stays refused when it is made shorter.
+        self._history.is_cut = bool(text) and (self._history.is_cut or len(text) > MOST_TYPED)
+        if len(text) > MOST_TYPED + 1:
+            self._session.default_buffer.text = text[: MOST_TYPED + 1]
+            return
+        if text:
+            self._station.attention.touched(self._mirror.view(), self._shown.shown)
+        self._shown.typed(text)
+
+    async def run(self) -> None:
+        """Read and do lines until the operator quits, or the terminal is gone."""
+        self._loop = loop = asyncio.get_running_loop()
+        self._over = asyncio.Event()
+        self._mirror.add_listener(lambda change: self._wake(loop))
+        loop.set_exception_handler(self._fault)
+        self._print([f'In a browser: {one_line(self._station.page)}'] if self._station.page else [])
+        self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._station.leaving}.'])
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(self._on_signal(self._over.set))
+            stack.enter_context(self._session.app.input.raw_mode())
+            if sys.stderr.isatty():
+                stack.enter_context(standard_error_as_lines(self._tell_later))
+            tasks = [loop.create_task(part()) for part in (self._read, self._print_all, self._age, self._over.wait)]
+            try:
+                await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                self._ended = True
+                for task in tasks:
+                    task.cancel()
+                results = await asyncio.gather(*tasks, return_exceptions=True)
+        for error in results:
+            if isinstance(error, Exception) and not is_gone(error):
+                raise error
+
+    async def _read(self) -> None:
+        """Read and do lines until the operator quits."""
+        while True:
+            try:
+                text = await self._session.prompt_async(set_exception_handler=False, handle_sigint=False)
+            except EOFError:
+                return
+            except KeyboardInterrupt:
+                self._shown.take()
+                self._history.is_cut = False
+                self._clear(self._session.default_buffer.text)
+                continue
+            bound, is_cut, self._history.is_cut = Bound(*self._shown.take()), self._history.is_cut, False
+            if is_cut:
+                told = f'the line {text!r:.40}... was longer than {MOST_TYPED} characters, and is cut; nothing was done'
+                self._print(_warned([told]))
+            elif not self._do(text, bound):
+                return
+
+    async def _age(self) -> None:
+        """What time alone changes."""
+        while True:
+            self._refresh()
+            await asyncio.sleep(AGE_SECONDS)
+
+    def _clear(self, text: str) -> None:
+        """Ctrl-C, as in a shell: it gives up what was typed."""
+        for held in self._held:
+            self._print(_warned([f'{one_line(held.text)}: given up; nothing was sent']))
+        if not text.strip() and not self._held:
+            self._print([f'Ctrl-C clears the line. "quit" leaves: {self._station.leaving}. "stop" stops the robot.'])
+        self._held.clear()
+
+    def _do(self, text: str, bound: Bound) -> bool:
+        """Do what a line says; False to quit."""
+        view = self._mirror.view()
+        try:
+            meaning = interpret(text, view, self._station.make, bound)
+            done = carry_out(meaning, view, self._station)
+        except NoLiveLinkError:
+            self._held.append(_Held(text, bound, self._clock.now() + self._station.timeout))
+            told = f'{one_line(text)}: waits for a live link, {self._station.timeout:g} s at most; Ctrl-C gives it up'
+            self._print(_warned([told]))
+        except ConsoleError as error:
+            self._print(_warned(escape_lines(str(error))))
+        else:
+            if isinstance(done, OperatorCommand):
+                self._sent.add(self._mirror, done.id)
+            elif isinstance(done, Reading):
+                self._print(done.text)
+            elif done is not None:
+                asking = threading.Thread(target=self._ask, args=(text.split()[0], done), name='ask', daemon=True)
+                try:
+                    asking.start()
+                except RuntimeError as error:  # no thread is left
+                    self._print(_warned([f'{one_line(text)}: {error}; nothing was asked']))
+            return meaning.local is not Local.QUIT
+        return True
+
+    def _do_held(self) -> None:
+        """Do what waited for a live link, or give it up."""
+        while self._held and ((is_live := self._mirror.view().live) or self._clock.now() >= self._held[0].until):
+            held = self._held.popleft()
+            if is_live:
+                self._do(held.text, held.bound)
+            else:
+                late = f'there was no live link within {self._station.timeout:g} s; nothing was sent'
+                self._print(_warned([f'{one_line(held.text)}: {late}']))
+
+    def _ask(self, name: str, later: RobotRequest) -> None:
+        """Ask the executive, on a thread of its own: the answer may be long in coming."""
+        try:
+            text = later(self._station.link, self._tell_later).text
+        except ConsoleError as error:
+            text = _warned([f'{name}: {line}' for line in escape_lines(str(error))])
+        except Exception as error:
+            text = _fault_lines(error)
+        with contextlib.suppress(RuntimeError):  # the loop was closed just now
+            self._loop.call_soon_threadsafe(self._print, text)
+
+    def _tell_later(self, text: str) -> None:
+        """From any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop was closed just now
+            self._loop.call_soon_threadsafe(self._print, escape_lines(text))
+
+    def _fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """A callback of the event loop let an exception escape: the terminal is gone, or it is a fault of ours."""
+        error = context.get('exception')
+        if is_gone(error):
+            self._over.set()
+        else:
+            self._print(_fault_lines(error or RuntimeError(context['message'])))
+
+    def _toolbar(self) -> StyleAndTextTuples:
+        view = self._mirror.view()
+        self._shown.drawn(view.decision.id if view.decision else None)
+        size = self._session.app.output.get_size()
+        shown = toolbar(view, size.columns, min(TOOLBAR_ROWS, max(1, size.rows - 4)))
+        fragments: StyleAndTextTuples = []
+        for number, (style, text) in enumerate(shown):
+            fragments.append((style, text if number == 0 else f'\n{text}'))
+        return fragments
+
+    def _wake(self, loop: asyncio.AbstractEventLoop) -> None:
+        # From the executor thread; many messages make one refresh.
+        if not self._refresh_planned and not self._ended:
+            self._refresh_planned = True
+            with contextlib.suppress(RuntimeError):  # the loop was closed just now
+                loop.call_soon_threadsafe(self._refresh)
+
+    def _refresh(self) -> None:
+        self._refresh_planned = False
+        if self._ended:
+            return
+        view = self._mirror.view()
+        self._station.attention.pending([view])
+        self._do_held()
+        if self._is_settled(view):
+            self._tell(view)
+        self._session.app.invalidate()
+
+    def _tell(self, view: View) -> None:
+        for event in self._follower.events(view):
+            self._print(event.text, view)
+        for told in self._sent.updates():
+            self._print(told)
+
+    def _is_settled(self, view: View) -> bool:
+        """Whether what is latched has arrived beside the first status, so that it is told in its order."""
+        if view.snapshot is None or self._settled_at <= self._loop.time():
+            return True
+        if self._settled_at == math.inf:
+            self._settled_at = self._loop.time() + SETTLE_SECONDS
+            self._loop.call_later(SETTLE_SECONDS, self._refresh)
+        return False
+
+    def _print(self, text: list[str], view: View | None = None) -> None:
+        decision = (view or self._mirror.view()).decision
+        if text:
+            self._print_queue.put_nowait((text, decision.id if decision else None))
+
+    async def _print_all(self) -> None:
+        output = self._session.app.output
+        while True:
+            text, decision_id = await self._print_queue.get()
+            while not self._print_queue.empty():
+                more, decision_id = self._print_queue.get_nowait()
+                text = text + more
+            async with in_terminal():
+                columns = output.get_size().columns
+                for line in text:
+                    for part in fold(line, columns, rows=len(line)):
+                        self._write(Line(part, tone_of(line)))
+                output.flush()
+            # On a terminal that does not tell where its cursor is, there is no toolbar: this was the drawing.
+            self._shown.drawn(decision_id)
+
+    def _write(self, line: Line) -> None:
+        output = self._session.app.output
+        before, after = coloured(Line('\n', line.tone), self._has_colours).split('\n')
+        output.write_raw(before)
+        # write() shows an escape character as "?", should one have slipped through.
+        output.write(line)
+        output.write_raw(after)
+        output.write('\n')
+
+
+class _History(InMemoryHistory):
+    """The lines that were typed, without those that were cut."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_cut = False
+        """Whether the line that is typed was longer than a line may be since it was last empty."""
+
+    def append_string(self, string: str) -> None:
+        """See :class:`prompt_toolkit.history.History`."""
+        if not self.is_cut:
+            super().append_string(string)
+
+
+class _PromptCompleter(Completer):
+    def __init__(self, mirror: Mirror) -> None:
+        self._mirror = mirror
+
+    def get_completions(self, document: Document, complete_event: CompleteEvent) -> Iterable[Completion]:
+        text = document.text_before_cursor
+        last = text.rpartition(' ')[2]
+        for word in candidates(text, self._mirror.view()):
+            yield Completion(word, start_position=-len(last))
+
+
+def _fault_lines(error: BaseException) -> list[str]:
+    text = ['fault in the console, which goes on:', *escape_lines(''.join(traceback.format_exception(error)))]
+    return _warned(text, Tone.ERROR)
+
+
+def _warned(text: list[str], tone: Tone = Tone.WARNING) -> list[str]:
+    return [Line(line, tone) for line in text]

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The lines below the prompt: the present state, as styled text for a terminal of any size."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flexbt_console.mirror.command_tracker import CommandState
+from flexbt_console.mirror.records import ActiveState, DecisionKind
+from flexbt_console.mirror.view import View
+from flexbt_console.present.cells import cut, cut_middle, fold
+from flexbt_console.present.rendering import (
+    alarm_line,
+    authority_text,
+    autonomy_text,
+    choice_line,
+    command_result_lines,
+    decision_line,
+    link_word,
+    not_paused_lines,
+    peer_line,
+    reason_lines,
+    subject_lines,
+    what_runs,
+    where_lines,
+)
+from flexbt_console.present.style import Line, Tone, tone_of
+from flexbt_core.values.text import one_line
+
+MOST_STATES: Final = 3
+MOST_ACTIVITIES: Final = 3
+
+MOST_ROWS: Final = 2
+"""Rows of a text from the robot."""
+
+REASON_ROWS: Final = 3
+"""Rows of why the state wants what it wants."""
+
+STYLES: Final = {
+    Tone.PLAIN: '',
+    Tone.GOOD: 'class:good',
+    Tone.WARNING: 'class:warning',
+    Tone.ERROR: 'class:error',
+    Tone.DECISION: 'class:decision',
+    Tone.DIM: 'class:dim',
+}
+
+
+def toolbar(view: View, width: int, height: int) -> list[tuple[str, str]]:
+    """Style class and text of each line, at most ``height`` of at most ``width`` cells.
+
+    What matters most stays when there is little room: link and behavior, the decision, what is wrong, then the rest.
+    """
+    first, *head = _head(view, width)
+    decision = _decision(view, width)[: max(0, height - 1)]
+    head = head[: max(0, height - 1 - len(decision))]
+    rest = _rest(view, width, height - 1 - len(head) - len(decision))
+    return [(STYLES[tone_of(line)], cut(line, width)) for line in (first, *head, *rest, *decision)]
+
+
+def _head(view: View, width: int) -> list[str]:
+    word, snapshot = link_word(view), view.snapshot
+    if snapshot is None:
+        head: list[str] = [word]
+    else:
+        text = ' | '.join([word, what_runs(view), f'autonomy {autonomy_text(snapshot.autonomy)}'])
+        head = [Line(text, tone_of(word))]
+    head += [alarm] if (alarm := alarm_line(view)) else []
+    if view.problem:
+        head += _folded(Line(one_line(view.problem), Tone.ERROR), width)
+    elif not view.live and snapshot is not None:
+        head.append(Line('NOT LIVE: this is how it was then', tone_of(word)))
+    if snapshot is not None:
+        head += [line for peer in snapshot.missed_peers for line in _folded(peer_line(peer), width)]
+        head += _folded(Line(one_line(snapshot.message), Tone.WARNING), width) if snapshot.message else []
+    return head
+
+
+def _decision(view: View, width: int) -> list[str]:
+    decision, snapshot = view.decision, view.snapshot
+    if decision is None or snapshot is None:
+        return []
+    others = len(view.decisions) - 1
+    more = f'  (+{others} more: status)' if others else ''
+    lines = _folded(Line(f'? {decision_line(decision, snapshot)}{more}', Tone.DECISION), width)
+    reason = [*subject_lines(decision, view), *reason_lines(decision, view)[:1]]
+    lines += [part for line in reason for part in _folded(Line(f'  {line}', tone_of(line)), width, REASON_ROWS)]
+    if decision.choices:
+        lines += _folded(Line(f'  {choice_line(decision)}', Tone.DECISION), width)
+    if decision.kind is DecisionKind.TRANSITION:
+        lines.append('  number or name chooses; "confirm" takes the one marked *')
+    return lines
+
+
+def _rest(view: View, width: int, room: int) -> list[str]:
+    snapshot = view.snapshot
+    if snapshot is None or room <= 0:
+        return []
+    above: list[str] = []
+    command = view.last_command
+    if command is not None and command.state is CommandState.PENDING:
+        above += command_result_lines(command)[:1]
+    if snapshot.authority:
+        above.append(f'authority  {authority_text(snapshot)}')
+    states = snapshot.active_states[:MOST_STATES]
+    more = len(snapshot.active_states) - len(states)
+    below = [f'  … {more} more active states'] if more else []
+    below += [Line(f'robot  {line}', tone_of(line)) for line in where_lines(snapshot)]
+    left = room - len(above) - len(below)
+    shown = [line for state in states for line in _state(state, width, max(1, left // len(states)))]
+    tone = Tone.PLAIN if view.live else Tone.DIM
+    lines = [*above, *shown[: max(0, left)], *below][:room]
+    return [line if tone_of(line) is not Tone.PLAIN else Line(line, tone) for line in lines]
+
+
+def _state(state: ActiveState, width: int, rows: int) -> list[str]:
+    """A state and what it does: of the nodes of its tree, which begin with the root, the leaves are what counts."""
+    path = cut_middle(f'> {one_line(state.path)}{" (paused)" if state.paused else ""}', width)
+    notes = not_paused_lines(state)[: max(0, rows - 1)]
+    room = min(MOST_ACTIVITIES + 1, rows - 1 - len(notes))
+    activity = [cut_middle(f'    {one_line(text)}', width) for text in state.activity]
+    if len(activity) > room:
+        kept = activity[-(room - 1) :] if room > 1 else activity[-1:]
+        above = [f'    … {len(activity) - len(kept)} above'] if room > 1 else []
+        activity = [*above, *kept][: max(0, room)]
+    return [path, *[Line(f'    {note}', tone_of(note)) for note in notes], *activity]
+
+
+def _folded(line: str, width: int, rows: int = MOST_ROWS) -> list[str]:
+    return [Line(part, tone_of(line)) for part in fold(line, width, rows)]

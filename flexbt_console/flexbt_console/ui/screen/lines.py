@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The lines around the panes: link and run, alarms, keys, and the line that is typed with its completions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from rich.text import Text
+from textual.suggester import Suggester
+from textual.widgets import Input
+
+from flexbt_console.commands.completion import offers
+from flexbt_console.commands.registry import find
+from flexbt_console.mirror.fleet import RobotOverview
+from flexbt_console.mirror.view import View
+from flexbt_console.present.cells import cut, cut_middle, fold, width
+from flexbt_console.present.rendering import (
+    age_text,
+    alarm_line,
+    authority_asked_line,
+    authority_text,
+    autonomy_text,
+    peer_line,
+    what_runs,
+)
+from flexbt_console.present.style import Line, Tone, tone_of
+from flexbt_console.present.tree_lines import window
+from flexbt_console.ui.answers import Bound
+from flexbt_console.ui.keys import KEYS
+from flexbt_core.values.text import one_line
+
+from .pane import styled
+
+ALARM_ROWS = 3
+
+
+def status_text(view: View, columns: int, robot: str, others: str, operator: str | None, page: str = '') -> Text:
+    """The first line; ``robot`` names it where there are several, ``others`` says what those need. ``page`` is the
+    address of the page in a browser, which is at its end where there is room.
+
+    Who asks ``operator`` for the authority is in :func:`alarm_text`.
+    """
+    snapshot = view.snapshot
+    who = f'{one_line(robot)}  ' if robot else ''
+    needs = f'  {others}' if others else ''
+    if view.listening:
+        return styled([Line(cut(f' {who}LISTENING for an executive{needs}', columns), Tone.WARNING)])
+    if snapshot is None:
+        text = f' {who}NO EXECUTIVE: is it running, in this namespace and domain?{needs}'
+        return styled([Line(cut(text, columns), Tone.ERROR)])
+    link = 'LIVE' if view.live else f'{view.link.name} {age_text(view.age or 0.0)}'
+    holder = snapshot.authority
+    authority = f'  authority {one_line(holder) if holder == operator else authority_text(snapshot)}' if holder else ''
+    may = f'  autonomy {autonomy_text(snapshot.autonomy)}{authority}'
+    text = _with_end(_with_end(f' {who}{link}  {what_runs(view)}', may, columns - width(needs)), needs, columns)
+    gap = columns - width(text) - width(page) - 1
+    text += ' ' * gap + page if page and gap > 1 else ''
+    shown = styled([Line(text.ljust(columns), Tone.PLAIN if view.live else Tone.ERROR)])
+    shown.stylize('reverse')
+    return shown
+
+
+def _with_end(text: str, end: str, columns: int) -> str:
+    """Where both are too long, the first has a third of the columns."""
+    return cut(cut(text, max(columns // 3, columns - width(end))) + end, columns)
+
+
+def others_text(robots: Sequence[RobotOverview], own: str) -> str:
+    """What the other robots need, in short, and how many of them are not heard; '' while there is neither."""
+    others = [one for one in robots if one.name != own]
+    needing, unreachable = sum(one.needs_operator for one in others), sum(one.is_unreachable for one in others)
+    told = [f'{needing} other{" needs" if needing == 1 else "s need"} you'] if needing else []
+    told += [f'{unreachable} unreachable'] if unreachable else []
+    return f'{", ".join(told)}: o' if told else ''
+
+
+def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: bool = False) -> Text:
+    """What is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and who asks this operator for the
+    authority. What is too long takes more of them, where they are not needed for others.
+    """
+    snapshot = view.snapshot
+    shown: list[str] = [alarm] if (alarm := alarm_line(view)) else []
+    if view.problem:
+        shown.append(Line(one_line(view.problem), Tone.ERROR))
+    if snapshot is not None and not view.live:
+        sent = '' if is_recorded else '; only STOP is sent'
+        shown.append(Line(f'BLIND: this is how it was then{sent}', Tone.ERROR))
+    if snapshot is not None:
+        shown += [peer_line(peer) for peer in snapshot.missed_peers]
+        shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
+    asks = authority_asked_line(snapshot, operator) if snapshot is not None else ''
+    asked = [Line(cut_middle(asks, columns - 1), tone_of(asks))] if asks else []
+    shown = [*shown[: ALARM_ROWS - len(asked)], *asked]
+    rows = ALARM_ROWS // max(1, len(shown))
+    return styled([Line(row, tone_of(line)) for line in shown for row in fold(f' {line}', columns, rows, '   ')])
+
+
+def keys_text(view: View, columns: int, operator: str | None, focused: str = '', *, has_answer: bool = True) -> Text:
+    """The keys, as many as there is room for; those that this operator cannot use now are dim. Before them the pane
+    that has the focus, and the keys that are for it. ``has_answer``: Enter has something to send or to begin."""
+    scroll = '' if focused == 'map' else 'PgUp PgDn '
+    head = cut(f'{focused}: {scroll}z h  ', columns) if focused else ''
+    room = columns - len(head)
+    chosen: set[str] = set()
+    ranks = {key: 0 if key.needs(view, operator) else key.rank for key in KEYS}
+    usable = {key for key in KEYS if key.can_be_used(view, operator, has_answer=has_answer)}
+    for key in sorted(KEYS, key=lambda one: (one not in usable, ranks[one])):
+        needed = len(key.shown) + len(key.label) + 3
+        if ranks[key] < 3 and needed <= room:
+            chosen.add(key.action)
+            room -= needed
+    text = Text(head, no_wrap=True, end='')
+    for key in KEYS:
+        if key.action in chosen:
+            text.append(f'{key.shown} ', 'bold' if key in usable else 'dim')
+            text.append(f'{key.label}  ', '' if key in usable else 'dim')
+    return text
+
+
+# The line that is typed on the screen, a command or what is looked for in a recording, and what it may become.
+
+KEYS_OF_LINE: Final = 'Enter does it  Tab completes  Up Down: another one  Esc leaves  F8 STOP'
+
+NAME_COLUMNS: Final = 24
+"""Of what an offer becomes; behind it stands what that does."""
+
+
+class CommandInput(Input):
+    """Belongs to the decision that was on the screen when it was begun, which is ``bound``."""
+
+    _marked = 0
+
+    def __init__(self, view: Callable[[], View], tell_fault: Callable[[Exception], None]) -> None:
+        super().__init__(
+            id='line',
+            suggester=_Completing(self._completed),
+            placeholder='a command, or a word of what it does; Tab completes, Esc leaves',
+            select_on_focus=False,
+            disabled=True,
+        )
+        self._view = view
+        self._tell_fault = tell_fault
+        self.bound = Bound(None)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is typed."""
+        return self.has_class('typing')
+
+    def open(self, text: str) -> None:
+        """Begin it with this; the next key is typed into it."""
+        decision = self._view().decision
+        self.bound = Bound(decision.id if decision else None)
+        self.disabled = False
+        self.value = text
+        self.cursor_position = len(text)
+        self.add_class('typing')
+        self.screen.set_focus(self)
+
+    def close(self) -> str:
+        """What was typed; it is gone."""
+        self.remove_class('typing')
+        self.disabled = True
+        self.screen.set_focus(None)
+        return self.value
+
+    def watch_value(self, value: str) -> None:
+        """The first of what it may become is marked."""
+        self._marked = 0
+
+    def mark(self, by: int) -> None:
+        """Mark another one."""
+        self._marked = min(max(0, self._marked + by), max(0, len(offers(self.value, self._view())) - 1))
+
+    def take_marked(self) -> bool:
+        """Become what was marked with the arrows, which is to be seen before it is done; False when that is typed."""
+        is_another = self._marked > 0 and self._completed(self.value) != self.value
+        if is_another:
+            self.value = self._completed(self.value) or self.value
+            self.cursor_position = len(self.value)
+        return is_another
+
+    def complete(self) -> None:
+        """Become what is marked; at the end of the line, where that is seen."""
+        if self.cursor_position == len(self.value):
+            self.value = self._completed(self.value) or self.value
+            self.cursor_position = len(self.value)
+
+    def draw(self, view: View, columns: int, rows: int) -> Text:
+        """How its command is written, and what it may become, in so many rows of so many cells."""
+        words = self.value.split(' ')
+        spec = find(words[0]) if len(words) > 1 else None
+        usage = [Line(cut(f'  {spec.prompt_usage}', columns), Tone.DIM)] if spec is not None and spec.in_prompt else []
+        found = offers(self.value, view)
+        lines, refused = [], set()
+        for number, (line, about, refusal) in enumerate(found):
+            told = one_line(f'not possible: {refusal}' if refusal else about)
+            shown = f'{">" if number == self._marked else " "} {one_line(line):{NAME_COLUMNS}}  {told}'.rstrip()
+            lines.append(cut(shown, columns))
+            if refusal:
+                refused.add(lines[-1])
+        offered = window(lines, self._marked, rows - len(usage))
+        return styled([*usage, *(Line(line, Tone.DIM if line in refused else Tone.PLAIN) for line in offered)][:rows])
+
+    def _completed(self, value: str) -> str | None:
+        try:
+            found = offers(value, self._view())
+        except Exception as error:  # on a worker of the field, which would end the screen
+            self._tell_fault(error)
+            return None
+        return found[min(self._marked, len(found) - 1)].line if value and found else None
+
+
+class _Completing(Suggester):
+    def __init__(self, complete: Callable[[str], str | None]) -> None:
+        super().__init__(use_cache=False, case_sensitive=True)
+        self._complete = complete
+
+    async def get_suggestion(self, value: str) -> str | None:
+        """See :class:`textual.suggester.Suggester`."""
+        completed = self._complete(value)
+        return completed if completed is not None and completed.startswith(value) else None

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording on the screen: its time line, and the keys that move on it. Nothing can be commanded."""
+
+from __future__ import annotations
+
+from typing import Final, Protocol
+
+from rich.text import Text
+
+from flexbt_console.commands.spec import NullRobot
+from flexbt_console.errors import RefusedError
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import OperatorCommand
+from flexbt_console.present.cells import cut
+from flexbt_console.present.style import Line, Tone
+from flexbt_core.clock.clock import Clock
+
+from .pane import styled
+
+SPEEDS: Final = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0)
+JUMP_SECONDS: Final = 10.0
+PATIENCE: Final = 0.2
+"""Seconds for which is read at once: of a long recording the way to a time is seen, and keys are heard."""
+
+MOVES: Final = {
+    'space': 'play',
+    'full_stop': 'forward',
+    'comma': 'back',
+    'right_square_bracket': 'faster',
+    'left_square_bracket': 'slower',
+    'end': 'jump_forward',
+    'home': 'jump_back',
+}
+"""What each key does on the time line."""
+
+KEYS: Final = (
+    ('Space', 'play, from the beginning when it is at its end; or stand still'),
+    (', .', 'the last and the next moment in which something was said'),
+    ('Home End', f'{JUMP_SECONDS:g} s back and on'),
+    ('[ ]', f'slower and faster, {SPEEDS[0]:g} to {SPEEDS[-1]:g} times'),
+    ('/', 'type a text; Enter goes to the next moment in which it was said'),
+    ('Tab', 'the next pane has the focus: PgUp, PgDn scroll it (Esc: the end), z enlarges it, h hides it'),
+    (':', 'type a command that shows something, such as status, tree, events; Esc leaves'),
+    ('q', 'leave the recording'),
+)
+
+HELP: Final = ('q quits', 'space plays', '? keys', ', . step', '[ ] speed', '/ finds', 'Home End 10 s')
+"""As many of them as there is room for beside a line of LEAST cells."""
+
+LEAST: Final = 10
+
+NOTHING_SENT: Final = 'this is a recording; nothing was sent'
+
+
+class Player(Protocol):
+    """A recording; see :class:`RunPlayer`."""
+
+    mirror: Mirror
+    time: float
+    duration: float
+
+    def go_to(self, time: float, patience: float) -> bool:
+        """Show what was known at a time, s; False when it has not come there after so many seconds of reading."""
+
+    def next_said(self, by: int) -> float:
+        """The time of the next moment (1) or the last one (-1)."""
+
+    def find(self, text: str) -> float:
+        """The time of the next moment in which this is said. Raises RefusedError when there is none."""
+
+
+class NoLink(NullRobot):
+    """A recording takes no commands."""
+
+    why = 'this is a recording: nobody is there to ask'
+
+    def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
+        """Refuse it."""
+        raise RefusedError(NOTHING_SENT)
+
+
+class ReplayBar:
+    """Plays a recording in the time of ``clock``."""
+
+    def __init__(self, player: Player, clock: Clock) -> None:
+        self.player = player
+        self._clock = clock
+        self._speed = SPEEDS.index(1.0)
+        self._played_from: float | None = None
+        self._wanted: float | None = None
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether it goes on by itself."""
+        return self._played_from is not None
+
+    def play_on(self) -> bool:
+        """Go to where the recording is now, or on to where it is wanted; whether it has moved."""
+        if self._wanted is not None:
+            self._go_to(self._wanted)
+            return True
+        if self._played_from is None:
+            return False
+        now = self._clock.now()
+        passed, self._played_from = now - self._played_from, now
+        self.player.go_to(self.player.time + passed * SPEEDS[self._speed], PATIENCE)
+        if self.player.time >= self.player.duration:
+            self._played_from = None
+        return True
+
+    def move(self, what: str) -> None:
+        """Do what a key of :data:`MOVES` stands for."""
+        if what == 'play':
+            if not self.is_playing and self.player.time >= self.player.duration:
+                self._go_to(0.0)
+            self._played_from = None if self.is_playing else self._clock.now()
+        elif what in ('forward', 'back'):
+            self._played_from = None
+            self._go_to(self.player.next_said(1 if what == 'forward' else -1))
+        elif what in ('faster', 'slower'):
+            self._speed = min(max(0, self._speed + (1 if what == 'faster' else -1)), len(SPEEDS) - 1)
+        else:
+            by = JUMP_SECONDS if what == 'jump_forward' else -JUMP_SECONDS
+            self._go_to((self.player.time if self._wanted is None else self._wanted) + by)
+
+    def find(self, text: str) -> None:
+        """Go to the next moment in which this is said, and stand there. Raises RefusedError when there is none."""
+        self._go_to(self.player.find(text))
+        self._played_from = None
+
+    def _go_to(self, time: float) -> None:
+        self._wanted = None if self.player.go_to(time, PATIENCE) else time
+        if self._played_from is not None:  # the way there does not count
+            self._played_from = self._clock.now()
+
+    def text(self, columns: int) -> Text:
+        """The time line in one row."""
+        player = self.player
+        state = 'goes' if self._wanted is not None else 'plays' if self.is_playing else 'stands'
+        head = f' {state} x{SPEEDS[self._speed]:g}  {player.time:.1f} / {player.duration:.1f} s '
+        room = columns - len(head) - 3
+        told = ''
+        for one in HELP:
+            if len(one) + 2 <= room - LEAST:
+                told, room = f'{told}  {one}', room - len(one) - 2
+        room = max(4, room)
+        place = round(player.time / player.duration * (room - 1)) if player.duration else 0
+        line = '-' * place + '|' + '-' * (room - 1 - place)
+        return styled([Line(cut(f'{head}[{line}]{told}', columns), Tone.PLAIN)])
+
+
+def replay_help_lines() -> list[str]:
+    """The keys of a recording, for people."""
+    return [f'{key:>8}  {help}' for key, help in KEYS]

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The terminal of a console: end when it is gone or takes no more output, and show standard error as lines."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import io
+import os
+import select
+import signal
+import sys
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from types import FrameType
+from typing import Any, Final
+
+from flexbt_common.command_line import restored_signals
+from flexbt_core.values.text import one_line
+
+UNSEEN_SECONDS: Final = 30.0
+"""Who sees nothing of what happens for so long is not present."""
+
+END_SECONDS: Final = 10.0
+"""Within which a user interface that was told to end has ended; else the process ends all the same."""
+
+_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+_SUSPENDING: Final = (signal.SIGTSTP, signal.SIGCONT)
+"""For which Textual's driver leaves handlers of its own, which need the event loop."""
+
+_CHECK_SECONDS: Final = 5.0
+_FULL_SECONDS: Final = 0.5
+_SIGN_OFF_SECONDS: Final = 1.0
+
+
+class TerminalWatch:
+    """Has the process end by SIGTERM when the terminal on its standard streams, or the server of the browser, is gone,
+    or has taken nothing for :data:`UNSEEN_SECONDS`.
+
+    What writes to a full terminal waits for ever: Textual and prompt_toolkit, on the main thread, also when they are to
+    end. So whoever handles a signal that ends the process says so by :meth:`signaled`. Where the terminal takes
+    nothing then, ``sign_off`` is called, and the process ends with 128 + the signal, less than 2 s after it; so it does
+    where :meth:`close` is not called within :data:`END_SECONDS`, whatever the reason.
+
+    That the terminal is gone is told by what is given: a signal does not tell all, for whoever has started this may be
+    the one who gets it, and wait for our end.
+    """
+
+    def __init__(self, sign_off: Callable[[], object]) -> None:
+        self.has_given_up = threading.Event()
+        """Whether there is nobody to whom anything could be shown."""
+        self._sign_off = sign_off
+        self._is_over = threading.Event()
+        self._signals, self._signaled = os.pipe()
+        self._attributes = None
+        with contextlib.suppress(termios.error):  # the server of the browser
+            self._attributes = termios.tcgetattr(0)
+        threading.Thread(target=self._watch, name='terminal_watch', daemon=True).start()
+
+    def signaled(self, number: int) -> None:
+        """The process ends because of this signal; may be called by its handler, and more than once."""
+        os.write(self._signaled, bytes((number,)))
+
+    @contextlib.contextmanager
+    def on_signal(self, end: Callable[[], object]) -> Iterator[None]:
+        """In the context, which is one of the event loop on the main thread, SIGINT, SIGTERM and SIGHUP have the loop
+        call ``end``. Behind it these, and those that a user interface has set to be suspended, are handled as before.
+
+        An exception raised by their handler instead would leave locks taken and threads running: it comes anywhere.
+        """
+        loop = asyncio.get_running_loop()
+
+        def handle(number: int, frame: FrameType | None) -> None:
+            # Not a handler of the event loop, which is told nothing while it writes to a full terminal.
+            self.signaled(number)
+            loop.call_soon_threadsafe(end)
+
+        with restored_signals(*_SIGNALS, *_SUSPENDING):
+            for known in _SIGNALS:
+                signal.signal(known, handle)
+            yield
+
+    def close(self) -> None:
+        """The terminal is not used any more."""
+        self._is_over.set()
+        self.signaled(0)
+
+    def _watch(self) -> None:
+        number = self._ending()
+        room = select.poll()
+        room.register(1, select.POLLOUT)
+        latest = time.monotonic() + END_SECONDS
+        while time.monotonic() < latest and room.poll(_FULL_SECONDS * 1000):
+            if self._is_over.wait(0.1):
+                return
+        if self._is_over.is_set():
+            return
+        signing_off = threading.Thread(target=self._sign_off, name='sign_off', daemon=True)
+        signing_off.start()
+        signing_off.join(_SIGN_OFF_SECONDS)
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTOU})  # of a terminal that is another's now
+        if self._attributes is not None:
+            with contextlib.suppress(termios.error):
+                termios.tcsetattr(0, termios.TCSANOW, self._attributes)
+        os._exit(128 + number)
+
+    def _ending(self) -> int:
+        """Wait for the signal that ends the process, or give it."""
+        changes = select.poll()
+        changes.register(0, 0)  # the end is told all the same
+        changes.register(1, 0)
+        changes.register(self._signals, select.POLLIN)
+        while not (events := dict(changes.poll(_CHECK_SECONDS * 1000))):
+            changes.modify(1, select.POLLOUT)
+            events = dict(changes.poll(UNSEEN_SECONDS * 1000))
+            changes.modify(1, 0)
+            if events != {1: select.POLLOUT}:
+                break
+        if self._signals in events:
+            return os.read(self._signals, 1)[0]
+        self.has_given_up.set()
+        os.kill(os.getpid(), signal.SIGTERM)
+        return signal.SIGTERM
+
+
+# What others write to the terminal, such as the log of the middleware, as lines of our own.
+
+LINE_BYTES = 4_000
+"""Of a line at most; what is more begins another one."""
+
+
+class _Terminal(io.FileIO):
+    def write(self, data: Any) -> int:
+        """Where nothing can be written any more it is lost: an error would end Textual's thread that writes, and who
+        has 30 things to write afterwards waits for that thread for ever."""
+        try:
+            return super().write(data)
+        except OSError:
+            return memoryview(data).nbytes
+
+
+@contextlib.contextmanager
+def standard_error_as_lines(tell: Callable[[str], object]) -> Iterator[None]:
+    """In the context, what is written to the standard error of the process is told line by line, from any thread.
+
+    Textual draws there, by ``sys.__stderr__``, which leads to the terminal all the same.
+    """
+    before = sys.__stderr__
+    reading, writing = os.pipe()
+    # The middleware logs with the interpreter's lock, without which nobody reads: what is too much at once is lost.
+    os.set_blocking(writing, False)
+    with io.TextIOWrapper(io.BufferedWriter(_Terminal(os.dup(2), 'w')), encoding='utf-8', errors='replace') as terminal:
+        sys.__stderr__ = terminal  # type: ignore[misc]  # which Textual does not let one set
+        os.dup2(writing, 2)
+        os.close(writing)
+        reader = threading.Thread(target=_read, args=(reading, tell), name='standard_error', daemon=True)
+        reader.start()
+        try:
+            yield
+        finally:
+            os.dup2(terminal.fileno(), 2)  # the end of the pipe
+            sys.__stderr__ = before  # type: ignore[misc]
+    reader.join()
+
+
+def _read(pipe: int, tell: Callable[[str], object]) -> None:
+    with os.fdopen(pipe, 'rb') as lines:
+        while line := lines.readline(LINE_BYTES):
+            if text := line.decode(errors='replace').rstrip('\n'):
+                tell(one_line(text))
+
+
+# What prompt, screen and page share: what a key or a line means, which decision it answers, how they end, and what
+# others write to the terminal.
+
+OnSignal = Callable[[Callable[[], object]], AbstractContextManager[None]]
+"""See :meth:`TerminalWatch.on_signal`."""

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Observers of a tree: callbacks before and after a tick, and a log of status changes."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, Generic, Protocol, TypeVar
+
+from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
+
+from .context import Tick, TreeContext
+from .node import TreeNode
+
+# Pre- and post-tick callbacks of nodes, which may replace what their ticks give.
+#
+# A tree without callbacks pays nothing for them. With the first one, the parents of all nodes fetch other callables to
+# tick their children by; with the last one gone they get the plain ones back. Each takes effect when the next tick of
+# the tree begins; in between, a callback that is set or removed counts at once, also for the rest of a tick that
+# another callback holds up::
+#
+#     tree.callbacks.set_pre_tick(node, lambda node: NodeStatus.SUCCESS)     # the node succeeds without being ticked
+#     tree.callbacks.set_post_tick(node, lambda node, status: print(node.path, status) or status)
+
+PreTick = Callable[[TreeNode], NodeStatus]
+"""Called after the pre-conditions of a node. SUCCESS or FAILURE replaces its tick; with anything else it is ticked."""
+
+PostTick = Callable[[TreeNode, NodeStatus], NodeStatus]
+"""Called with what a node gives, after its post-conditions. SUCCESS or FAILURE replaces it, anything else does not."""
+
+_CALLBACK: Final = 'a callback gave FAILURE'
+
+
+class TickCallbacks:
+    """The callbacks of one tree: :attr:`Tree.callbacks`. May be used from any thread; they run on the ticking thread.
+
+    When a callback replaces what a node gives that is RUNNING, the node is halted first: whatever it does must not go
+    on while its parent takes it for done. What a callback raises is an error of the node; ``TickAbandoned`` ends the
+    tick.
+    """
+
+    def __init__(self, context: TreeContext, nodes: Callable[[], Sequence[TreeNode]]) -> None:
+        self._context = context
+        self._nodes = nodes
+        self._before: dict[TreeNode, PreTick] = {}
+        self._after: dict[TreeNode, PostTick] = {}
+        self._lock = threading.Lock()
+        self.on_release: Callable[[], None] | None = None
+        """Called, from any thread, by :meth:`release`: a callback that waits for something has to look now."""
+
+    def set_pre_tick(self, node: TreeNode, callback: PreTick | None) -> None:
+        """Calls ``callback`` before each tick of the node, unless its last result still stands; None: no callback."""
+        self._set(self._before, node, callback)
+
+    def set_post_tick(self, node: TreeNode, callback: PostTick | None) -> None:
+        """Calls ``callback`` after each tick of the node, whatever it gave; None: no callback."""
+        self._set(self._after, node, callback)
+
+    @property
+    def active(self) -> bool:
+        """Whether any node has a callback."""
+        return self._context.callbacks is not None
+
+    def clear(self) -> None:
+        """Removes all callbacks."""
+        with self._lock:
+            self._before.clear()
+            self._after.clear()
+            self._switch()
+
+    def release(self) -> None:
+        """The host wants to stop the tree: what its tick waits for does not matter any more. From any thread."""
+        self._context.stop()
+        on_release = self.on_release
+        if on_release is not None:
+            on_release()
+
+    @property
+    def released(self) -> bool:
+        """Whether the host wants to stop the tree. A callback that waits raises TickAbandoned then."""
+        return self._context.stopping
+
+    def _set(self, callbacks: dict[TreeNode, Any], node: TreeNode, callback: Any) -> None:
+        with self._lock:
+            if callback is None:
+                callbacks.pop(node, None)
+            else:
+                callbacks[node] = callback
+            self._switch()
+
+    def _switch(self) -> None:
+        """Says whether the callables of nodes are to have callbacks, and has them fetched anew when that changes."""
+        used = bool(self._before or self._after)
+        if used is not self.active:
+            self._context.callbacks = self if used else None
+            self._context.rewrapped.extend(self._nodes())
+
+    # -- while the tick functions are fetched -------------------------------------------------------------------------
+
+    def before(self, node: TreeNode, tick: Tick) -> Tick:
+        """``tick`` of the node with its pre-tick callback."""
+        callbacks = self._before
+
+        def call_and_tick() -> NodeStatus:
+            callback = callbacks.get(node)
+            if callback is not None and (node.status is IDLE or node.status is RUNNING):
+                given = _replacement(node, lambda: callback(node))
+                if given is not None:
+                    return _complete(node, given)
+            return tick()
+
+        return call_and_tick
+
+    def after(self, node: TreeNode, tick: Tick) -> Tick:
+        """``tick`` of the node with its post-tick callback."""
+        callbacks = self._after
+
+        def tick_and_call() -> NodeStatus:
+            node.decided_by = None
+            status = tick()
+            callback = callbacks.get(node)
+            if callback is not None:
+                given = _replacement(node, lambda: callback(node, status))
+                if given is not None and given is not status:
+                    return _complete(node, given)
+            return status
+
+        return tick_and_call
+
+
+def _complete(node: TreeNode, result: NodeStatus) -> NodeStatus:
+    if node.status is RUNNING:
+        node.halt_node()
+    node.status = result
+    node.decided_by = _CALLBACK
+    return result
+
+
+def _replacement(node: TreeNode, callback: Callable[[], NodeStatus]) -> NodeStatus | None:
+    """The result that a callback wants the node to have."""
+    try:
+        given = callback()
+    except NodeExecutionError:
+        raise
+    except BaseException as error:
+        raise node.fault(error) from error
+    return given if given is SUCCESS or given is FAILURE else None
+
+
+# A log of the changes of statuses of a tree, to be read later, maybe by another thread.
+#
+# Writing has to cost next to nothing, so an entry is one integer, a *mark*: the number of the node, and that of the
+# status that it has now. Reading, which knows the status that each node has had, makes the changes of them, in the
+# order in which the statuses were stored.
+
+SHIFT: Final = 4
+"""The bits of a mark that are not the number of the node."""
+PLACES: Final = (1 << SHIFT) - 1
+
+T = TypeVar('T')
+
+
+class Log(Protocol):
+    """Where marks are written. A list is the fastest."""
+
+    def append(self, mark: int, /) -> None: ...
+
+
+class StatusLog:
+    """An observer that writes every change to a log: ``tree.observe(StatusLog(log))``."""
+
+    def __init__(self, log: Log) -> None:
+        self.log = log
+
+    def __call__(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        self.log.append(node.uid << SHIFT | after)
+
+
+class LogReader(Generic[T]):
+    """Makes transitions of marks. Made by :func:`log_reader`."""
+
+    def __init__(self, nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> None:
+        self.statuses = bytearray([0, *(node.status for node in nodes)])
+        """The number of the status of each node, by its uid, as far as the marks were read."""
+        self._make = make
+        self._made: dict[int, T] = {}
+
+    def read(self, marks: Iterable[int]) -> list[T]:
+        """The changes that these marks mean, which follow those that were read before."""
+        statuses = self.statuses
+        transitions: list[T] = []
+        for mark in marks:
+            uid, status = mark >> SHIFT, mark & PLACES
+            transitions.append(self._transition(uid, statuses[uid], status))
+            statuses[uid] = status
+        return transitions
+
+    def _transition(self, uid: int, before: int, after: int) -> T:
+        """There are not many different ones: each is made once."""
+        change = (uid << SHIFT | after) << SHIFT | before
+        made = self._made.get(change)
+        if made is None:
+            made = self._made[change] = self._make(uid, before, after)
+        return made
+
+
+def log_reader(nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> LogReader[T]:
+    """What reads the log of the tree of these nodes.
+
+    Has to be made before the first mark is written, and to read all of them. A transition is what ``make`` gives for a
+    node's uid and the numbers of its statuses before and after.
+    """
+    return acceleration().class_of(LogReader)(nodes, make)

@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""IfThenElse, WhileDoElse and Switch2 to Switch6: a condition or a value decides which child is ticked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Final
+
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode, halt_child
+from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Entry
+from flexbt_core.behavior_tree.model.errors import ConversionError, NodeExecutionError, PortError
+from flexbt_core.behavior_tree.model.outcomes import Choice, Example
+from flexbt_core.behavior_tree.model.ports import STRING, cast, input_port, number_from_text
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.script.values import SAME_NUMBER
+
+# IfThenElse and WhileDoElse: a condition decides which of two branches is ticked.
+#
+# The first child is the condition, the second the branch for SUCCESS, the third (which may be absent) that for FAILURE.
+# As in BehaviorTree.CPP the number of children is looked at when the node is ticked, so that a tree whose wrong node is
+# never reached runs; and a condition that is skipped is an error, since it says neither.
+
+
+class _Conditional(ControlNode):
+    __slots__ = ('_has_else', '_incomplete')
+
+    tickable_with = (2, 3)
+
+    def attach(self, children: Sequence[TreeNode]) -> None:
+        super().attach(children)
+        self._incomplete = self.incompleteness(len(children))
+        self._has_else = len(children) == 3
+
+    def _undecided(self) -> NodeExecutionError:
+        return self.fault(f'the condition [{self.children[0].path}] was skipped, and so says neither yes nor no')
+
+
+class IfThenElse(_Conditional):
+    """Asks the condition once, then ticks the branch that it chose until that completes; its result is the node's.
+
+    FAILURE when the condition fails and there is no third child. In that case alone the children are not set to IDLE,
+    as in BehaviorTree.CPP: a condition that is a stateful action keeps its FAILURE, and is not asked anew, until the
+    parent of the node resets or halts it. A third child avoids that, be it AlwaysFailure.
+    """
+
+    __slots__ = ('_chosen',)
+
+    outcomes = Choice()
+    example = Example(
+        """
+        <IfThenElse>
+          <ScriptCondition code="battery > 20"/>
+          <Script code="next := 'work'"/>
+          <Script code="next := 'dock'"/>
+        </IfThenElse>
+        """,
+        ticks=(SUCCESS,),
+        before={'battery': 10},
+        after={'next': 'dock'},
+    )
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._chosen = 0
+
+    def execute(self) -> NodeStatus:
+        if self._incomplete:
+            raise self.fault(self._incomplete)
+        self.status = RUNNING
+        ticks = self._ticks
+        chosen = self._chosen
+        if not chosen:
+            status = ticks[0]()
+            if status is SUCCESS:
+                chosen = 1
+            elif status is FAILURE:
+                if not self._has_else:
+                    self._failed = 0
+                    self.status = FAILURE
+                    return FAILURE
+                chosen = 2
+            elif status is RUNNING:
+                return RUNNING
+            else:
+                raise self._undecided()
+            self._chosen = chosen
+        status = ticks[chosen]()
+        if status is RUNNING:
+            return RUNNING
+        self._chosen = 0
+        # As reset_children does; a call would be much of the time that this takes.
+        for child in self.children:
+            if child.status is RUNNING:
+                child.halt_node()
+            child.status = IDLE
+        if status is not SKIPPED:
+            self._failed = chosen
+            self.status = status
+        return status
+
+    def halt(self) -> None:
+        self._chosen = 0
+        super().halt()
+
+
+class WhileDoElse(_Conditional):
+    """Asks the condition at every tick, and ticks the branch that it chooses, halting the other one.
+
+    The result of the branch is the node's. While the condition itself is RUNNING, the branches are left alone. FAILURE
+    when the condition fails and there is no third child.
+    """
+
+    __slots__ = ()
+
+    outcomes = Choice()
+    example = Example(
+        """
+        <WhileDoElse>
+          <ScriptCondition code="(asked += 1) == 1"/>
+          <Sleep msec="100"/>
+          <Script code="next := 'else'"/>
+        </WhileDoElse>
+        """,
+        ticks=(RUNNING, SUCCESS),
+        before={'asked': 0},
+        after={'next': 'else'},
+    )
+
+    def execute(self) -> NodeStatus:
+        if self._incomplete:
+            raise self.fault(self._incomplete)
+        self.status = RUNNING
+        ticks = self._ticks
+        status = ticks[0]()
+        if status is SUCCESS:
+            if self._has_else:
+                halt_child(self.children[2])
+            chosen = 1
+            status = ticks[1]()
+        elif status is FAILURE:
+            chosen = 0
+            if self._has_else:
+                halt_child(self.children[1])
+                chosen = 2
+                status = ticks[2]()
+        elif status is RUNNING:
+            return RUNNING
+        else:
+            self.reset_children()
+            raise self._undecided()
+        if status is RUNNING:
+            return RUNNING
+        # As reset_children does; a call would be much of the time that this takes.
+        for child in self.children:
+            if child.status is RUNNING:
+                child.halt_node()
+            child.status = IDLE
+        if status is not SKIPPED:
+            self._failed = chosen
+            self.status = status
+        return status
+
+
+# Switch2 to Switch6: the value of an entry decides which child is ticked.
+
+
+class Switch(ControlNode):
+    """Ticks the child of the first case that equals ``variable``, or the last child, the default, when none does.
+
+    Two texts are equal when they are the same, or are, as a whole, the same decimal number; the name of an enum
+    constant is its number. A variable that is missing, was never written, or is neither text nor number, leads to the
+    default. The variable is read at every tick; when the choice changes, the child that is RUNNING is halted. A skipped
+    child skips the node: the default is not tried. As in BehaviorTree.CPP the number of children is checked when the
+    node is ticked.
+    """
+
+    __slots__ = ('_choice', '_constant', '_incomplete', '_running', '_text', '_variable')
+
+    running_at_completion = False
+    cases: ClassVar[tuple[str, ...]]
+    """The ports of the cases."""
+
+    def __init_subclass__(cls, count: int | None = None) -> None:
+        if count is not None:
+            cls.__doc__ = cls.__doc__ or Switch.__doc__
+            cls.cases = tuple(f'case_{number}' for number in range(1, count + 1))
+            cls.tickable_with = count + 1, count + 1
+            cls.ports = {
+                'variable': input_port(STRING, optional=True, description='what decides: {key}, or text'),
+                **{case: input_port(STRING, optional=True, description='value for this child') for case in cls.cases},
+            }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._running: int | None = None
+        # Cases that are literals are the same at every tick: the choice is only made anew when the variable changes.
+        given = [config.values.get(case) for case in self.cases]
+        self._constant = all(value is None or value.key is None for value in given)
+        self._text: str | None = None
+        self._choice = len(self.cases)
+        variable = config.values.get('variable')
+        self._variable = MISSING
+        if variable is not None and variable.key is None:
+            self._variable = Entry.constant(variable.text)
+
+    def attach(self, children: Sequence[TreeNode]) -> None:
+        super().attach(children)
+        self._incomplete = self.incompleteness(len(children))
+
+    def execute(self) -> NodeStatus:
+        if self._incomplete:
+            raise self.fault(self._incomplete)
+        variable = self._variable
+        value = variable.value if variable.present else self._find()
+        text: str | None = value if value.__class__ is str else self._as_text(value)
+        if text != self._text or not self._constant:
+            self._text = text
+            self._choice = self._match(text)
+        choice = self._choice
+        running = self._running
+        if running is not None and running != choice:
+            halt_child(self.children[running])
+        status = self._ticks[choice]()
+        if status is RUNNING:
+            self._running = choice
+            self.status = RUNNING
+            return RUNNING
+        self._running = None
+        if status is SKIPPED:
+            return SKIPPED
+        self.reset_children()
+        self._failed = choice
+        self.status = status
+        return status
+
+    def _find(self) -> object:
+        """The value of the variable, whose entry was not there the last time."""
+        key = self.port_key('variable')
+        self._variable = (None if key is None else self.blackboard.entry(key)) or MISSING
+        return self._variable.value
+
+    def _as_text(self, value: object) -> str | None:
+        if value is EMPTY:
+            return None
+        try:
+            text: str = cast(value, STRING)
+        except ConversionError:
+            return None
+        return text
+
+    def _match(self, variable: str | None) -> int:
+        """The child for this value of the variable."""
+        default = len(self.cases)
+        if variable is None:
+            return default
+        number = self._number(variable)
+        for index, case in enumerate(self.cases):
+            try:
+                text: str | None = self.get_input_or(case, None)
+            except PortError:
+                continue
+            if text == variable:
+                return index
+            if number is not None and text is not None:
+                other = self._number(text)
+                if other is not None and abs(number - other) <= SAME_NUMBER:
+                    return index
+        return default
+
+    def _number(self, text: str) -> float | None:
+        constant = self.context.scripts.enums.get(text)
+        return number_from_text(text) if constant is None else float(constant)
+
+    def halt(self) -> None:
+        self._running = None
+        super().halt()
+
+
+class Switch2(Switch, count=2):
+    __slots__ = ()
+
+    example = Example(
+        """
+        <Switch2 variable="{room}" case_1="office" case_2="store">
+          <AlwaysFailure/><AlwaysSuccess/><AlwaysFailure/>
+        </Switch2>
+        """,
+        ticks=(SUCCESS,),
+        before={'room': 'store'},
+    )
+
+
+class Switch3(Switch, count=3):
+    __slots__ = ()
+
+
+class Switch4(Switch, count=4):
+    __slots__ = ()
+
+
+class Switch5(Switch, count=5):
+    __slots__ = ()
+
+
+class Switch6(Switch, count=6):
+    __slots__ = ()
+
+
+NODES: Final = (
+    IfThenElse,
+    WhileDoElse,
+    Switch2,
+    Switch3,
+    Switch4,
+    Switch5,
+    Switch6,
+)

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Decorators of Nav2 that start their child by rate, by the robot's motion, or by the length of the path."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, Final
+
+from flexbt_core.behavior_tree.engine.node import NodeConfig
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, input_port
+from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
+
+from .conditions import GOAL_PORTS, read_goals
+
+
+class RateController(Decorator):
+    """Begins the child ``hz`` times a second at most; RUNNING in between. A RUNNING child is ticked every time.
+
+    The period counts from the last success of the child. Unlike Nav2's, which knows only the machine's clock, it goes
+    by the clock of the tree, so simulated time speeds it up; it asks for a wake-up when the period is over.
+    """
+
+    __slots__ = ('_first', '_period', '_start')
+
+    ports = {'hz': input_port(DOUBLE, default='10.0', description='rate in 1/s')}
+    example = Example(
+        '<RateController hz="2"><Script code="n += 1"/></RateController>',
+        ticks=(SUCCESS,),
+        before={'n': 0},
+        after={'n': 1},
+    )
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._period = 0.0
+        self._start = 0.0
+        self._first = True
+
+    def tick(self) -> NodeStatus:
+        now = self.clock.now()
+        if not self.active:
+            hz: float = self.get_input('hz')
+            if not hz > 0.0:
+                raise ValueError(f'port [hz] has to be a positive rate, not {hz}')
+            self._period = 1.0 / hz
+            self._start = now
+            self._first = True
+        self.status = RUNNING
+        # The comparison is the one of the wake-up time: a difference of times could round to less than the period.
+        if not self._first and self.child.status is not RUNNING and now < self._start + self._period:
+            self.wake_at(self._start + self._period)
+            return RUNNING
+        self._first = False
+        status = self.tick_child()
+        if status is SUCCESS:
+            self._start = now
+            self.wake_at(now + self._period)
+        return status
+
+    def on_halt(self) -> None:
+        self.cancel_wake()
+
+
+class SingleTrigger(Decorator):
+    """Runs the child once; FAILURE from then on, until the node is set to IDLE."""
+
+    __slots__ = ('_armed',)
+
+    example = Example(
+        """
+        <KeepRunningUntilFailure>
+          <Inverter><SingleTrigger><AlwaysFailure/></SingleTrigger></Inverter>
+        </KeepRunningUntilFailure>
+        """,
+        ticks=(RUNNING, RUNNING),
+    )
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._armed = True
+
+    def tick(self) -> NodeStatus:
+        if not self.active:
+            self._armed = True
+        self.status = RUNNING
+        if not self._armed:
+            return FAILURE
+        status = self.tick_child()
+        if status is SUCCESS or status is FAILURE:
+            self._armed = False
+        return status
+
+    def failure_reason(self) -> str:
+        if self._child_failed:
+            return super().failure_reason()
+        return f'{self.id}: the child [{self.child.path}] had its one run before'
+
+
+# Decorators of Nav2 that begin their child as the robot moves. The host derives from them to say how it does.
+
+Position = tuple[float, ...]
+
+
+class DistanceController(Decorator):
+    """Begins the child whenever the robot has moved on by ``distance``; RUNNING in between.
+
+    The distance is that of the straight line to where the robot was when the child succeeded last, or when the node
+    began. A RUNNING child is ticked every time. FAILURE while it is not known where the robot is.
+    """
+
+    __slots__ = ('_first', '_lost', '_start')
+
+    ports = {
+        'distance': input_port(DOUBLE, default='1.0', description='m'),
+        'global_frame': input_port(STRING, optional=True, description="frame of the poses, if not the host's"),
+        'robot_base_frame': input_port(STRING, optional=True, description="frame of the robot, if not the host's"),
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._start: Position = ()
+        self._first = True
+        self._lost = False
+
+    @abstractmethod
+    def position(self) -> Position | None:
+        """Where the robot is, in m, always in the same frame; None when that is not known."""
+
+    def tick(self) -> NodeStatus:
+        here = self.position()
+        self._lost = here is None
+        if here is None:
+            return FAILURE
+        if not self.active:
+            self._start = here
+            self._first = True
+        self.status = RUNNING
+        moved_on = math.dist(self._start, here) >= self.get_input('distance')
+        if not (self._first or moved_on or self.child.status is RUNNING):
+            return RUNNING
+        self._first = False
+        status = self.tick_child()
+        if status is SUCCESS:
+            self._start = here
+        return status
+
+    def failure_reason(self) -> str:
+        return f'{self.id}: it is not known where the robot is' if self._lost else super().failure_reason()
+
+
+class SpeedController(Decorator):
+    """Begins the child the more often the faster the robot is; RUNNING in between.
+
+    The rate is ``min_rate`` at ``min_speed``, ``max_rate`` at ``max_speed``, and in proportion between them. It is set
+    whenever a period is over; the first period, and that after a change of the goal, is the shortest. A RUNNING child
+    is ticked every time. The node goes by the clock of the tree, and asks for a wake-up when the period is over.
+    """
+
+    __slots__ = ('_first', '_latched', '_period', '_start')
+
+    ports = {
+        'min_rate': input_port(DOUBLE, default='0.1', description='rate at min_speed and below, 1/s'),
+        'max_rate': input_port(DOUBLE, default='1.0', description='rate at max_speed and above, 1/s'),
+        'min_speed': input_port(DOUBLE, default='0.0', description='m/s'),
+        'max_speed': input_port(DOUBLE, default='0.5', description='m/s'),
+        **GOAL_PORTS,
+    }
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._latched: tuple[Any, Any] = (None, None)
+        self._period = self._start = 0.0
+        self._first = True
+
+    @abstractmethod
+    def speed(self) -> float:
+        """How fast the robot moves over the ground, in m/s; 0.0 when that is not known."""
+
+    def tick(self) -> NodeStatus:
+        now = self.clock.now()
+        goals = read_goals(self, self._latched)
+        if not self.active or goals != self._latched:
+            self._latched = goals
+            self._period = 1.0 / self._rate('max_rate')
+            self._start = now
+            self._first = True
+        self.status = RUNNING
+        due = now >= self._start + self._period
+        if due:
+            self._period = 1.0 / self._scaled_rate()
+            self._start = now
+        self.wake_at(self._start + self._period)
+        if due or self._first or self.child.status is RUNNING:
+            self._first = False
+            return self.tick_child()
+        return RUNNING
+
+    def _rate(self, port: str) -> float:
+        rate: float = self.get_input(port)
+        if not rate > 0.0:
+            raise ValueError(f'port [{port}] has to be a positive rate, not {rate}')
+        return rate
+
+    def _scaled_rate(self) -> float:
+        slow, fast = self._rate('min_rate'), self._rate('max_rate')
+        least: float = self.get_input('min_speed')
+        most: float = self.get_input('max_speed')
+        speed = self.speed()
+        share = (speed - least) / (most - least) if most > least else float(speed >= most)
+        return max(min(slow + share * (fast - slow), fast), slow)
+
+    def on_halt(self) -> None:
+        self.cancel_wake()
+
+
+# The decorator of Nav2 that compares paths. A path is anything with the fields of a nav_msgs/Path.
+
+
+class PathLongerOnApproach(Decorator):
+    """Ticks the child when the robot is close to its goal and gets a path that is much longer; SUCCESS otherwise.
+
+    Close: the path before, to the same goal, was shorter than ``prox_len``. Much longer: more than ``length_factor``
+    times that path, which stays the one to compare with as long as the child is RUNNING or skipped.
+    """
+
+    __slots__ = ('_first', '_new', '_old')
+
+    ports = {
+        'path': input_port(optional=True, description='the path that is planned'),
+        'prox_len': input_port(DOUBLE, default='3.0', description='length below which the robot is close, m'),
+        'length_factor': input_port(DOUBLE, default='2.0', description='how many times longer is much longer'),
+    }
+    example = Example('<PathLongerOnApproach path="{path}" prox_len="3.0"><AlwaysSuccess/></PathLongerOnApproach>')
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._new: Any = None
+        self._old: Any = None
+        self._first = True
+
+    def tick(self) -> NodeStatus:
+        self._new = self.get_input_or('path', self._new)
+        old, new = _poses(self._old), _poses(self._new)
+        if not old or not new or old[-1].pose != new[-1].pose:
+            self._first = True
+        self.status = RUNNING
+        if not self._first and self._much_longer(old, new):
+            status = self.tick_child()
+            if status is SUCCESS or status is FAILURE:
+                self._old = self._new
+            return status
+        self._old = self._new
+        self._first = False
+        return SUCCESS
+
+    def _much_longer(self, old: Sequence[Any], new: Sequence[Any]) -> bool:
+        if len(old) == len(new):
+            return False
+        length = _length(old)
+        close: bool = length < self.get_input('prox_len')
+        longer: bool = _length(new) > self.get_input('length_factor') * length
+        return close and longer
+
+
+def _poses(path: Any) -> Sequence[Any]:
+    poses: Sequence[Any] = () if path is None else path.poses
+    return poses
+
+
+def _length(poses: Sequence[Any]) -> float:
+    """Metres along the path, over the ground."""
+    points = [(pose.pose.position.x, pose.pose.position.y) for pose in poses]
+    return sum(math.dist(one, other) for one, other in itertools.pairwise(points))
+
+
+NODES: Final = (
+    RateController,
+    SingleTrigger,
+    PathLongerOnApproach,
+)

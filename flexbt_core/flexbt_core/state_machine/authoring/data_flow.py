@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which userdata has been written when a state reads it, and by whom: a machine as a graph of states that write keys.
+
+A state is taken to write what it declares, whatever outcome it is left by. A machine writes those of its output keys
+that states in it write on a way to the outcome. What a machine declares as input it has from the beginning: whether it
+does is a question about the machine around it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain
+
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
+
+StateOrMachine = StateDefinition | MachineDefinition
+Keys = frozenset[str]
+
+_NOTHING: Keys = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenKeys:
+    """Keys that are written on some way to a place, and those that are written on each way."""
+
+    may: Keys = _NOTHING
+    must: Keys = _NOTHING
+
+    def then(self, other: WrittenKeys) -> WrittenKeys:
+        """What is written on ways that go on."""
+        return WrittenKeys(self.may | other.may, self.must | other.must)
+
+    def beside(self, other: WrittenKeys) -> WrittenKeys:
+        """What is written where ways meet."""
+        return WrittenKeys(self.may | other.may, self.must & other.must)
+
+
+@dataclass(frozen=True, slots=True)
+class KeyRead:
+    """A key that ``path`` reads: ``key`` is its own name of it, ``name`` the machine's, ``writers`` write it there."""
+
+    path: str
+    key: str
+    name: str
+    writers: tuple[str, ...]
+
+    def __str__(self) -> str:
+        shown = f"'{self.key}'" if self.name == self.key else f"'{self.key}' (remapped to '{self.name}')"
+        return f'{self.path}: reads userdata key {shown}'
+
+
+@dataclass(frozen=True, slots=True)
+class WriteRace:
+    """A key of the concurrency container ``path`` that several of its children, the ``writers``, write, by ``states``
+    in them."""
+
+    path: str
+    name: str
+    writers: tuple[str, ...]
+    states: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LostWrite:
+    """A key ``name`` that ``path`` writes in ``machine``, which does not hand it out to its ``reader`` outside."""
+
+    path: str
+    name: str
+    machine: str
+    reader: str
+
+
+def problems_of_reads(machine: MachineDefinition) -> Iterator[str]:
+    """Reads of what cannot have been written, on whatever way the state is reached."""
+    for read in _reads(machine, is_sure=False):
+        yield f'{read}; only {" and ".join(read.writers)} writes it, and no way leads from there to here'
+
+
+def unsure_reads(machine: MachineDefinition) -> list[KeyRead]:
+    """Reads of what has not been written on each way by which the state is reached. They may be right all the same."""
+    never = set(_reads(machine, is_sure=False))
+    return [read for read in _reads(machine, is_sure=True) if read not in never]
+
+
+def races(machine: MachineDefinition) -> Iterator[WriteRace]:
+    """Keys of which it is chance who writes them last, if anybody may read them then."""
+    for node in machine.nodes():
+        if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
+            yield from _races_in(node)
+
+
+def lost_writes(machine: MachineDefinition) -> Iterator[LostWrite]:
+    """What is written in a machine, neither read there nor handed out, while a key of this name is read outside."""
+    for child in machine.children.values():
+        if not isinstance(child, MachineDefinition):
+            continue
+        yield from lost_writes(child)
+        inside = {one.remap.get(key, key) for one in child.children.values() for key in _declared_inputs(one)}
+        kept = {name for one in child.children.values() for name in _names(one)} - {*child.output_keys, *inside}
+        readers = {
+            one.remap.get(key, key): one.path
+            for one in reversed(list(machine.children.values()))
+            if one is not child
+            for key in _declared_inputs(one)
+        }
+        for name in sorted(kept):
+            reader = readers.get(name) or (machine.path if name in machine.output_keys else '')
+            if reader:
+                writer = next(one.path for one in child.children.values() if name in _names(one))
+                yield LostWrite(writer, name, child.path, reader)
+
+
+def _races_in(container: MachineDefinition) -> Iterator[WriteRace]:
+    read = {child.remap.get(key, key) for child in container.children.values() for key in _declared_inputs(child)}
+    writers: dict[str, dict[str, list[str]]] = {}
+    for child in container.children.values():
+        for name, state in sorted(_state_writes(child)):
+            writers.setdefault(name, {}).setdefault(child.path, []).append(state)
+    for name, states in writers.items():
+        if len(states) > 1 and (name in read or name in container.output_keys):
+            yield WriteRace(container.path, name, tuple(states), tuple(chain.from_iterable(states.values())))
+
+
+def _state_writes(node: StateOrMachine) -> Iterator[tuple[str, str]]:
+    """What states write in a child, by the names of its machine, and which. Defaults are not chance: they are written
+    first."""
+    if isinstance(node, StateDefinition):
+        yield from ((name, node.path) for name in _names(node))
+        return
+    for child in node.children.values():
+        for name, state in _state_writes(child):
+            if name in node.output_keys:
+                yield node.remap.get(name, name), state
+
+
+def _declared_inputs(node: StateOrMachine) -> Iterable[str]:
+    return node.state.input_keys if isinstance(node, StateDefinition) else node.input_keys
+
+
+def _reads(machine: MachineDefinition, *, is_sure: bool) -> Iterator[KeyRead]:
+    given = {*machine.input_keys, *machine.defaults}
+    for label, written in _on_entry(machine).items():
+        child = machine.children[label]
+        known = given | (written.must if is_sure else written.may)
+        for key in _input_keys(child):
+            name = child.remap.get(key, key)
+            if name not in known:
+                writers = tuple(other.path for other in machine.children.values() if name in _names(other))
+                yield KeyRead(child.path, key, name, writers)
+        if isinstance(child, MachineDefinition):
+            yield from _reads(child, is_sure=is_sure)
+
+
+def _input_keys(node: StateOrMachine) -> Iterator[str]:
+    """Keys that have to be there. A machine does without what it has a default of, and what nothing in it reads."""
+    if isinstance(node, StateDefinition):
+        yield from node.state.input_keys
+    else:
+        yield from (key for key in node.read_inputs if key not in node.defaults)
+
+
+def _names(node: StateOrMachine, among: Container[str] | None = None) -> set[str]:
+    """What a child may write, by the names of its machine; ``among`` restricts it to some of its own names."""
+    keys = node.state.output_keys if isinstance(node, StateDefinition) else node.output_keys
+    return {node.remap.get(key, key) for key in keys if among is None or key in among}
+
+
+def _on_entry(machine: MachineDefinition) -> dict[str, WrittenKeys]:
+    """What is written in a machine, since it was entered, when each of its children is entered."""
+    effects = {label: _effects(child) for label, child in machine.children.items()}
+    if machine.kind is StateKind.CONCURRENCY:
+        may = {
+            label: frozenset(key for written in of_child.values() for key in written.may)
+            for label, of_child in effects.items()
+        }
+        everything = frozenset(key for keys in may.values() for key in keys)
+        return dict.fromkeys(machine.children, WrittenKeys(everything))
+    found = {machine.initial: WrittenKeys()}
+    ahead = [machine.initial]
+    while ahead:
+        label = ahead.pop()
+        for outcome, effect in effects[label].items():
+            target = machine.children[label].transitions[outcome].state
+            if target is not None:
+                there = found[label].then(effect)
+                before = found.get(target)
+                now = there if before is None else before.beside(there)
+                if now != before:
+                    found[target] = now
+                    ahead.append(target)
+    return found
+
+
+def _effects(node: StateOrMachine) -> dict[str, WrittenKeys]:
+    """What a child writes when it is left by each outcome, by the names of its machine."""
+    if isinstance(node, StateDefinition):
+        names = frozenset(_names(node))
+        return dict.fromkeys(node.outcomes, WrittenKeys(names, names))
+    outwards = {key: node.remap.get(key, key) for key in node.output_keys}
+    defaults = frozenset(node.defaults)  # they are written when the machine is entered
+    begun = WrittenKeys(defaults, defaults)
+    return {outcome: _renamed(begun.then(written), outwards) for outcome, written in _at_end(node).items()}
+
+
+def _at_end(machine: MachineDefinition) -> dict[str, WrittenKeys]:
+    """What is written in a machine when it ends by each outcome that it can end by."""
+    effects = {label: _effects(child) for label, child in machine.children.items()}
+    ends: dict[str, WrittenKeys] = {}
+    if machine.kind is StateKind.CONCURRENCY:
+        may = frozenset(key for of_child in effects.values() for written in of_child.values() for key in written.may)
+        for condition in machine.conditions:
+            ended = [effects[label].get(outcome, WrittenKeys()) for label, outcome in condition.children]
+            here = WrittenKeys(may, frozenset(key for written in ended for key in written.must))
+            before = ends.get(condition.outcome)
+            ends[condition.outcome] = here if before is None else before.beside(here)
+        return ends
+    for label, written in _on_entry(machine).items():
+        for outcome, effect in effects[label].items():
+            end = machine.children[label].transitions[outcome].outcome
+            if end is not None:
+                there = written.then(effect)
+                ends[end] = ends[end].beside(there) if end in ends else there
+    return ends
+
+
+def _renamed(written: WrittenKeys, names: Mapping[str, str]) -> WrittenKeys:
+    may = frozenset(names[key] for key in written.may if key in names)
+    return WrittenKeys(may, frozenset(names[key] for key in written.must if key in names))

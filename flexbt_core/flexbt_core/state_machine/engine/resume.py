@@ -1,0 +1,402 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Resuming: the position of a run as plain data, starting at it in another run, and switching the machine under a
+run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final
+
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
+from flexbt_core.state_machine.model.userdata import Scope, StateMachineError
+from flexbt_core.values.text import short_repr
+
+from .leaf import LeafRun
+from .operator_commands import CommandReply
+from .region import ContainerRun, Region, RegionChild
+from .run import MachineRun
+
+
+@dataclass(frozen=True)
+class RunPosition:
+    """A position of a run. Paths are those of states and machines; the root is always active and not listed.
+
+    ``active``: what is active, outermost first. Each machine that is active, and neither in ``wanted`` nor in
+    ``leaving``, has one active or coming child; a concurrency container has any of its children.
+    ``coming``: what is to be entered at its beginning.
+    ``wanted``: outcome that something active waits to be left by, since it is done: a machine has nothing active in it
+    then, and a state is not entered again.
+    ``approved``: which of those the operator has approved of.
+    ``leaving``: outcome by which something was left that had not halted yet; '' for what is repeated.
+    ``ended``: outcome of each child of an active concurrency container that has ended.
+    ``userdata``: keys and values of the root and of each machine in ``active``: the values themselves, so that they
+    have to be written down at once.
+    ``levels``: autonomy of the root, and of each sub-tree that has another level than what is around it.
+    ``decisions``: what waits for the operator, for people: id, kind, path, outcome, prompt. ``decision_count`` keeps
+    later ids from being those of before.
+    """
+
+    active: tuple[str, ...]
+    coming: tuple[str, ...]
+    wanted: Mapping[str, str]
+    approved: tuple[str, ...]
+    leaving: Mapping[str, str]
+    ended: Mapping[str, str]
+    userdata: Mapping[str, Mapping[str, Any]]
+    levels: Mapping[str, int]
+    locked: tuple[str, ...]
+    breakpoints: tuple[str, ...]
+    is_paused: bool
+    decisions: tuple[Mapping[str, str], ...]
+    decision_count: int
+
+    def to_plain(self) -> dict[str, Any]:
+        """As dicts and lists; fit for JSON when the userdata is."""
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: _plain(value) for name, value in plain.items()}
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> RunPosition:
+        """The position that :meth:`to_plain` gave.
+
+        Raises:
+            StateMachineError: that is no position; it says what is missing, left over, or of another type.
+        """
+        names = {field.name for field in fields(cls)}
+        if plain.keys() != names:
+            wrong = ', '.join(sorted(map(str, plain.keys() ^ names)))
+            raise StateMachineError(f'this is no position of a run: missing or left over: {wrong}')
+        for name, value in plain.items():
+            if not _CHECKS[name](value):
+                raise StateMachineError(f'this is no position of a run: {name} cannot be {short_repr(value)}')
+        values: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()
+        }
+        return cls(**values)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [dict(one) if isinstance(one, Mapping) else one for one in value]
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list | tuple) and all(isinstance(one, str) for one in value)
+
+
+def _text_by_path(value: Any) -> bool:
+    return isinstance(value, Mapping) and _texts([*value.keys(), *value.values()])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+_CHECKS: dict[str, Callable[[Any], bool]] = {
+    'active': _texts,
+    'coming': _texts,
+    'wanted': _text_by_path,
+    'approved': _texts,
+    'leaving': _text_by_path,
+    'ended': _text_by_path,
+    'userdata': lambda value: (
+        isinstance(value, Mapping)
+        and _texts([*value.keys()])
+        and all(isinstance(one, Mapping) and _texts([*one.keys()]) for one in value.values())
+    ),
+    'levels': lambda value: (
+        isinstance(value, Mapping) and _texts([*value.keys()]) and all(map(_is_number, value.values()))
+    ),
+    'locked': _texts,
+    'breakpoints': _texts,
+    'is_paused': lambda value: isinstance(value, bool),
+    'decisions': lambda value: isinstance(value, list | tuple) and all(map(_text_by_path, value)),
+    'decision_count': lambda value: _is_number(value) and value >= 0,
+}
+
+
+# Taking the position of a run, and going on there in another one.
+
+_NONE_STAYS: Final[Mapping[str, LeafRun]] = {}
+
+
+def position_of(run: MachineRun) -> RunPosition:
+    """Where a run is, for another one to :func:`start_at`. On its thread, in a call of the observer too."""
+    root, controls = run.root, run.controls
+    active: list[str] = []
+    coming: list[str] = []
+    approved: list[str] = []
+    wanted: dict[str, str] = {}
+    leaving: dict[str, str] = {}
+    ended: dict[str, str] = {}
+    userdata: dict[str, dict[str, Any]] = {}
+
+    def take(machine: ContainerRun) -> None:
+        userdata[machine.path] = machine.scope.values()
+        outcome = machine.outcome or machine.ending
+        if outcome is not None:
+            wanted[machine.path] = outcome
+        if machine.ending is not None:
+            return  # what is in it was left
+        if machine.definition.kind is StateKind.CONCURRENCY:
+            ended.update((machine.children[label].path, outcome) for label, outcome in machine.ended.items())
+        for region in machine.regions:
+            if region.child is not None:
+                take_child(region, region.child)
+            elif region.coming is not None:
+                (active if region.is_resumed else coming).append(region.coming.path)
+
+    def take_child(region: Region, child: RegionChild) -> None:
+        active.append(child.path)
+        if region.is_leaving:
+            leaving[child.path] = child.outcome or ''
+            return
+        if region.is_approved:
+            approved.append(child.path)
+        if isinstance(child, ContainerRun):
+            take(child)
+        elif child.outcome is not None:
+            wanted[child.path] = child.outcome
+
+    take(root)
+    return RunPosition(
+        active=tuple(active),
+        coming=tuple(coming),
+        wanted=wanted,
+        approved=tuple(approved),
+        leaving=leaving,
+        ended=ended,
+        userdata=userdata,
+        levels=controls.levels(),
+        locked=tuple(sorted(controls.locked)),
+        breakpoints=tuple(sorted(controls.breakpoints)),
+        is_paused=run.is_paused,
+        decisions=tuple(
+            {'id': one.id, 'kind': one.kind.name, 'path': one.path, 'outcome': one.outcome, 'prompt': one.prompt}
+            for one in run.decisions
+        ),
+        decision_count=run.decision_count,
+    )
+
+
+def reasons_against(definition: MachineDefinition, position: RunPosition) -> list[str]:
+    """Why a machine cannot be at a position; empty when it can."""
+    nodes = {node.path: node for node in definition.nodes()}
+    return [*_unknown(nodes, position), *_impossible(definition, position)]
+
+
+def _unknown(nodes: Mapping[str, StateDefinition | MachineDefinition], position: RunPosition) -> Iterator[str]:
+    for path in (*position.active, *position.coming, *position.ended, *position.locked, *position.breakpoints):
+        if path not in nodes:
+            yield f'the machine has no state {path!r}'
+    for path, outcome in (*position.wanted.items(), *position.leaving.items(), *position.ended.items()):
+        if path in nodes and outcome and outcome not in nodes[path].outcomes:
+            yield f'{path} has no outcome {outcome!r}'
+    for path, level in position.levels.items():
+        if path not in nodes or level not in AUTONOMY_NAMES:
+            yield f'there is no level {level} of {path!r}'
+
+
+def _impossible(machine: MachineDefinition, position: RunPosition) -> Iterator[str]:
+    """What does not fit in a machine that is active."""
+    here = {*position.active, *position.coming}
+    children = [child for child in machine.children.values() if child.path in here]
+    is_done = machine.path in position.wanted and not children
+    if machine.kind is not StateKind.CONCURRENCY and len(children) != 1 and not is_done:
+        found = ', '.join(child.path for child in children) or 'none'
+        yield f'one state of {machine.path} has to be active, not {found}'
+    for child in children:
+        if isinstance(child, MachineDefinition) and child.path in position.active:
+            if child.path not in position.leaving:
+                yield from _impossible(child, position)
+        elif any(path.startswith(f'{child.path}/') for path in here):
+            yield f'{child.path} cannot have anything active in it'
+
+
+def start_at(run: MachineRun, position: RunPosition) -> None:
+    """Start a run where another one was.
+
+    Its states are entered again, with ``is_resumed`` set, each in a step of its own; what had been set by the operator
+    holds again.
+
+    Raises:
+        StateMachineError: it was started before, or the machine cannot be at that position; with the reasons.
+        StateError: a state is part of another run, which has not ended.
+    """
+    if reasons := reasons_against(run.definition, position):
+        raise StateMachineError(f'the run cannot go on there: {"; ".join(reasons)}')
+
+    def enter() -> None:
+        run.pausing.is_paused = position.is_paused
+        run.decision_count = position.decision_count
+        run.controls.restore(position.levels, position.locked, position.breakpoints)
+        restore(run, position)
+
+    run.start(enter)
+
+
+def restore(run: MachineRun, position: RunPosition, staying: Mapping[str, LeafRun] = _NONE_STAYS) -> None:
+    """Put the machine of a run, of which nothing was entered yet, at a position.
+
+    States come to be entered in steps that follow, but for those that are ``staying``, by their paths.
+    """
+    _Restoring(position, staying).machine(run.root, run.scope)
+
+
+class _Restoring:
+    def __init__(self, position: RunPosition, staying: Mapping[str, LeafRun]) -> None:
+        self._position = position
+        self._staying = staying
+
+    def machine(self, machine: ContainerRun, scope: Scope) -> None:
+        position = self._position
+        scope.restore(position.userdata.get(machine.path, {}))
+        machine.activate(scope)
+        machine.outcome = position.wanted.get(machine.path)
+        is_concurrent = machine.definition.kind is StateKind.CONCURRENCY
+        for number, (label, child) in enumerate(machine.children.items()):
+            region = machine.regions[number if is_concurrent else 0]
+            if child.path in position.active:
+                self._child(machine, region, child)
+            elif child.path in position.ended and is_concurrent:
+                machine.ended[label] = position.ended[child.path]
+            elif child.path in position.coming or (is_concurrent and machine.outcome is None):
+                region.await_entry(child)
+
+    def _child(self, machine: ContainerRun, region: Region, child: LeafRun | ContainerRun) -> None:
+        position = self._position
+        outcome = position.wanted.get(child.path)
+        left_by = position.leaving.get(child.path)
+        if left_by is not None:
+            region.child, child.outcome = child, left_by or None
+            region.is_leaving = True
+            if isinstance(child, ContainerRun):
+                child.take_priority()
+        elif isinstance(child, ContainerRun):
+            region.child = child
+            self.machine(child, child.new_scope(machine.scope))
+        elif child.path in self._staying:
+            region.child = self._stay(machine, child)
+        elif outcome is not None:
+            region.child = child
+            child.restore(machine.scope, outcome)
+        else:
+            region.await_entry(child, is_resumed=True)
+        region.is_approved = child.path in position.approved
+
+    def _stay(self, machine: ContainerRun, replaced: LeafRun) -> LeafRun:
+        leaf = self._staying[replaced.path]
+        leaf.stay(replaced.definition)
+        leaf.move(machine.scope)
+        machine.children[leaf.definition.label] = leaf
+        return leaf
+
+
+# Going on with another machine while states are active, which stay as they are.
+#
+# FlexBE locks the one active state, stops the run, and begins another one with that state in it. Here the switch is one
+# step of the run, in which nothing else can happen: no lock is needed, any number of states stays, and no callback of
+# those is called. When it cannot be, the run goes on as before.
+
+
+def switch_machine(run: MachineRun, definition: MachineDefinition, answer: CommandReply) -> None:
+    """Go on with another machine, which has the active states at the same paths. A command, from any thread.
+
+    These are not left and entered for it: the state objects that are active stay, with their userdata, until their
+    visit is over. The refusal names each state that cannot stay. on_start and on_stop of all other states are called;
+    what waited for the operator is asked again, since it may lead elsewhere now.
+    """
+    run.command(lambda: _switch(run, definition), answer)
+
+
+def _switch(run: MachineRun, definition: MachineDefinition) -> str | None:
+    old, root, position = run.root, ContainerRun(run, definition), position_of(run)
+    known = {node.path for node in definition.nodes()}
+    there = _without_what_is_gone(position, known)
+    staying = {leaf.path: leaf for leaf in run.active_states()}
+    leaves = list(root.leaves())
+    reasons = [
+        *_in_between(old),
+        *reasons_against(definition, there),
+        *_changes(definition, old.definition, position),
+        *_missing_inputs(definition, position),
+        *(f'{leaf.path}: its state is part of a run already' for leaf in leaves if leaf.state.bound_to is not None),
+    ]
+    if not reasons:
+        for leaf in leaves:
+            leaf.bind()
+        reasons = _raising(leaves)
+    if reasons:
+        return f'the run cannot go on with that machine: {"; ".join(reasons)}'
+    run.go_on_with(root)
+    for leaf in old.leaves():
+        if leaf.path not in staying:
+            leaf.stop()
+    restore(run, replace(there, approved=()), staying)
+    run.changed()
+    return None
+
+
+def _raising(leaves: Sequence[LeafRun]) -> list[str]:
+    """Call on_start of the states of the other machine; when one raises, all of them are stopped again."""
+    raised = [leaf.path for leaf in leaves if leaf.start()]
+    if raised:
+        for leaf in leaves:
+            leaf.stop()
+    return [f'{", ".join(raised)} raised in on_start'] if raised else []
+
+
+def _in_between(old: ContainerRun) -> Iterator[str]:
+    """What is neither active nor left."""
+    for region in old.active_regions():
+        if region.child is not None and (region.is_leaving or region.container.is_ending):
+            yield f'{region.child.path} is being left; try again when it has halted'
+
+
+def _without_what_is_gone(position: RunPosition, known: set[str]) -> RunPosition:
+    """Without locks, levels and children that have ended of what the other machine does not have."""
+    return replace(
+        position,
+        locked=tuple(path for path in position.locked if path in known),
+        breakpoints=tuple(path for path in position.breakpoints if path in known),
+        levels={path: level for path, level in position.levels.items() if path in known},
+        ended={path: outcome for path, outcome in position.ended.items() if path in known},
+    )
+
+
+def _changes(new: MachineDefinition, old: MachineDefinition, position: RunPosition) -> Iterator[str]:
+    """What is active, but another thing in the other machine."""
+    others = {node.path: node for node in new.nodes()}
+    for node in old.nodes():
+        other = others.get(node.path)
+        if other is None or (node.path not in position.active and node is not old):
+            continue
+        if isinstance(node, StateDefinition) and isinstance(other, StateDefinition):
+            yield from _changes_of_state(node, other)
+        elif isinstance(node, StateDefinition) or isinstance(other, StateDefinition) or node.kind is not other.kind:
+            yield f'{node.path} is active, and would be {_kind(other)} instead of {_kind(node)}'
+
+
+def _changes_of_state(old: StateDefinition, new: StateDefinition) -> Iterator[str]:
+    one, other = (f'{type(node.state).__module__}.{type(node.state).__qualname__}' for node in (old, new))
+    if one != other:
+        yield f'{old.path} is active, and would be of class {other} instead of {one}'
+        return
+    for what in ('outcomes', 'input_keys', 'output_keys'):
+        before, after = set(getattr(old.state, what)), set(getattr(new.state, what))
+        if before != after:
+            changed = ', '.join(sorted(before ^ after))
+            yield f'{old.path} is active, and would have other {what.replace("_", " ")} ({changed})'
+
+
+def _missing_inputs(new: MachineDefinition, position: RunPosition) -> Iterator[str]:
+    for key in new.read_inputs:
+        if key not in new.defaults and key not in position.userdata[new.path]:
+            yield f"nobody has given the input '{key}'"
+
+
+def _kind(node: StateDefinition | MachineDefinition) -> str:
+    return 'a state' if isinstance(node, StateDefinition) else f'a container of kind {node.kind.name}'

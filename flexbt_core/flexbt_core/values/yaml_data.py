@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""YAML from untrusted sources: loaded with bounds, and read part by part, each problem with its line."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, Final
+
+import yaml
+
+from .text import did_you_mean, short_repr
+
+# YAML from others, which must cost no more than its length suggests.
+#
+# PyYAML's composer calls itself for each level, an alias repeats what may be any amount of data, and numbers in base 60
+# take the square of their length. All of it is bounded here, while the text is read.
+#
+# The text is scanned by libyaml, where PyYAML is built with it: PyYAML's own scanner takes 1 to 3 s for 100 kB, in
+# which a node hears nothing. Its errors say more, so a short text that libyaml refuses is scanned once more by it.
+
+MAX_YAML_DEPTH: Final = 100
+"""Levels of mappings and lists in each other that are read at most."""
+
+MAX_REPEATED: Final = 100_000
+"""Values that a text may stand for when each alias is written out."""
+
+RESCANNED: Final = 5_000
+"""Characters of a text that libyaml refuses, at most, for PyYAML to say why: it takes about 0.1 s for them."""
+
+_MOST_DIGITS: Final = 1000
+_SCANNER: Final[Any] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+_NUMBERS: Final = ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')
+
+
+class YamlError(ValueError):
+    """A text is no YAML, or none that is read. ``line`` and ``column``, from 1, say where (``mark``),
+    ``reason`` what is wrong there."""
+
+    def __init__(self, mark: Any, reason: str) -> None:
+        self.line: int = 1 if mark is None else mark.line + 1
+        self.column: int = 1 if mark is None else mark.column + 1
+        self.reason = reason
+        super().__init__(f'line {self.line}: {reason}')
+
+
+def load_yaml(text: str, *, aliases: bool = False) -> Any:
+    """The plain data of one document; None for an empty one. ``aliases`` are for texts of which the author is trusted.
+
+    Raises:
+        YamlError: no YAML, aliases, no plain data, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by
+            aliases.
+    """
+    node = compose_yaml(text, aliases=aliases)
+    return None if node is None else construct_yaml(node)
+
+
+def compose_yaml(text: str, *, aliases: bool = False) -> yaml.Node | None:
+    """The nodes of one document, with their places; None for an empty one.
+
+    Raises:
+        YamlError: no YAML, aliases, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by aliases.
+    """
+    try:
+        try:
+            return _FastComposer(text, aliases=aliases).get_single_node()
+        except yaml.YAMLError:
+            if len(text) > RESCANNED:
+                raise
+            return _Composer(text, aliases=aliases).get_single_node()
+    except (yaml.YAMLError, RecursionError) as error:
+        raise YamlError(getattr(error, 'problem_mark', None), f'no YAML: {_problem(error)}') from error
+
+
+def construct_yaml(node: yaml.Node) -> Any:
+    """The plain data of a node.
+
+    Raises:
+        YamlError: tags of other than plain data, or a scalar that is not what its tag or form says.
+    """
+    try:
+        return _Constructor().construct_document(node)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise YamlError(getattr(error, 'problem_mark', None) or node.start_mark, _problem(error)) from error
+
+
+class _Bounds(yaml.composer.Composer):
+    """Composes the nodes of the events that a scanner gives, within the bounds."""
+
+    peek_event: Any  # of the scanner
+
+    def __init__(self, *, aliases: bool) -> None:
+        yaml.composer.Composer.__init__(self)  # and not of the next class: a loader, which has been initialized
+        self._takes_aliases = aliases
+        self._around: list[str | None] = []  # the anchors of what is being read, outermost first
+        self._values = 0  # so far, each alias written out
+        self._values_of: dict[str | None, int] = {}  # by anchor
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: yaml.NodeEvent = self.peek_event()
+        tag = getattr(event, 'tag', None) or ''
+        if tag.startswith('!'):  # no plain data has one; somebody has written [!open]
+            written = short_repr(tag.rstrip(',]}'))
+            raise YamlError(event.start_mark, f'what begins with ! is a tag in YAML; put it in quotes: {written}')
+        if isinstance(event, yaml.AliasEvent):
+            if not self._takes_aliases:
+                raise YamlError(event.start_mark, f'aliases (*{event.anchor}) are not supported; write it out')
+            if event.anchor in self._around:
+                raise YamlError(event.start_mark, f'*{event.anchor} is in what it stands for')
+        if isinstance(event, yaml.CollectionStartEvent) and len(self._around) == MAX_YAML_DEPTH:
+            raise YamlError(event.start_mark, f'nested more than {MAX_YAML_DEPTH} levels deep')
+        before = self._values
+        self._around.append(event.anchor)
+        node = super().compose_node(parent, index)
+        self._around.pop()
+        if isinstance(event, yaml.AliasEvent):
+            self._values += self._values_of[event.anchor]
+            if self._values > MAX_REPEATED:
+                raise YamlError(event.start_mark, f'*{event.anchor} makes it more than {MAX_REPEATED} values')
+        else:
+            self._values += 1
+            if event.anchor is not None:
+                self._values_of[event.anchor] = self._values - before
+        return node
+
+
+class _Composer(_Bounds, yaml.SafeLoader):
+    def __init__(self, text: str, *, aliases: bool) -> None:
+        yaml.SafeLoader.__init__(self, text)
+        _Bounds.__init__(self, aliases=aliases)
+
+
+class _FastComposer(_Bounds, _SCANNER):
+    def __init__(self, text: str, *, aliases: bool) -> None:
+        _SCANNER.__init__(self, text)
+        _Bounds.__init__(self, aliases=aliases)
+
+
+class _Constructor(yaml.constructor.SafeConstructor):
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        if not isinstance(node, yaml.ScalarNode):
+            return super().construct_object(node, deep)
+        if node.tag in _NUMBERS and len(node.value) > _MOST_DIGITS:
+            raise YamlError(node.start_mark, f'a number of more than {_MOST_DIGITS} characters')
+        try:
+            return super().construct_object(node, deep)
+        except yaml.YAMLError:
+            raise
+        except Exception as error:  # PyYAML lets pass whatever a conversion raises
+            kind = node.tag.rpartition(':')[2]
+            raise YamlError(node.start_mark, f'{short_repr(node.value)} is no {kind}') from error
+
+
+def _problem(error: Exception) -> str:
+    problem = getattr(error, 'problem', None) or ' '.join(str(error).split())
+    return f'{problem}; indent by blanks' if "'\\t' that cannot start" in problem else problem
+
+
+# The parts of a YAML text that somebody has written: taken by what they have to be, each problem with its line.
+#
+# Names are taken as they are written: ``off`` is a name, and no truth value.
+
+
+class YamlParts:
+    """Takes a text apart. Whatever is wrong is kept in ``problems``, as ``source:line: what``, and reading goes on."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.problems: list[str] = []
+
+    def root(self, text: str) -> yaml.Node | None:
+        """The node of the whole text; None, and a problem, when it is no YAML or empty."""
+        try:
+            root = compose_yaml(text)
+        except YamlError as error:
+            self.problems.append(f'{self.source}:{error.line}: {error.reason}')
+            return None
+        if root is None:
+            self.problems.append(f'{self.source}:1: the text is empty')
+        return root
+
+    def mapping(self, node: yaml.Node | None, what: str) -> dict[str, yaml.Node]:
+        """The entries of a mapping by their names; empty when there is none."""
+        if node is None:
+            return {}
+        if not isinstance(node, yaml.MappingNode):
+            self.problem(node, f'{what} has to be a mapping, not {shown_node(node)}')
+            return {}
+        entries: dict[str, yaml.Node] = {}
+        for key, value in node.value:
+            name = self.name(key, f'a name in {what}')
+            if name in entries:
+                self.problem(key, f'{what} has {short_repr(name)} twice')
+            entries[name] = value
+        return entries
+
+    def sequence(self, node: yaml.Node, what: str) -> list[yaml.Node]:
+        """The entries of a list."""
+        if not isinstance(node, yaml.SequenceNode):
+            self.problem(node, f'{what} has to be a list, not {shown_node(node)}')
+            return []
+        return list(node.value)
+
+    def names(self, node: yaml.Node, what: str) -> list[str]:
+        """A list of names."""
+        return [self.name(one, what) for one in self.sequence(node, what)]
+
+    def name(self, node: yaml.Node, what: str, expected: str = 'a name') -> str:
+        """A name, or what else is ``expected``, as it is written."""
+        if not isinstance(node, yaml.ScalarNode):
+            self.problem(node, f'{what} has to be {expected}, not {shown_node(node)}')
+            return ''
+        return str(node.value)
+
+    def pairs(self, node: yaml.Node | None, what: str) -> dict[str, str]:
+        """A mapping of names to names."""
+        return {name: self.name(value, what) for name, value in self.mapping(node, what).items()}
+
+    def value(self, node: yaml.Node, what: str) -> Any:
+        """Plain data: numbers, texts, truth values, lists, mappings; None, and a problem, when it is something else."""
+        try:
+            return construct_yaml(node)
+        except YamlError as error:
+            self.problem(node, f'{what} is no plain value: {error.reason}')
+            return None
+
+    def values(self, node: yaml.Node, what: str) -> dict[str, Any]:
+        """Plain data by names."""
+        return {name: self.value(one, f'{what}: {short_repr(name)}') for name, one in self.mapping(node, what).items()}
+
+    def refuse_others(self, entries: dict[str, yaml.Node], known: Collection[str], what: str) -> None:
+        """A problem for each entry that has none of the names that are ``known``."""
+        for name, value in entries.items():
+            if name not in known:
+                self.problem(value, f'{what} cannot have {short_repr(name)}{did_you_mean(name, known)}')
+
+    def problem(self, node: yaml.Node, text: str) -> None:
+        """Something is wrong at this place."""
+        self.problems.append(f'{self.source}:{line_of(node)}: {text}')
+
+
+def line_of(node: yaml.Node) -> int:
+    """The line of a node, from 1."""
+    return node.start_mark.line + 1 if node.start_mark is not None else 1
+
+
+def shown_node(node: yaml.Node) -> str:
+    """A node in a message."""
+    if isinstance(node, yaml.MappingNode):
+        return 'a mapping'
+    return 'a list' if isinstance(node, yaml.SequenceNode) else short_repr(node.value)

@@ -1,0 +1,441 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Blackboard scopes and types, and the ports of nodes. The tables are those of BehaviorTree.CPP."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import (
+    BlackboardError,
+    ConversionError,
+    NodeExecutionError,
+    PortError,
+    RegistrationError,
+    TreeLoadError,
+)
+from flexbt_core.behavior_tree.model.ports import (
+    BOOL,
+    DOUBLE,
+    INT,
+    INT64,
+    STRING,
+    UINT8,
+    UINT64,
+    UNSIGNED,
+    Port,
+    PortType,
+    cast,
+    inout_port,
+    input_port,
+    list_of,
+    output_port,
+    pointer_key,
+)
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+
+REFUSED = 'refused'
+
+# What an entry that first took the value of the row takes then.
+WRITES: list[tuple[Any, dict[Any, Any]]] = [
+    (1, {5: 5, 2.0: 2, 2.5: REFUSED, '7': 7, '7.5': 7, 'abc': REFUSED, True: 1}),
+    (0.5, {5: 5.0, 2.0: 2.0, 2.5: 2.5, '7': 7.0, '7.5': 7.5, 'abc': REFUSED, True: 1.0}),
+    (False, {5: REFUSED, 2.0: REFUSED, 2.5: REFUSED, '7': REFUSED, 'abc': REFUSED, 'true': True, True: True}),
+    ('text', {5: 5, 2.0: 2.0, 2.5: 2.5, '7': '7', 'abc': 'abc', True: True}),
+]
+
+
+@pytest.mark.parametrize(
+    ('first', 'second', 'result'), [(first, second, result) for first, row in WRITES for second, result in row.items()]
+)
+def test_second_write(first: Any, second: Any, result: Any) -> None:
+    board = Blackboard()
+    board.set('k', first)
+    if result is REFUSED:
+        with pytest.raises(BlackboardError, match='k'):
+            board.set('k', second)
+        assert board.get('k') == first
+        assert board.entry('k').sequence == 1  # type: ignore[union-attr]
+    else:
+        board.set('k', second)
+        assert board.get('k') == result
+        assert type(board.get('k')) is type(result)
+        assert board.entry('k').sequence == 2  # type: ignore[union-attr]
+
+
+def test_second_text_makes_an_entry_text() -> None:
+    board = Blackboard()
+    board.set('k', 'a')
+    board.set('k', 'b')
+    for value in (5, 2.5, True):
+        with pytest.raises(BlackboardError, match='has the type'):
+            board.set('k', value)
+
+
+def test_scopes() -> None:
+    root = Blackboard()
+    middle, leaf = Blackboard(root), None
+    middle.remap('in', 'out')
+    leaf = Blackboard(middle)
+    leaf.enable_autoremap()
+    leaf.set('in', 5)
+    assert root.keys() == ['out']
+    assert leaf.get('in') == middle.get('in') == root.get('out') == 5
+    leaf.set('_private', 1)
+    assert leaf.keys() == ['_private']
+    leaf.set('local', 2)
+    assert middle.keys() == ['local']
+    leaf.set('@global', 3)
+    assert root.get('global') == middle.get('@global') == 3
+    assert 'global' not in middle
+    with pytest.raises(BlackboardError, match='missing key'):
+        middle.get('global')
+    middle.remap('far', '@global')
+    assert leaf.get('far') == 3
+    middle.remap('later', '@made')
+    leaf.set('later', 'x')
+    assert root.get('made') == 'x'
+
+
+def test_text_through_a_remapping_is_not_converted_but_readers_convert_it() -> None:
+    root = Blackboard()
+    child = Blackboard(root)
+    child.remap('k', 'n')
+    root.set('n', 3)
+    child.set('k', '7')
+    assert root.get('n') == '7'
+    with pytest.raises(BlackboardError, match='int'):
+        child.set('k', 2.5)
+
+
+def test_unset_removes_only_the_own_entry() -> None:
+    root = Blackboard()
+    child = Blackboard(root)
+    child.remap('k', 'k')
+    root.set('k', 1)
+    child.unset('k')
+    assert root.get('k') == 1
+    root.unset('k')
+    assert root.get_or('k', 'gone') == 'gone'
+    root.set('k', 'other type is fine now')
+
+
+def test_declared_entries_have_a_type_and_no_value() -> None:
+    board = Blackboard()
+    board.declare('k', INT)
+    assert 'k' in board
+    assert board.snapshot() == {}
+    with pytest.raises(BlackboardError, match='never written'):
+        board.get('k')
+    with pytest.raises(BlackboardError, match='type'):
+        board.declare('k', DOUBLE)
+    board.set('k', '12abc')
+    assert board.get('k') == 12
+
+
+def test_object_entries_keep_their_class() -> None:
+    board = Blackboard()
+    board.set('k', [1])
+    board.set('k', [2])
+    with pytest.raises(BlackboardError, match='list'):
+        board.set('k', {'a': 1})
+    with pytest.raises(BlackboardError, match='list'):
+        board.set('k', 'text')
+
+
+def test_concurrent_writers_lose_nothing() -> None:
+    board = Blackboard()
+
+    def write() -> None:
+        child = Blackboard(board)
+        for number in range(500):
+            child.set('@k', number)
+
+    threads = [threading.Thread(target=write) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    entry = board.entry('k')
+    assert entry is not None
+    assert entry.sequence == 2000
+
+
+NO = ConversionError
+
+
+@pytest.mark.parametrize(
+    ('value', 'kind', 'result'),
+    [
+        ('42', INT, 42), ('-3x', INT, -3), ('7.9', INT, 7), ('+5', INT, NO), (' 5', INT, NO), ('', INT, NO),
+        ('0x10', INT, 0), (str(2**31), INT, NO), (str(2**31), INT64, 2**31), ('-1', UNSIGNED, NO), ('256', UINT8, NO),
+        (str(2**64 - 1), UINT64, 2**64 - 1), ('1' * 5000, UINT64, NO), ('0' * 5000 + '7', INT, 7),
+        ('2.5', DOUBLE, 2.5), ('1e3x', DOUBLE, 1000.0), ('inf', DOUBLE, math.inf), ('-nan', DOUBLE, math.nan),
+        ('x', DOUBLE, NO),
+        ('true', BOOL, True), ('FALSE', BOOL, False), ('1', BOOL, True), ('2', BOOL, NO), ('yes', BOOL, NO),
+        (5, DOUBLE, 5.0), (2**53, DOUBLE, NO), (2.0, INT, 2), (2.5, INT, NO), (math.inf, INT, NO), (math.nan, INT, NO),
+        (3e9, INT, NO), (-1, UNSIGNED, NO), (1, BOOL, True), (2, BOOL, NO), (0.5, BOOL, True), (-0.5, BOOL, NO),
+        (True, INT, 1), (True, STRING, '1'), (7, STRING, '7'), (2.5, STRING, '2.500000'), ([], STRING, NO),
+        (None, INT, NO),
+        ('1;2;3', list_of(INT), [1, 2, 3]), ('', list_of(INT), []), ('a;;b;', list_of(STRING), ['a', '', 'b']),
+        ('1;x', list_of(INT), NO), ([1], list_of(INT), [1]), (5, list_of(INT), NO),
+    ],
+)  # fmt: skip
+def test_conversions(value: Any, kind: PortType, result: Any) -> None:
+    if result is NO:
+        with pytest.raises(ConversionError):
+            cast(value, kind)
+    else:
+        converted = cast(value, kind)
+        assert converted == result or (math.isnan(converted) and math.isnan(result))
+        assert type(converted) is type(result)
+
+
+@given(st.one_of(st.integers(-(2**70), 2**70), st.floats(), st.booleans(), st.text(max_size=30)))
+def test_every_conversion_gives_the_type_or_an_error_of_ours(value: Any) -> None:
+    for kind in (INT, INT64, UINT8, UNSIGNED, UINT64, DOUBLE, BOOL, STRING):
+        try:
+            converted = cast(value, kind)
+        except ConversionError:
+            continue
+        assert type(converted) is kind.python_type
+        assert cast(converted, kind) == converted or math.isnan(converted)
+
+
+@pytest.mark.parametrize(
+    ('text', 'key'),
+    [
+        ('{k}', 'k'), ('  {k} ', 'k'), ('{ k }', ' k '), ('{=}', 'port'), ('=', 'port'), ('{}', None), ('k', None),
+        ('{k', None), ('\t{k}', None), ('{@k}', '@k'), ('', None), ('{a}{b}', 'a}{b'),
+    ],
+)  # fmt: skip
+def test_pointers(text: str, key: str | None) -> None:
+    assert pointer_key(text, 'port') == key
+
+
+class Probe(SyncAction):
+    """Reads and writes its ports as the test says."""
+
+    ports = {
+        'number': input_port(INT, default='7'),
+        'text': input_port(STRING, optional=True),
+        'any': input_port(optional=True),
+        'numbers': input_port(list_of(INT), default='1;2'),
+        'real': inout_port(DOUBLE, optional=True),
+        'result': output_port(INT),
+        'echo': output_port(STRING, default='{=}'),
+    }
+    todo: Any = None
+
+    def tick(self) -> NodeStatus:
+        self.todo(self)
+        return NodeStatus.SUCCESS
+
+
+def probe(attributes: str, board: Blackboard | None = None) -> Probe:
+    registry = builtin_registry()
+    registry.register('Probe', Probe)
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="M"><Probe name="p" {attributes}/></BehaviorTree></root>'
+    node = Tree(TreeLibrary([load_xml(text, 'f', registry)]), 'M', blackboard=board).root
+    assert isinstance(node, Probe)
+    return node
+
+
+def test_inputs() -> None:
+    board = Blackboard()
+    board.set('s', '12')
+    board.set('x', 2.0)
+    assert probe('').get_input('number') == 7
+    assert probe('number="3"').get_input('number') == 3
+    assert probe('number="{s}"', board).get_input('number') == 12
+    assert probe('text="{x}"', Blackboard(board)).get_input_or('text', 'none') == 'none'
+    assert probe('any="{x}"', board).get_input('any') == 2.0
+    assert probe('any="5"').get_input('any') == '5'
+    with pytest.raises(TreeLoadError, match=r'entry \[x\] with the type std::string, but it has the type double'):
+        probe('text="{x}"', board)
+    node = probe('')
+    # Each read of a list gives a new one: nobody can change it for the others.
+    node.get_input('numbers').append(3)
+    assert node.get_input('numbers') == [1, 2]
+    assert node.get_input_or('text', 'none') == 'none'
+
+
+def test_port_errors_name_node_port_and_key() -> None:
+    node = probe('number="{n}" real="2.5"')
+    with pytest.raises(PortError, match=r'port \[number\] \(blackboard key \[n\]\) of Probe at \[p\]: .*never written'):
+        node.get_input('number')
+    with pytest.raises(PortError, match=r'port \[text\] of Probe at \[p\]: it is not given'):
+        node.get_input('text')
+    with pytest.raises(PortError, match='declares no such port'):
+        node.get_input('nonsense')
+    with pytest.raises(PortError, match='not declared as an input'):
+        node.get_input('result')
+    with pytest.raises(PortError, match='not declared as an output'):
+        node.set_output('number', 1)
+    with pytest.raises(PortError, match='has to point'):
+        node.set_output('real', 1.0)
+    with pytest.raises(PortError, match='declares no such port'):
+        node.set_output('nonsense', 1.0)
+    node.blackboard.unset('n')
+    node.blackboard.set('n', '99999999999')
+    with pytest.raises(PortError, match='out of the range'):
+        node.get_input('number')
+    node.blackboard.unset('n')
+    with pytest.raises(PortError, match='no such entry'):
+        node.get_input('number')
+    node.blackboard.set('n', 4)
+    assert node.get_input('number') == 4
+
+
+def test_outputs() -> None:
+    node = probe('result="{r}" real="{x}"')
+    node.set_output('result', 2.0)
+    assert node.blackboard.get('r') == 2
+    assert type(node.blackboard.get('r')) is int
+    with pytest.raises(PortError, match='not an integer'):
+        node.set_output('result', 2.5)
+    node.set_output('real', 3)
+    assert node.get_input('real') == 3.0
+    node.set_output('echo', 'hello')
+    assert node.blackboard.get('echo') == 'hello'
+    # Not given, and no default: not written.
+    probe('').set_output('result', 1)
+
+
+def test_an_entry_has_one_type_in_all_nodes_of_a_tree() -> None:
+    registry = builtin_registry()
+    registry.register('Probe', Probe)
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="M"><Sequence>\n<Probe number="{k}"/>\n<SubTree ID="S" inner="{k}"/>\n'
+        '<Probe real="{k}"/></Sequence></BehaviorTree>\n'
+        '<BehaviorTree ID="S">\n<Probe real="{inner}"/></BehaviorTree></root>'
+    )
+    with pytest.raises(TreeLoadError) as caught:
+        Tree(TreeLibrary([load_xml(text, 'f', registry)]), 'M')
+    assert [(error.line, error.column) for error in caught.value.errors] == [(6, 8), (4, 8)]
+    assert 'inner' in caught.value.errors[0].message
+
+
+def test_port_errors_within_a_tick_are_errors_of_the_node() -> None:
+    node = probe('number="{n}"')
+    node.todo = lambda self: self.get_input('number')
+    with pytest.raises(NodeExecutionError, match=r'in node \[p\] \(Probe\): PortError') as caught:
+        node.execute()
+    assert isinstance(caught.value.__cause__, PortError)
+
+
+@pytest.mark.parametrize(
+    ('name', 'port', 'words'),
+    [
+        ('name', input_port(INT), 'reserved'),
+        ('ID', input_port(INT), 'reserved'),
+        ('_skipIf', input_port(INT), 'reserved'),
+        ('1st', input_port(INT), 'begin with a letter'),
+        ('a b', input_port(INT), 'not allowed'),
+        ('', input_port(INT), 'empty'),
+        ('n', input_port(INT, default='x'), 'does not fit'),
+        ('n', output_port(INT, default='3'), 'pointer'),
+        ('n', 'no port', 'no Port'),
+    ],
+)
+def test_bad_ports_are_refused_at_registration(name: str, port: Port, words: str) -> None:
+    class Bad(SyncAction):
+        ports = {name: port}
+
+        def tick(self) -> NodeStatus:
+            return NodeStatus.SUCCESS
+
+    with pytest.raises(RegistrationError, match=words):
+        builtin_registry().register('Bad', Bad)
+
+
+def test_bad_registrations_are_refused() -> None:
+    class Abstract(SyncAction):
+        pass
+
+    registry = builtin_registry()
+    for id, node_class, words in [
+        ('Sequence', Probe, 'registered already'),
+        ('Root', Probe, 'reserved'),
+        ('a.b', Probe, 'not allowed'),
+        ('Abstract', Abstract, 'does not implement tick'),
+        ('Number', int, 'no node class'),
+    ]:
+        with pytest.raises(RegistrationError, match=words):
+            registry.register(id, node_class)
+    assert len(registry) == len(builtin_registry())
+
+
+def test_sub_tree_ports_constants_models_and_autoremap() -> None:
+    registry = builtin_registry()
+    registry.register('Probe', Probe)
+    text = """<root BTCPP_format="4" main_tree_to_execute="M">
+    <BehaviorTree ID="M"><Sequence>
+      <SubTree ID="S" name="given" number="{n}" text="hello"/>
+      <SubTree ID="S" name="auto" _autoremap="true" text="5"/>
+    </Sequence></BehaviorTree>
+    <BehaviorTree ID="S"><Probe number="{number}" text="{text}" result="{result}" any="{_private}"/></BehaviorTree>
+    <TreeNodesModel><SubTree ID="S"><input_port name="number"/><output_port name="result" default="{of_model}"/>
+    </SubTree></TreeNodesModel></root>"""
+    tree = Tree(TreeLibrary([load_xml(text, 'f', registry)]), 'M')
+    boards = {subtree.path: subtree.blackboard for subtree in tree.subtrees}
+    assert list(boards) == ['', 'given', 'auto']
+    first, second = (node for node in tree.nodes if isinstance(node, Probe))
+    tree.blackboard.set('n', 1)
+    tree.blackboard.set('number', 2)
+    assert first.get_input('number') == 1
+    assert second.get_input('number') == 2
+    assert first.get_input('text') == 'hello'
+    assert second.get_input('text') == '5'
+    assert 'text' not in tree.blackboard
+    first.set_output('result', 10)
+    second.set_output('result', 20)
+    assert tree.blackboard.get('of_model') == 10
+    assert tree.blackboard.get('result') == 20
+    second.blackboard.set('_private', 1)
+    assert '_private' not in tree.blackboard
+    with pytest.raises(TreeLoadError, match=r'declares the port \[number\]'):
+        TreeLibrary([load_xml(text.replace('number="{n}"', ''), 'f', registry)])
+
+
+def test_a_converter_of_the_host_that_raises_is_a_load_error() -> None:
+    class Posed(SyncAction):
+        ports = {'pose': input_port(PortType('Pose', tuple, from_text=lambda text: (float(text),)))}
+
+        def tick(self) -> NodeStatus:
+            return NodeStatus.SUCCESS
+
+    registry = builtin_registry()
+    registry.register('Posed', Posed)
+    with pytest.raises(TreeLoadError, match=r"f:1:52: <Posed>: port \[pose\] of type Pose: can't convert text 'here'"):
+        load_xml(
+            '<root BTCPP_format="4"><BehaviorTree ID="M"><Posed pose="here"/></BehaviorTree></root>', 'f', registry
+        )
+
+
+def test_a_scope_with_keys_of_its_own_shares_all_others() -> None:
+    shared = Blackboard()
+    shared.set('code', 1)
+    first, second = shared.with_own(['code', 'count']), shared.with_own(['code', 'count'])
+    first.set('code', 'a text')  # of its own type, too
+    first.set('count', 3)
+    assert 'code' not in second and 'count' not in second and shared.get('code') == 1
+    child = Blackboard(first)
+    child.set('@path', [1])  # the topmost scope of what is below
+    child.set('@count', 4)
+    first.set('_private', 2)
+    assert (first.get('count'), second.get('path'), shared.get('path'), shared.get('_private')) == (4, [1], [1], 2)
+    assert sorted(first) == ['_private', 'code', 'count', 'path'] and sorted(shared) == ['_private', 'code', 'path']
+    second.unset('path')
+    assert 'path' not in shared and first.lock is shared.lock

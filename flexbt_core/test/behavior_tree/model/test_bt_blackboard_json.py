@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Blackboards as JSON: what is exported comes back, whatever it is; what cannot be read changes nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from collections import deque
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model import ports
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
+from flexbt_core.behavior_tree.model.blackboard_json import (
+    JsonTypes,
+    export_blackboard,
+    import_blackboard,
+    show_blackboard,
+)
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import BlackboardError
+from flexbt_core.behavior_tree.model.ports import PortType
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.xml.reader import load_xml
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    name: str
+    x: float
+
+
+TYPES = JsonTypes()
+TYPES.register('demo::Waypoint', Waypoint, asdict, lambda fields: Waypoint(**fields))
+
+NUMBERS = st.integers(-(2**63), 2**64 - 1) | st.floats()
+SCALARS = st.none() | st.booleans() | NUMBERS | st.text() | st.sampled_from(NodeStatus)
+LEAVES = SCALARS | st.builds(Waypoint, st.text(), st.floats(allow_nan=False, allow_infinity=False))
+VALUES = st.recursive(
+    LEAVES,
+    lambda inner: (
+        st.lists(inner)
+        | st.lists(inner).map(tuple)
+        | st.lists(inner).map(deque)
+        | st.dictionaries(st.text() | st.integers() | st.tuples(st.text(), st.booleans()), inner)
+    ),
+    max_leaves=8,
+)
+OF_LITERALS = (ports.KEY, ports.KEYS)
+NAMED = [kind for kind in vars(ports).values() if isinstance(kind, PortType) and kind not in OF_LITERALS]
+KINDS = st.none() | st.sampled_from([*NAMED, ports.list_of(ports.INT), ports.list_of(ports.STRING)])
+KEYS = st.text(st.characters(exclude_characters='@', codec='utf-8'), max_size=5)
+
+
+def identical(one: Any, other: Any) -> bool:
+    """Equal, of the same classes all through, not-a-number and signs of zero included."""
+    if one.__class__ is not other.__class__:
+        return False
+    if isinstance(one, float):
+        return (
+            math.isnan(other) if math.isnan(one) else (one, math.copysign(1, one)) == (other, math.copysign(1, other))
+        )
+    if isinstance(one, list | tuple | deque):
+        return len(one) == len(other) and all(map(identical, one, other))
+    if isinstance(one, dict):
+        return identical(list(one), list(other)) and identical(list(one.values()), list(other.values()))
+    return bool(one == other)
+
+
+def contents(board: Blackboard) -> dict[str, tuple[str | None, Any]]:
+    found = ((key, board.entry(key)) for key in board)
+    return {
+        key: (None if entry.type is None else entry.type.name, entry.value) for key, entry in found if entry is not None
+    }
+
+
+def same(one: Blackboard, other: Blackboard) -> bool:
+    left, right = contents(one), contents(other)
+    return left.keys() == right.keys() and all(
+        left[key][0] == right[key][0] and identical(left[key][1], right[key][1]) for key in left
+    )
+
+
+@st.composite
+def boards(draw: st.DrawFn) -> Blackboard:
+    """What sets, declarations, copies and writes through ports leave behind."""
+    board = Blackboard()
+    below = Blackboard(board)
+    for key in draw(st.lists(KEYS, max_size=6)):
+        below.remap('port', key)
+        value, kind = draw(VALUES), draw(KINDS)
+        for deed in draw(st.lists(st.integers(0, 5), max_size=4)):
+            with contextlib.suppress(BlackboardError):
+                match deed:
+                    case 0:
+                        board.declare(key, kind)
+                    case 1:
+                        board.set(key, value)
+                    case 2:
+                        board.set(key, str(value))
+                    case 3:
+                        board.put(key, value, None)
+                    case 4:
+                        below.set('port', value)
+                    case _:
+                        below.set('port', 'some text')
+    return board
+
+
+@settings(max_examples=100, deadline=None)
+@given(boards())
+def test_every_entry_comes_back_with_its_type_and_its_value(board: Blackboard) -> None:
+    document, problems = export_blackboard(board, TYPES)
+    assert not problems
+    again = Blackboard()
+    import_blackboard(again, json.loads(json.dumps(document, allow_nan=False)), TYPES)
+    assert same(board, again), (contents(board), contents(again))
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: (
+        st.lists(inner)
+        | st.dictionaries(st.sampled_from(['__type', 'type', 'value', 'name', 'x']), inner)
+        | st.fixed_dictionaries(
+            {
+                '__type': st.sampled_from(
+                    ['double', 'dict', 'tuple', 'deque', 'BT::NodeStatus', 'demo::Waypoint', 'int']
+                )
+            },
+            optional={'value': inner, 'name': inner, 'x': inner},
+        )
+        | st.fixed_dictionaries(
+            {
+                'type': st.sampled_from(
+                    ['int', 'bool', 'std::vector<int>', 'BT::Any', 'list', 'std::vector<', 'Waypoint']
+                )
+            },
+            optional={'value': inner},
+        )
+    ),
+    max_leaves=10,
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(boards(), st.dictionaries(KEYS | KEYS.map('@{}'.format), JSON, max_size=3), st.data())
+def test_a_document_is_taken_as_a_whole_or_not_at_all(
+    board: Blackboard, document: dict[str, Any], data: st.DataObject
+) -> None:
+    if board.keys():
+        # What is there and what comes is to meet.
+        document = {**document, data.draw(st.sampled_from(board.keys())): data.draw(JSON)}
+    before, _ = export_blackboard(board, TYPES)
+    try:
+        import_blackboard(board, document, TYPES)
+    except BlackboardError:
+        after = Blackboard()
+        import_blackboard(after, before, TYPES)
+        assert same(board, after)
+
+
+def test_text_numbers_and_lists_stand_for_themselves() -> None:
+    board = Blackboard()
+    for key, value in {'name': 'kitchen', 'speed': 2.0, 'count': 3, 'ready': True, 'far': math.inf}.items():
+        board.declare(key, None).write(value)
+    board.set('length', 2.5)
+    board.set('rooms', ['a', 1, None, [True]])
+    board.set('level', 3, ports.UINT8)
+    board.declare('later', ports.DOUBLE)
+    board.declare('anything', None)
+    assert json.loads(json.dumps(export_blackboard(board, TYPES)[0])) == {
+        'name': 'kitchen',
+        'speed': 2.0,
+        'count': 3,
+        'ready': True,
+        'length': {'type': 'double', 'value': 2.5},
+        'rooms': ['a', 1, None, [True]],
+        'level': {'type': 'uint8_t', 'value': 3},
+        'far': {'__type': 'double', 'value': 'inf'},
+        'later': {'type': 'double'},
+        'anything': None,
+    }
+
+
+def test_what_has_no_json_form_is_told_and_the_rest_is_exported() -> None:
+    board = Blackboard()
+    board.set('lamp', object())
+    board.set('deep', [[{'lamp': object()}]])
+    board.set('far', Waypoint('far', math.inf))
+    board.set('x', 1)
+    document, problems = export_blackboard(board, TYPES)
+    assert document == {'x': {'type': 'int', 'value': 1}}
+    assert [problem.partition(']')[0] for problem in problems] == ['entry [lamp', 'entry [deep', 'entry [far']
+    assert show_blackboard(board, TYPES) == {'lamp': None, 'deep': None, 'far': None, 'x': 1}
+
+
+def test_a_value_within_itself_is_refused_in_time() -> None:
+    board = Blackboard()
+    endless: list[Any] = []
+    endless.append(endless)
+    board.set('endless', endless)
+    assert 'deep' in export_blackboard(board, TYPES)[1][0]
+    nested: Any = []
+    for _ in range(2000):
+        nested = [nested]
+    with pytest.raises(BlackboardError, match='deep'):
+        import_blackboard(board, {'nested': nested}, TYPES)
+
+
+@pytest.mark.parametrize(
+    ('item', 'fragment'),
+    [
+        ({}, "'__type'"),
+        ({'x': 1}, "'x'"),
+        ({'__type': 'Nothing'}, "'Nothing' is not known"),
+        ({'type': 'Nothing', 'value': 1}, "'Nothing' is not known"),
+        ({'type': 'uint8_t', 'value': 300}, '300'),
+        ({'type': 'int', 'value': [1]}, 'int'),
+        ({'type': 'bool', 'value': 2}, 'bool'),
+        ([{'no': 'type'}], '__type'),
+        ({'__type': 'demo::Waypoint', 'name': 'a'}, 'x'),
+        ({'__type': 'dict', 'value': [[[], 1]]}, 'unhashable'),
+        ({'__type': 'BT::NodeStatus', 'value': 'DONE'}, 'DONE'),
+    ],
+)
+def test_an_item_that_is_not_understood_is_named_with_the_reason(item: Any, fragment: str) -> None:
+    with pytest.raises(BlackboardError, match=r'entry \[bad\]') as raised:
+        import_blackboard(Blackboard(), {'good': 1, 'bad': item}, TYPES)
+    assert fragment in str(raised.value)
+
+
+def test_an_entry_that_has_a_type_converts_and_counts_the_write() -> None:
+    board = Blackboard()
+    entry = board.declare('speed', ports.DOUBLE)
+    import_blackboard(board, {'speed': 3}, TYPES)
+    assert identical(entry.value, 3.0)
+    assert entry.sequence == 1
+    import_blackboard(board, {'speed': '4.5'}, TYPES)
+    assert identical(entry.value, 4.5)
+    with pytest.raises(BlackboardError, match='speed'):
+        import_blackboard(board, {'new': 1, 'speed': [1]}, TYPES)
+    assert 'new' not in board
+    import_blackboard(board, {'speed': None}, TYPES)
+    assert identical(entry.value, 4.5)
+
+
+def test_types_of_ones_own_are_known_where_a_tree_has_declared_them() -> None:
+    color = PortType('Color', Waypoint)
+    board = Blackboard()
+    board.declare('color', color)
+    red = {'__type': 'demo::Waypoint', 'name': 'r', 'x': 1.0}
+    import_blackboard(board, {'color': {'type': 'Color', 'value': red}}, TYPES)
+    assert board.get('color') == Waypoint('r', 1.0)
+
+
+def test_it_is_shown_as_behaviortree_cpp_shows_it() -> None:
+    """What its Groot2Publisher replies for the same tree and entries (4.8.2, seen on the wire)."""
+    board = Blackboard()
+    for key, value in {'i': 3, 't': True, 'd': 2.0, 'inf': math.inf, 's': 'x"y', 'big': 2**31 - 1}.items():
+        board.set(key, value)
+    text = """<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence>
+    <Script code="a:=1; b:=2.5; c:='t'; e:=true; l:=1e300"/>
+    <LoopDouble queue="{q}" value="{v}"><AlwaysSuccess/></LoopDouble><Sleep msec="{ms}"/>
+    <SubTree ID="S" k="{i}" c="7" _autoremap="false"/></Sequence></BehaviorTree>
+    <BehaviorTree ID="S"><Sequence><Script code="z:=k+1"/><LoopInt queue="1;2;3" value="{v}"><AlwaysSuccess/></LoopInt>
+    </Sequence></BehaviorTree></root>"""
+    tree = Tree(TreeLibrary([load_xml(text, 'f.xml', builtin_registry())]), 'Main', blackboard=board)
+    at_first = {'big': 2147483647, 'd': 2.0, 'i': 3, 'inf': math.inf, 's': 'x"y', 't': 1}
+    at_first |= dict.fromkeys(('ms', 'q', 'v'))
+    assert show_blackboard(board, TYPES) == at_first
+    board.set('q', '1;2;3')
+    assert tree.tick_exactly_once() is NodeStatus.RUNNING
+    later = {'a': 1, 'b': 2.5, 'c': 't', 'e': 1, 'l': 1e300, 'v': 1.0, 'q': '1;2;3'}
+    shown = show_blackboard(board, TYPES)
+    assert {**shown, 'q': '1;2;3'} == at_first | later
+    assert shown['t'].__class__ is int
+    inner = tree.subtrees[1]
+    assert (inner.path, show_blackboard(inner.blackboard, TYPES)) == ('S::6', {'c': '7', 'v': None})
+    assert board.entry('ms').value is EMPTY  # type: ignore[union-attr]

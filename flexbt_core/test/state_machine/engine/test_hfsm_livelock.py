@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Chains of instantaneous transitions are one step; a chain without an end is reported, and does not hang the host."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, passing
+
+
+def deep(depth: int) -> OperatableStateMachine:
+    """Machines whose only states end at once."""
+    state = deep(depth - 1) if depth else passing()
+    return machine(Child(f'L{depth}', state, {('ended' if depth else 'done'): 'ended'}))
+
+
+def loop_of(*inner: OperatableStateMachine) -> OperatableStateMachine:
+    """Machines in a ring."""
+    labels = [f'M{number}' for number in range(len(inner))]
+    places = (
+        Child(label, one, {'ended': labels[(number + 1) % len(labels)]})
+        for number, (label, one) in enumerate(zip(labels, inner, strict=True))
+    )
+    return machine(*places)
+
+
+def test_a_chain_of_instantaneous_states_is_one_step() -> None:
+    count = 200
+    labels = [*(f'S{number}' for number in range(count)), 'ended']
+    bench = Bench(machine(*(Child(labels[i], passing(), {'done': labels[i + 1]}) for i in range(count))))
+    assert (bench.outcome, bench.steps, len(bench.transitions)) == ('ended', 1, count)
+
+
+@pytest.mark.parametrize('machines', [1, 2, 7])
+@pytest.mark.parametrize('depth', [0, 1, 3])
+def test_a_loop_without_a_wait_ends_the_run_and_names_the_states(depth: int, machines: int) -> None:
+    bench = Bench(loop_of(*(deep(depth) for _ in range(machines))))
+    assert bench.outcome == 'error'
+    assert bench.run.message.startswith(
+        f'livelock: {MAX_TRANSITIONS} transitions without waiting for anything, the last of them from /'
+    )
+    assert ', /M' in bench.run.message
+    assert bench.steps == 1
+    assert MAX_TRANSITIONS - 1 <= len(bench.transitions) <= MAX_TRANSITIONS
+    enters, exits = (sum(event.startswith(name) for event in bench.trace) for name in ('on_enter', 'on_exit'))
+    assert enters == exits
+
+
+def test_a_loop_that_waits_now_and_then_goes_on() -> None:
+    def execute(state: Scripted, _: Any) -> str | None:
+        return None if state.calls('execute') % 100 == 0 else 'again'
+
+    state = Scripted('again', do={'execute': execute}, rate=10.0)
+    bench = Bench(machine(Child('A', state, {'again': 'A'})))
+    bench.pass_time(10.0)
+    assert bench.active == ('/A',)
+    assert state.calls('on_enter') > MAX_TRANSITIONS
+
+
+def test_a_stop_gets_through_in_the_middle_of_a_loop() -> None:
+    def execute(state: Scripted, _: Any) -> str:
+        if state.calls('execute') == 50:
+            state.services.run.preempt('by another thread')
+        return 'again'
+
+    bench = Bench(machine(Child('A', Scripted('again', do={'execute': execute}), {'again': 'A'})))
+    assert bench.outcome == 'preempted'
+    assert len(bench.transitions) == 49
+
+
+def test_a_level_that_is_lowered_gets_through_in_the_middle_of_a_loop() -> None:
+    answers: list[str | None] = []
+
+    def execute(state: Scripted, _: Any) -> str:
+        if state.calls('execute') == 50:
+            state.services.run.set_autonomy(0, '', answers.append)
+        return 'again'
+
+    bench = Bench(machine(Child('A', Scripted('again', do={'execute': execute}), {'again': 'A'}, {'again': 0})))
+    assert answers == [None]
+    assert bench.decision.path == '/A'
+    assert len(bench.transitions) == 49
+
+
+def test_confirming_without_end_is_no_livelock() -> None:
+    bench = Bench(machine(Child('A', passing(outcome='again', outcomes=['again']), {'again': 'A'}, {'again': 3})))
+    for _ in range(2 * MAX_TRANSITIONS):
+        assert bench.confirm() is None
+    assert bench.active == ('/A',)

@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Going on elsewhere: in another run, where one was, and with another machine. Random runs do both as well."""
+
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+import pytest
+
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.resume import RunPosition, position_of, start_at
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import StateError, StateMachineError
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
+
+
+def line(*states: EventState | OperatableStateMachine, **options: Any) -> OperatableStateMachine:
+    """States one after the other."""
+    labels = [*(f'S{number}' for number in range(len(states))), 'ended']
+    places = [
+        Child(labels[number], state, dict.fromkeys(state.outcomes, labels[number + 1]))
+        for number, state in enumerate(states)
+    ]
+    return machine(*places, **options)
+
+
+def through_json(position: RunPosition) -> RunPosition:
+    return RunPosition.from_plain(json.loads(json.dumps(position.to_plain())))
+
+
+# -- another run, where one was ----------------------------------------------------------------------------------------
+
+
+def test_a_run_goes_on_with_its_userdata_and_settings_and_tells_the_state_so() -> None:
+    def write(_: Scripted, userdata: Any) -> None:
+        userdata.x = 7
+
+    def read(state: Scripted, userdata: Any) -> None:
+        seen.append((state.is_resumed, userdata.x))
+
+    def made() -> tuple[list[Scripted], OperatableStateMachine]:
+        states = [
+            Scripted(outcome='done', output_keys=['x'], do={'on_exit': write}),
+            Scripted(input_keys=['x'], do={'on_enter': read}),
+        ]
+        inner = line(*states, io_keys=['x'])
+        return states, machine(Child('M', inner, {'ended': 'ended'}), defaults={'x': 0})
+
+    seen: list[Any] = []
+    _, first = made()
+    before = Bench(first)
+    before.lock('/M')
+    before.set_breakpoint('/M/S1')
+    before.set_autonomy(Autonomy.Low, '/M')
+    position = through_json(position_of(before.run))
+    assert (position.active, position.userdata) == (('/M', '/M/S1'), {'/': {'x': 7}, '/M': {'x': 7}})
+    states, second = made()
+    after = Bench(second, autonomy=Autonomy.Off, at=position)
+    assert seen == [(False, 7), (True, 7)]
+    assert after.active == before.active
+    assert (after.run.locked, after.run.breakpoints, after.run.autonomy_levels) == (
+        ['/M'],
+        ['/M/S1'],
+        {'/': 3, '/M': 1},
+    )
+    assert states[0].trace == ['on_start']
+    assert position_of(after.run) == position
+
+
+def test_what_was_done_and_waited_for_the_operator_is_not_done_again() -> None:
+    def made() -> OperatableStateMachine:
+        return nested(Scripted(outcome='done'), 'A/B', {'done': Autonomy.Full})
+
+    before = Bench(made())
+    old = before.decision
+    position = through_json(position_of(before.run))
+    assert (position.wanted, position.decisions[0]['outcome']) == ({'/A/B': 'done'}, 'done')
+    after = Bench(made(), at=position)
+    assert not [event for event in after.trace if event.startswith('on_enter')]
+    assert (after.decision.path, after.decision.outcome) == (old.path, old.outcome)
+    assert after.confirm(old.id) is not None, 'the operator has seen another run'
+    assert after.confirm() is None
+    assert after.outcome == 'done'
+    assert not [event for event in after.trace if event.startswith('on_exit')]
+
+
+def test_what_was_being_left_is_passed_on() -> None:
+    def made(second: Scripted) -> OperatableStateMachine:
+        return line(Scripted(outcome='done', do={'halting': lambda *_: 'braking'}), second)
+
+    before = Bench(made(Scripted()))
+    second = Scripted()
+    position = through_json(position_of(before.run))
+    assert position.leaving == {'/S0': 'done'}
+    after = Bench(made(second), at=position)
+    after.pass_time(3.0)
+    assert (second.trace, after.active) == (['on_start', 'on_enter', 'execute'], ('/S1',))
+
+
+def test_what_had_to_wait_for_something_with_priority_is_not_resumed_but_entered() -> None:
+    def made(urgent: Scripted, beside: Scripted) -> OperatableStateMachine:
+        first = machine(Child('U', urgent, {'done': 'ended'}), priority=True)
+        return machine(Child('P', first), Child('B', beside), conditions=[('ended', [('B', 'done')])])
+
+    before = Bench(made(Scripted(), Scripted()))
+    position = through_json(position_of(before.run))
+    assert (position.active, position.coming) == (('/P', '/P/U'), ('/B',))
+    urgent, beside = Scripted(), Scripted()
+    after = Bench(made(urgent, beside), at=position)
+    assert position_of(after.run) == position
+    assert (urgent.trace, beside.trace) == (['on_start', 'on_enter resumed', 'execute'], ['on_start'])
+    urgent.end('done')
+    after.settle()
+    assert beside.trace == ['on_start', 'on_enter', 'execute']
+
+
+def test_a_paused_run_goes_on_when_it_is_resumed() -> None:
+    before = Bench(line(Scripted()))
+    before.pause()
+    state = Scripted()
+    after = Bench(line(state), at=through_json(position_of(before.run)))
+    assert (state.trace, after.run.is_paused) == (['on_start'], True)
+    assert (after.run.active_states(), after.run.coming()) == ([], ['/S0'])
+    assert position_of(after.run) == position_of(before.run)
+    after.resume()
+    assert state.trace == ['on_start', 'on_enter resumed', 'execute']
+
+
+def test_positions_are_whole_whenever_the_observer_is_told_something() -> None:
+    """What is written down at any moment is a place to go on at."""
+
+    class Writing(Bench):
+        def changed(self) -> None:
+            super().changed()
+            self.write()
+
+        def transition(self, *arguments: Any) -> None:
+            super().transition(*arguments)
+            self.write()
+
+        def write(self) -> None:
+            if self.run.outcome is None and not self.run.message:
+                positions.append(through_json(position_of(self.run)))
+
+    def made() -> OperatableStateMachine:
+        both = machine(
+            Child('A', nested(passing(), 'X')),
+            Child('B', line(passing(), passing())),
+            conditions=[('ended', [('A', 'done'), ('B', 'ended')])],
+        )
+        return line(passing(), both, nested(passing(), 'A/B'))
+
+    positions: list[RunPosition] = []
+    assert Writing(made()).outcome == 'ended'
+    assert len(positions) > 10
+    for position in positions[1:]:
+        assert Bench(made(), at=position).outcome == 'ended'
+
+
+@pytest.mark.parametrize(
+    ('change', 'reason'),
+    [
+        ({'active': ['/S0', '/S1']}, 'one state of / has to be active, not /S0, /S1'),
+        ({'active': []}, 'one state of / has to be active, not none'),
+        ({'active': ['/S7']}, "the machine has no state '/S7'"),
+        ({'active': ['/S1']}, 'one state of /S1 has to be active, not none'),
+        ({'active': ['/S0', '/S0/A']}, '/S0 cannot have anything active in it'),
+        ({'wanted': {'/S0': 'x'}}, "/S0 has no outcome 'x'"),
+        ({'levels': {'/': 4}}, "there is no level 4 of '/'"),
+        ({'locked': ['/x']}, "the machine has no state '/x'"),
+    ],
+)
+def test_a_position_that_cannot_be_is_refused(change: dict[str, Any], reason: str) -> None:
+    def made() -> OperatableStateMachine:
+        return line(Scripted(), nested(Scripted(), 'A'))
+
+    plain = position_of(Bench(made()).run).to_plain() | change
+    bench = Bench(made(), start=False)
+    with pytest.raises(StateMachineError) as caught:
+        start_at(bench.run, RunPosition.from_plain(plain))
+    assert reason in str(caught.value)
+
+
+def test_data_that_is_no_position_is_refused() -> None:
+    plain = position_of(Bench(line(Scripted())).run).to_plain()
+    for name, value in plain.items():
+        wrong = copy.deepcopy(plain)
+        wrong[name] = 3.5
+        with pytest.raises(StateMachineError, match=name):
+            RunPosition.from_plain(wrong)
+        del wrong[name]
+        with pytest.raises(StateMachineError, match=f'missing or left over: {name}'):
+            RunPosition.from_plain(wrong)
+        assert value is not None
+
+
+# -- another machine ---------------------------------------------------------------------------------------------------
+
+
+def test_a_switch_keeps_the_active_state_and_its_data_and_follows_the_new_transitions() -> None:
+    state = Scripted(
+        'done', io_keys=['x'], do={'execute': lambda _, userdata: userdata.__setitem__('x', userdata.x + 1)}
+    )
+    inner = machine(Child('A', state, {'done': 'ended'}), io_keys=['x'])
+    bench = Bench(machine(Child('M', inner, {'ended': 'ended'}), defaults={'x': 1}))
+    follow, replaced = Scripted(), Scripted('done', io_keys=['x'])
+    inner = machine(
+        Child('A', replaced, {'done': 'B'}),
+        Child('B', follow, {'done': 'C'}),
+        Child('C', passing(outcomes=['e', 'n']), {'e': 'ended', 'n': 'new'}),
+        outcomes=['ended', 'new'],
+        io_keys=['x'],
+    )
+    made = machine(Child('M', inner, {'ended': 'ended', 'new': 'ended'}), defaults={'x': 100, 'y': 5})
+    assert bench.switch(made) is None
+    assert (bench.active, state.trace[-1]) == (('/M/A',), 'execute')
+    assert (bench.run.userdata(), replaced.trace, follow.trace) == ({'x': 2, 'y': 5}, ['on_start'], ['on_start'])
+    assert bench.run.definition.children['M'].outcomes == ('ended', 'new')
+    state.end('done')
+    state.wake()
+    bench.settle()
+    assert bench.active == ('/M/B',)
+    assert state.trace[-1] == 'on_exit OUTCOME'
+    bench.repeat('/M')
+    assert state.trace[-1] == 'on_stop', 'the new object takes over when the state is entered again'
+    assert replaced.trace == ['on_start', 'on_enter', 'execute']
+    bench.stop()
+    for one in (state, follow, replaced):
+        assert (one.calls('on_start'), one.calls('on_stop')) == (1, 1)
+        assert one.calls('on_enter') == one.calls('on_exit')
+
+
+def test_what_waits_for_the_operator_is_asked_again_after_a_switch() -> None:
+    bench = Bench(line(Scripted(outcome='done'), passing()), autonomy=Autonomy.Full)
+    assert bench.outcome == 'ended'
+    made = [machine(Child('A', Scripted(outcome='done'), {'done': 'ended'}, {'done': Autonomy.Full})) for _ in range(2)]
+    bench = Bench(made[0])
+    old = bench.decision
+    assert bench.switch(made[1]) is None
+    assert bench.confirm(old.id) is not None
+    assert bench.confirm() is None
+    assert bench.outcome == 'ended'
+
+
+class Other(Scripted):
+    """Another kind of state."""
+
+
+@pytest.mark.parametrize(
+    ('made', 'reason'),
+    [
+        (machine(Child('B', Scripted(), {'done': 'ended'})), "the machine has no state '/A'"),
+        (
+            machine(Child('A', Other(), {'done': 'ended'})),
+            f'/A is active, and would be of class {__name__}.Other '
+            'instead of flexbt_testing.state_machines.bench.Scripted',
+        ),
+        (
+            machine(Child('A', Scripted('done', 'x'), {'done': 'ended', 'x': 'ended'})),
+            '/A is active, and would have other outcomes (x)',
+        ),
+        (
+            machine(Child('A', Scripted(output_keys=['k']), {'done': 'ended'})),
+            '/A is active, and would have other output keys (k)',
+        ),
+        (
+            machine(Child('A', nested(Scripted(), 'B'), {'done': 'ended'})),
+            '/A is active, and would be a container of kind MACHINE instead of a state',
+        ),
+        (
+            machine(Child('A', Scripted(), {}), conditions=[('ended', [('A', 'done')])]),
+            '/ is active, and would be a container of kind CONCURRENCY instead of a container of kind MACHINE',
+        ),
+        (
+            machine(
+                Child('A', Scripted(), {'done': 'B'}),
+                Child('B', Scripted(input_keys=['k']), {'done': 'ended'}),
+                input_keys=['k'],
+            ),
+            "nobody has given the input 'k'",
+        ),
+    ],
+)
+def test_a_switch_that_cannot_be_is_refused_and_changes_nothing(made: OperatableStateMachine, reason: str) -> None:
+    state = Scripted()
+    bench = Bench(machine(Child('A', state, {'done': 'ended'})))
+    before = bench.run.definition
+    refusal = bench.switch(made)
+    assert refusal is not None
+    assert reason in refusal
+    assert (bench.run.definition, bench.active) == (before, ('/A',))
+    state.end('done')
+    bench.settle()
+    assert bench.outcome == 'ended'
+
+
+def test_a_switch_is_refused_while_something_is_left_and_when_a_new_state_cannot_start() -> None:
+    def boom(*_: Any) -> None:
+        raise ArithmeticError
+
+    broken = Scripted(do={'on_start': boom})
+    fine = Scripted()
+    bench = Bench(line(Scripted(), fine))
+    assert bench.switch(line(Scripted(), broken)) == 'the run cannot go on with that machine: /S1 raised in on_start'
+    assert broken.trace == ['on_start', 'on_stop']
+    other = Bench(line(Scripted(do={'halting': lambda *_: 'braking'}), Scripted()))
+    other.force('/S0', 'done')
+    refusal = other.switch(line(Scripted(), Scripted()))
+    assert refusal == 'the run cannot go on with that machine: /S0 is being left; try again when it has halted'
+    taken = line(Scripted(), fine)
+    refusal = other.switch(taken)
+    assert refusal is not None
+    assert '/S1: its state is part of a run already' in refusal
+
+
+def test_inputs_of_the_new_machine_come_from_the_userdata_or_its_defaults() -> None:
+    def made(**options: Any) -> OperatableStateMachine:
+        return machine(Child('A', Scripted(), {'done': 'ended'}), input_keys=['k'], **options)
+
+    bench = Bench(made(), userdata={'k': 1})
+    assert bench.switch(made()) is None
+    assert bench.switch(made(defaults={'k': 2})) is None
+    assert bench.run.userdata() == {'k': 1}
+    bench = Bench(line(Scripted()))
+    inner = machine(Child('S0', Scripted(), {'done': 'ended'}), input_keys=['k'], defaults={'k': 2})
+    assert bench.switch(inner) is None
+    assert bench.run.userdata() == {'k': 2}
+
+
+def test_settings_of_what_both_machines_have_stay() -> None:
+    bench = Bench(line(Scripted(), nested(Scripted(), 'A')))
+    bench.lock('/S1/A')
+    bench.lock('/S0')
+    bench.set_breakpoint('/S1')
+    bench.set_autonomy(Autonomy.Low, '/S1')
+    assert bench.switch(line(Scripted(), nested(Scripted(), 'B'))) is None
+    assert (bench.run.locked, bench.run.breakpoints) == (['/S0'], ['/S1'])
+    assert bench.run.autonomy_levels == {'/': 3, '/S1': 1}
+
+
+def test_a_run_whose_states_are_taken_binds_none_of_them() -> None:
+    taken = Scripted()
+    first = Bench(line(taken))
+    free = Scripted()
+    second = Bench(line(free, taken), start=False)
+    with pytest.raises(StateError, match='/S1: the state is part of a run that has not ended'):
+        second.run.start()
+    assert Bench(line(free)).active == ('/S0',)
+    assert first.active == ('/S0',)

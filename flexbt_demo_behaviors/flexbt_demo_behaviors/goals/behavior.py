@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A behavior that runs the tree with the mission, and leaves it to the operator what comes when there is no way."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flexbt_core import Autonomy, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_states import BtExecuteState, BtLoaderState, OperatorDecisionState
+
+TREE: Final = 'flexbt_demo_goals/trees/bring_cup.xml'
+
+
+class ReachGoal(Behavior):
+    """Reach the goal of the tree's mission; where there is no way, a person says whether to try again."""
+
+    manifest = BehaviorManifest(
+        name='Reach Goal',
+        description='Reach the goal of a mission; where there is no way, ask a person.',
+        author='The FlexBT developers',
+        parameters=[BehaviorParameter('tree', TREE, 'behavior tree that reaches the goal, as package/path')],
+    )
+
+    tree: str
+
+    def create(self) -> OperatableStateMachine:
+        """Try; ask when there is no way."""
+        machine = OperatableStateMachine(outcomes=['reached', 'given_up', 'failed'])
+        with machine:
+            OperatableStateMachine.add(
+                'LoadTree',
+                BtLoaderState(filepaths=[self.tree]),
+                transitions={'done': 'Reach', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
+            )
+            OperatableStateMachine.add(
+                'Reach',
+                BtExecuteState(bt_file=self.tree),
+                transitions={'done': 'reached', 'canceled': 'given_up', 'failed': 'Ask'},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Off},
+            )
+            OperatableStateMachine.add(
+                'Ask',
+                OperatorDecisionState(outcomes=['again', 'give_up'], hint='There is no way to the goal. And now?'),
+                transitions={'again': 'Reach', 'give_up': 'given_up'},
+                autonomy={'again': Autonomy.Full, 'give_up': Autonomy.Full},
+            )
+        return machine

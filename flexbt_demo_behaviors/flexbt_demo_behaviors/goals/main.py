@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``goals``: a robot that plans, its operator or a scripted one, and what others do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Final
+
+from sensor_msgs.msg import JointState
+from simulation_interfaces.msg import EntityState, Result
+from simulation_interfaces.srv import GetEntityState, SetEntityState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from flexbt_common import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.mirror.records import AutonomyLevel, DecisionKind
+from flexbt_demo_behaviors.demonstration.demo_processes import console_command
+from flexbt_demo_behaviors.demonstration.options import RunOptions, parse_run_options
+from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
+from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, write_picture
+from flexbt_demo_behaviors.demonstration.robot_track import TrackPose
+from flexbt_demo_behaviors.demonstration.running import run_console, run_demonstration
+from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
+from flexbt_demo_behaviors.demonstration.session import READY_TIMEOUT_S, DemoSession, join_robot
+from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation
+from flexbt_msgs.srv import SetFault
+from flexbt_sim.world import Pose
+
+from .processes import flat, robot_processes
+from .rooms import room_at
+
+ROBOT: Final = 'robot'
+PEERS: Final = 3
+"""Of the executive: simulator, navigation, BT server."""
+
+INTRODUCTION = """
+The robot brings the cup from the kitchen to the office. Shut the door meanwhile, from another terminal:
+  ros2 service call /simulator/doors/kitchen_door std_srvs/srv/SetBool "{data: false}"
+"?" shows the keys, "!" stops what drives, "q" ends all.
+"""
+
+
+def main() -> int:
+    """Run the demonstration of the command line; gives the exit code of the process."""
+    options = parse_run_options('goals', 'A robot plans its way to a goal, under an operator.')
+    return run_demonstration(
+        'goals', options.output / 'logs', options.interactive, lambda group, domain: _run(options, group, domain)
+    )
+
+
+def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
+    timeline = Timeline()
+    timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
+    for process in robot_processes(options.speed):
+        group.start(process.name, process.command(), respawn=True)
+    with join_robot('operator', timeline) as session:
+        group.watch(lambda ended: session.operator.abandon(ended.report()))
+        session.operator.wait_ready(PEERS, timeout=READY_TIMEOUT_S)
+        if not options.interactive:
+            return _run_script(options, session, timeline)
+        session.operator.start('Reach Goal', AutonomyLevel.HIGH)
+    print(INTRODUCTION, flush=True)
+    return run_console(group, console_command())
+
+
+def _run_script(options: RunOptions, session: DemoSession, timeline: Timeline) -> int:
+    operator = session.operator
+    household = Household(session.runtime, timeline, options.speed, operator.notify)
+    session.track.restart()
+    report = DemoReport(TITLE, dict.fromkeys(BRANCHES, False))
+    report.play(lambda: reach_goals(Flat(operator, household), report))
+    file = options.output / 'demo5.png'
+    world = flat()
+    for goal in report.goals:
+        world.move(CUP, Pose(goal.pose.x, goal.pose.y, 0.0))
+    write_picture(world, {ROBOT: session.track}, file)
+    print(f'\n{report.text()}\n  picture {file}\n', flush=True)
+    return 0 if report.passed else 1
+
+
+# What the scripted operator and the household do, and the branches that are taken.
+
+PLANNED: Final = 'planned: the closed door is opened'
+SHUT: Final = 'the door is shut on the way: opened again'
+PICKED_UP: Final = 'the cup is picked up in the kitchen'
+MOVED: Final = 'the cup is taken away: planned anew'
+REACHED: Final = 'the goal reached: the cup is in the office'
+REFUSED: Final = 'a door that jams: no way, and told why'
+AGAIN: Final = 'the door mended: planned anew, and reached'
+BRANCHES: Final = (PLANNED, SHUT, PICKED_UP, MOVED, REACHED, REFUSED, AGAIN)
+
+TITLE: Final = 'Demonstration 5: a goal, and a robot that plans'
+
+NO_WAY: Final = 'there is no plan without FlatOpenDoor(kitchen_door, hall, kitchen) (failed: kitchen_door is jammed)'
+
+
+@dataclass(frozen=True)
+class Flat:
+    """What the operator has before them: the robot, and the household."""
+
+    operator: ScriptedOperator
+    household: Household
+
+
+def reach_goals(flat: Flat, report: DemoReport) -> None:
+    """Have the cup brought twice."""
+    operator, household = flat.operator, flat.household
+
+    operator.wait(lambda _view: household.is_seen, 'the household seen', ANSWER_TIMEOUT_S)
+    with household.in_real_time():  # it takes others a moment to meddle
+        operator.start('Reach Goal', AutonomyLevel.HIGH)
+        operator.wait_happened(lambda: household.times_opened >= 1, 'the door of the kitchen opened by the robot')
+        report.take(PLANNED)
+        operator.wait_begun('FlatPassDoor(kitchen_door, hall, kitchen)')
+        household.shut_door()
+        operator.wait_happened(lambda: household.times_opened >= 2, 'the door opened again by the robot')
+        report.take(SHUT)
+        operator.wait_happened(lambda: household.times_held >= 1, 'the cup in the gripper of the robot')
+        report.take(PICKED_UP)
+        household.move_cup(1.2, 4.8)
+        operator.wait_begun('FlatApproach(cup, hall)')
+    report.take(MOVED)
+    operator.wait_end('reached', DRIVE_TIMEOUT_S)
+    report.goals.append(_check_cup(flat))
+    report.take(REACHED)
+
+    household.move_cup(1.2, 1.2)
+    household.shut_door()
+    operator.wait(lambda _view: household.door_is_shut, 'the door shut', ANSWER_TIMEOUT_S)
+    household.jam_door(jammed=True)
+    operator.start('Reach Goal', AutonomyLevel.HIGH)
+    decision = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    operator.wait_told(NO_WAY)
+    report.take(REFUSED)
+    household.jam_door(jammed=False)
+    operator.choose(decision, 'again')
+    operator.wait_end('reached', DRIVE_TIMEOUT_S)
+    report.goals.append(_check_cup(flat))
+    report.take(AGAIN)
+
+
+def _check_cup(flat: Flat) -> GoalResult:
+    """Where the cup is; raises DemoError when that is not the office, or the robot holds it still."""
+    pose = flat.household.cup()
+    room = room_at(pose.x, pose.y)
+    if room != 'office' or flat.household.held:
+        raise DemoError(f'the cup is at {pose}, in the {room}; the robot holds {flat.household.held or "nothing"}')
+    return GoalResult('cup', pose, 'put down in the office', 0.0, reached=True)
+
+
+# What others do in the flat while the robot works, by the services of the simulator; and what is seen of it.
+
+DOOR: Final = 'kitchen_door'
+CUP: Final = 'cup'
+
+MESSAGES: Final = 1000
+"""Of a topic that may wait: each counts."""
+
+
+class Household:
+    """Shuts doors and moves cups. `on_change` is called, on another thread, when something is seen to have changed."""
+
+    def __init__(self, runtime: NodeRuntime, timeline: Timeline, speed: float, on_change: Callable[[], None]) -> None:
+        self.times_opened = 0
+        """How often the door of the kitchen came to be open all the way."""
+        self.times_held = 0
+        """How often the robot came to hold the cup."""
+        self.held = ''
+        """What the robot holds; '' for nothing."""
+        self._opening: float | None = None
+        self._is_gripper_seen = False
+        self._simulation = DemoSimulation(runtime, timeline, speed)
+        self._timeline = timeline
+        self._on_change = on_change
+        runtime.call(lambda: self._subscribe(runtime))
+
+    @property
+    def door_is_shut(self) -> bool:
+        """Whether the door of the kitchen is shut all the way."""
+        return self._opening is not None and self._opening <= 0.0
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether it is known how the door and the gripper are; what happens to them from then on is not missed."""
+        return self._opening is not None and self._is_gripper_seen
+
+    def in_real_time(self) -> AbstractContextManager[None]:
+        """Has the world be as fast as the wall for the time of the context."""
+        return self._simulation.in_real_time()
+
+    def shut_door(self) -> None:
+        """Have somebody shut the door of the kitchen."""
+        response = self._simulation.call(SetBool, f'doors/{DOOR}', SetBool.Request(data=False))
+        if not response.success:
+            raise DemoError(f'{DOOR} was not shut: {response.message}')
+        self._timeline.tell('household', 'somebody shuts the door of the kitchen')
+
+    def jam_door(self, jammed: bool) -> None:
+        """Have the door jam, or mend it."""
+        request = SetFault.Request(entity=DOOR, fault='door_jammed', clear=not jammed)
+        response = self._simulation.call(SetFault, 'set_fault', request)
+        if not response.success:
+            raise DemoError(f'the door could not be jammed or mended: {response.message}')
+        self._timeline.tell('household', 'the door of the kitchen jams' if jammed else 'the door is mended')
+
+    def move_cup(self, x: float, y: float) -> None:
+        """Have somebody put the cup elsewhere, out of the gripper of the robot if need be."""
+        state = EntityState()
+        state.pose.position.x, state.pose.position.y = x, y
+        response = self._simulation.call(
+            SetEntityState, 'set_entity_state', SetEntityState.Request(entity=CUP, state=state)
+        )
+        if response.result.result != Result.RESULT_OK:
+            raise DemoError(f'the cup was not moved: {response.result.error_message}')
+        self._timeline.tell('household', f'somebody puts the cup to ({x:g}, {y:g}), in the {room_at(x, y)}')
+
+    def cup(self) -> TrackPose:
+        """Where the cup is."""
+        response = self._simulation.call(GetEntityState, 'get_entity_state', GetEntityState.Request(entity=CUP))
+        position = response.state.pose.position
+        return TrackPose(position.x, position.y, 0.0)
+
+    def _subscribe(self, runtime: NodeRuntime) -> None:
+        runtime.node.create_subscription(
+            JointState, 'simulator/doors', self._on_doors, names.transient_local_qos(MESSAGES)
+        )
+        runtime.node.create_subscription(
+            String, names.GRIPPER_HOLDS, self._on_holds, names.transient_local_qos(MESSAGES)
+        )
+
+    def _on_doors(self, message: JointState) -> None:
+        before, self._opening = self._opening, message.position[message.name.index(DOOR)]
+        self.times_opened += before is not None and before < 1.0 <= self._opening
+        self._on_change()
+
+    def _on_holds(self, message: String) -> None:
+        self.times_held += message.data == CUP != self.held
+        self.held = message.data
+        self._is_gripper_seen = True
+        self._on_change()

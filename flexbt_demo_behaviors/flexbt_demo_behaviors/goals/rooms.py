@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The rooms of the flat: where they are, and where the robot stands in each."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from ament_index_python.packages import get_package_share_directory
+
+from flexbt_core import Place, load_places
+from flexbt_core.values.text import short_repr
+
+PACKAGE: Final = 'flexbt_demo_behaviors'
+
+ROOMS: Final[Mapping[str, tuple[float, float, float, float]]] = {
+    'kitchen': (0.0, 0.0, 4.5, 3.6),
+    'office': (4.5, 0.0, 9.0, 3.6),
+    'hall': (0.0, 3.6, 9.0, 6.0),
+}
+"""Least and greatest x and y of each room: x0, y0, x1, y1, in m."""
+
+
+def config_file(name: str) -> str:
+    """Return the path of a file of this demonstration."""
+    return str(Path(get_package_share_directory(PACKAGE)) / 'goals' / name)
+
+
+def room_at(x: float, y: float) -> str | None:
+    """The room in which a point is."""
+    return next((name for name, (x0, y0, x1, y1) in ROOMS.items() if x0 <= x < x1 and y0 <= y < y1), None)
+
+
+def table_of(room: str) -> Place:
+    """Where the robot stands in a room.
+
+    Raises:
+        ValueError: there is no such room; says which there are.
+    """
+    places = _places()
+    if room not in places:
+        raise ValueError(f'there is no room {short_repr(room)}; there are {", ".join(places)}')
+    return places[room]
+
+
+@functools.cache
+def _places() -> Mapping[str, Place]:
+    return load_places(Path(config_file('places.yaml')))

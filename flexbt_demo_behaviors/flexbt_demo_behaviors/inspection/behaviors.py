@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Three levels: a behavior runs a tree, a leaf of which runs a behavior of another executive."""
+
+from __future__ import annotations
+
+from flexbt_core import Autonomy, OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorInput, BehaviorManifest, BehaviorParameter
+from flexbt_states import BtExecuteState, CalculationState, LogKeyState, OperatorDecisionState, WaitState
+
+TREE = 'flexbt_demo_behaviors/trees/inspection.xml'
+
+
+class Inspection(Behavior):
+    """The outer behavior: it runs the tree ``inspection.xml`` for a site, and tells the operator the report."""
+
+    manifest = BehaviorManifest(
+        name='Inspection',
+        description='Have a site inspected: a behavior runs a tree, which runs a behavior of another executive.',
+        author='The FlexBT developers',
+        parameters=[
+            BehaviorParameter('site', 'gate', 'what to inspect'),
+            BehaviorParameter('duration', 2.0, 'how long the inspection takes', unit='s', minimum=0.0),
+        ],
+    )
+
+    site: str
+    duration: float
+
+    def create(self) -> OperatableStateMachine:
+        """Inspect, tell, done."""
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'], output_keys=['report'])
+        machine.userdata.site = self.site
+        machine.userdata.arguments = f'duration={self.duration}'
+        with machine:
+            OperatableStateMachine.add(
+                'Inspect',
+                BtExecuteState(
+                    bt_file=TREE, inputs={'site': 'string', 'arguments': 'string'}, outputs={'report': 'string'}
+                ),
+                transitions={'done': 'Tell', 'canceled': 'failed', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Low},
+            )
+            OperatableStateMachine.add(
+                'Tell',
+                LogKeyState('the inspector reports: {}'),
+                transitions={'done': 'finished'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'data': 'report'},
+            )
+        return machine
+
+
+class InspectSite(Behavior):
+    """The inner behavior: it takes its time, and the inspector judges what is seen, below autonomy Full."""
+
+    manifest = BehaviorManifest(
+        name='Inspect Site',
+        description='Inspect one site and report.',
+        author='The FlexBT developers',
+        parameters=[BehaviorParameter('duration', 2.0, 'how long the inspection takes', unit='s', minimum=0.0)],
+        inputs=[BehaviorInput('site', 'string', 'what to inspect', needed=True)],
+    )
+
+    duration: float
+
+    def create(self) -> OperatableStateMachine:
+        """Look, judge, report."""
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'], input_keys=['site'], output_keys=['report'])
+        with machine:
+            OperatableStateMachine.add(
+                'Look', WaitState(self.duration), transitions={'done': 'Judge'}, autonomy={'done': Autonomy.Off}
+            )
+            OperatableStateMachine.add(
+                'Judge',
+                OperatorDecisionState(outcomes=['good', 'bad'], hint='Is all well there?', suggestion='good'),
+                transitions={'good': 'Report', 'bad': 'failed'},
+                autonomy={'good': Autonomy.High, 'bad': Autonomy.Full},
+            )
+            OperatableStateMachine.add(
+                'Report',
+                CalculationState(lambda site: f'all is well at the {site}'),
+                transitions={'done': 'finished'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'input_value': 'site', 'output_value': 'report'},
+            )
+        return machine

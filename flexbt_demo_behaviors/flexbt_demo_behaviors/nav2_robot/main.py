@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``nav2_robot``: a robot of Nav2 and its program, at the console or with a scripted operator."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from flexbt_common import names
+from flexbt_console.mirror.records import DecisionKind
+from flexbt_demo_behaviors.demonstration.demo_processes import console_command
+from flexbt_demo_behaviors.demonstration.options import RunOptions, parse_run_options
+from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
+from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, Timeline, write_picture
+from flexbt_demo_behaviors.demonstration.running import run_console, run_demonstration
+from flexbt_demo_behaviors.demonstration.scripted_operator import DRIVE_TIMEOUT_S, ScriptedOperator
+from flexbt_demo_behaviors.demonstration.session import READY_TIMEOUT_S, DemoSession, join_robot
+from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation, SimulatedBox, call_service
+from flexbt_msgs.srv import ControlTree
+
+from .processes import PROGRAM, robot_processes, warehouse
+
+ROBOT: Final = 'robot'
+PEERS: Final = 3
+"""Of the executive: simulator, navigation, BT server."""
+
+INTRODUCTION = """
+The program drives the robot to the shelf, and asks you then. "?" shows the keys, "!" stops what drives, "q" ends all.
+"""
+
+
+def main() -> int:
+    """Run the demonstration of the command line; gives the exit code of the process."""
+    options = parse_run_options('nav2_robot', 'A program drives a robot of Nav2, under an operator.')
+    return run_demonstration(
+        'nav2_robot', options.output / 'logs', options.interactive, lambda group, domain: _run(options, group, domain)
+    )
+
+
+def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
+    timeline = Timeline()
+    timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
+    for process in robot_processes(options.speed):
+        group.start(process.name, process.command(), respawn=True)
+    with join_robot('operator', timeline, is_on_call=True) as session:
+        group.watch(lambda ended: session.operator.abandon(ended.report()))
+        session.operator.wait_ready(PEERS, timeout=READY_TIMEOUT_S)
+        if not options.interactive:
+            return _run_script(options, group, session, timeline)
+    group.start(PROGRAM.name, PROGRAM.command())
+    print(INTRODUCTION, flush=True)
+    return run_console(group, console_command())
+
+
+def _run_script(options: RunOptions, group: ProcessGroup, session: DemoSession, timeline: Timeline) -> int:
+    scene = Warehouse(
+        session.operator,
+        DemoSimulation(session.runtime, timeline, options.speed),
+        timeline,
+        lambda command: call_service(
+            session.runtime, ControlTree, names.CONTROL_TREE, ControlTree.Request(command=command)
+        ),
+        lambda: group.start(PROGRAM.name, PROGRAM.command()),
+        options.output / 'logs' / f'{PROGRAM.name}.log',
+    )
+
+    def on_end(ended: EndedProcess) -> None:
+        if ended.name == PROGRAM.name and ended.exit_code == 0:
+            scene.ended.set()
+            session.operator.notify()
+        else:
+            session.operator.abandon(ended.report())
+
+    group.watch(on_end)
+    session.track.restart()
+    report = DemoReport(TITLE, dict.fromkeys(BRANCHES, False))
+    report.play(lambda: supervise(scene, report))
+    world = warehouse()
+    for name, box in scene.simulation.boxes.items():
+        world.add(name, box.model)
+    file = options.output / 'demo4.png'
+    write_picture(world, {ROBOT: session.track}, file)
+    print(f'\n{report.text()}\n  picture {file}\n', flush=True)
+    return 0 if report.passed else 1
+
+
+# What the scripted operator does while the program drives, and the branches that are taken.
+
+PAUSED: Final = "the program's drive paused, and resumed"
+CONFIRMED: Final = 'the program asks, and goes on as confirmed'
+RECOVERED: Final = 'a blocked doorway: recovery until it is free'
+REROUTED: Final = 'sent elsewhere before the program goes on'
+PREEMPTED: Final = "the program's round stopped by the operator"
+HOME: Final = 'sent home, and arrived there'
+BRANCHES: Final = (PAUSED, CONFIRMED, RECOVERED, REROUTED, PREEMPTED, HOME)
+
+TITLE: Final = 'Demonstration 4: a robot of Nav2'
+
+PACKING_DOOR: Final = SimulatedBox(7.5, 4.0, 1.1, 0.3)
+"""In the only doorway of the packing room, and nothing gets past it."""
+
+TOLD: Final = (
+    'to the shelf: SUCCEEDED',
+    'Is the robot loaded? go_on',
+    'to the packing room: SUCCEEDED',
+    'Is the robot unloaded? go_on',
+    'another round: CANCELED',
+    'The round was broken off. What now? home',
+    'home: SUCCEEDED',
+)
+"""What the program says of its tasks when everything was as here."""
+
+
+@dataclass
+class Warehouse:
+    """What the operator has before them: the robot, the world, and the program with its log file."""
+
+    operator: ScriptedOperator
+    simulation: DemoSimulation
+    timeline: Timeline
+    control_tree: Callable[[int], ControlTree.Response]
+    start_program: Callable[[], None]
+    log: Path
+    ended: threading.Event = field(default_factory=threading.Event)
+
+
+def supervise(warehouse: Warehouse, report: DemoReport) -> None:
+    """Look after a program from its start to its end."""
+    operator, simulation = warehouse.operator, warehouse.simulation
+
+    operator.expect_goal('shelf')
+    with simulation.in_real_time():  # at ten times that, an operator who is held up for a second finds the robot there
+        warehouse.start_program()
+        operator.wait_driven(1.0)
+        _pause(warehouse)
+    report.take(PAUSED)
+    decision = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('arrived', must_reach=True))
+    operator.expect_goal('packing')
+    with simulation.in_real_time():  # the recoveries of a tree are over after some ten seconds
+        simulation.put('cupboard', PACKING_DOOR)  # while the robot stands: it cannot be past the door
+        operator.choose(decision, 'go_on')
+        report.take(CONFIRMED)
+        operator.wait_begun('RecoveryActions')
+        simulation.take_away('cupboard')
+    decision = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('arrived', must_reach=True))
+    report.take(RECOVERED)
+
+    operator.choose(decision, 'elsewhere')
+    operator.give_goal('hatch', '/AskPlace')
+    decision = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('sent there', must_reach=True))
+    report.take(REROUTED)
+
+    operator.expect_goal('shelf')
+    with simulation.in_real_time():
+        operator.choose(decision, 'go_on')
+        operator.wait_driven(1.0)
+        operator.stop()
+        operator.wait_rest()
+    decision = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('stopped on the way', must_reach=False))
+    report.take(PREEMPTED)
+
+    operator.expect_goal('dock')
+    operator.choose(decision, 'home')
+    operator.wait(lambda _view: warehouse.ended.is_set(), 'end of the program', DRIVE_TIMEOUT_S)
+    report.goals.append(operator.close_goal('arrived', must_reach=True))
+    _check_told(warehouse.log, TOLD)
+    report.take(HOME)
+
+
+def _pause(warehouse: Warehouse) -> None:
+    """Pause the tree that drives for the program, see that the robot stands, and resume it."""
+    for command, name in ((ControlTree.Request.PAUSE, 'pauses'), (ControlTree.Request.RESUME, 'resumes')):
+        warehouse.timeline.tell('operator', f'{name} the tree that drives for the program')
+        response = warehouse.control_tree(command)
+        if not response.success:
+            raise DemoError(f'the operator {name} the tree: {response.message}')
+        if command == ControlTree.Request.PAUSE:
+            warehouse.operator.wait_rest()
+    warehouse.operator.wait_driven(1.0)
+
+
+def _check_told(log: Path, expected: Sequence[str]) -> None:
+    """Check what the program has found out about its tasks."""
+    told = [line for line in log.read_text().splitlines() if not line.startswith('[')]  # those of loggers
+    if told != list(expected):
+        raise DemoError(f'the program says {told}, not {list(expected)}')

@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The behavior of a robot on night watch."""
+
+from __future__ import annotations
+
+from flexbt_core import Autonomy, ConcurrencyContainer, OperatableStateMachine, PriorityContainer
+from flexbt_flexbe.states import FlexibleCalculationState
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_states import (
+    BtExecuteGoalState,
+    BtExecuteState,
+    BtLoaderState,
+    CalculationState,
+    OperatorDecisionState,
+    PublishOnceState,
+    SubscribeOnceState,
+    WaitState,
+)
+
+from .states import CompareScanState, NextRoomState, OpenDoorState, WatchPartnerState, places_in, pose_of
+
+TREES = 'flexbt_demo_night_watch/trees'
+DRIVE, CHARGE, BATTERY_LOW = (f'{TREES}/{name}.xml' for name in ('drive', 'charge', 'battery_low'))
+
+
+class NightWatch(Behavior):
+    """Look at rooms, one after the other, and meanwhile see to the battery and to the other robot.
+
+    Three children of a concurrency container: the round; the battery, whose charging has priority over the round; and
+    the partner, whose rooms are taken over when it is lost. Other rooms are given at run time by a switch to the same
+    behavior with other ``rooms``.
+    """
+
+    manifest = BehaviorManifest(
+        name='Night Watch',
+        description='Look at rooms at night; charge when need be; take over the rooms of a partner that is lost.',
+        author='The FlexBT developers',
+        parameters=[
+            BehaviorParameter('rooms', 'office store', 'rooms of this robot, in order, apart by spaces'),
+            BehaviorParameter('home', 'alpha_dock', 'place of its charging station'),
+            BehaviorParameter('partner', '', 'namespace of the other robot, as in beta; empty for none'),
+            BehaviorParameter('places', 'flexbt_demo_night_watch/config/places.yaml', 'file of the places'),
+        ],
+    )
+
+    rooms: str
+    home: str
+    partner: str
+    places: str
+
+    def create(self) -> OperatableStateMachine:
+        """Load the trees, get the map, and watch."""
+        places = places_in(self.places)
+        if self.home not in places:
+            raise ValueError(f'home: {self.home!r} is no place of {self.places}')
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+        machine.userdata.home = pose_of(places[self.home])
+        machine.userdata.inherited = []
+        with machine:
+            OperatableStateMachine.add(
+                'LoadTrees',
+                BtLoaderState(filepaths=[DRIVE, CHARGE, BATTERY_LOW]),
+                transitions={'done': 'GetMap', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
+            )
+            OperatableStateMachine.add(
+                'GetMap',
+                SubscribeOnceState('map', 'nav_msgs/OccupancyGrid', timeout=10.0, latched=True),
+                transitions={'received': 'Watch', 'timeout': 'failed'},
+                autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
+                remapping={'message': 'map'},
+            )
+            OperatableStateMachine.add(
+                'Watch',
+                self._watch(),
+                transitions={'finished': 'finished', 'failed': 'failed'},
+                autonomy={'finished': Autonomy.Off, 'failed': Autonomy.Off},
+            )
+        return machine
+
+    def _watch(self) -> OperatableStateMachine:
+        """What goes on at the same time; the round says when it ends."""
+        watch = ConcurrencyContainer(
+            outcomes=['finished', 'failed'],
+            input_keys=['map', 'home'],
+            io_keys=['inherited'],
+            conditions=[
+                ('finished', [('Round', 'finished')]),
+                ('failed', [('Round', 'failed')]),
+                ('failed', [('Battery', 'failed')]),
+            ],
+        )
+        with watch:
+            OperatableStateMachine.add('Round', self._round(), {'finished': 'finished', 'failed': 'failed'})
+            OperatableStateMachine.add('Battery', self._battery(), {'failed': 'failed'})
+            OperatableStateMachine.add('Partner', self._partner())
+        return watch
+
+    def _round(self) -> OperatableStateMachine:
+        """From room to room, and home when the operator says so."""
+        tour = OperatableStateMachine(outcomes=['finished', 'failed'], input_keys=['map', 'home', 'inherited'])
+        tour.userdata.checked = []
+        tour.userdata.postponed = []
+        with tour:
+            OperatableStateMachine.add(
+                'NextRoom',
+                NextRoomState(rooms=self.rooms.split(), places=self.places),
+                transitions={'room': 'Drive', 'door': 'DriveToDoor', 'done': 'JudgeRound'},
+                autonomy={'room': Autonomy.Off, 'door': Autonomy.Off, 'done': Autonomy.Off},
+            )
+            OperatableStateMachine.add(
+                'DriveToDoor',
+                BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
+                transitions={'done': 'OpenDoor', 'canceled': 'Postpone', 'failed': 'Postpone'},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                remapping={'goal': 'entrance'},
+            )
+            # What fails, here and below, is always a matter for a person: tried again at once, it fails again.
+            OperatableStateMachine.add(
+                'OpenDoor',
+                OpenDoorState(),
+                transitions={'open': 'Drive', 'jammed': 'JudgeDoor'},
+                autonomy={'open': Autonomy.Off, 'jammed': Autonomy.Off},
+            )
+            OperatableStateMachine.add(
+                'JudgeDoor',
+                OperatorDecisionState(
+                    outcomes=['again', 'later'],
+                    hint='The door is jammed. again: try it once more, later: the other rooms first',
+                ),
+                transitions={'again': 'OpenDoor', 'later': 'Postpone'},
+                autonomy={'again': Autonomy.Full, 'later': Autonomy.Full},
+            )
+            OperatableStateMachine.add(
+                'Postpone',
+                FlexibleCalculationState(
+                    lambda postponed, room: [*(other for other in postponed if other != room), room],
+                    ['postponed', 'room'],
+                ),
+                transitions={'done': 'NextRoom'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'output_value': 'postponed'},
+            )
+            OperatableStateMachine.add(
+                'Drive',
+                BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
+                transitions={'done': 'ComeToRest', 'canceled': 'Postpone', 'failed': 'Postpone'},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+            )
+            # Pose and scan have to be of the same moment; those of a robot at rest always are. The pose comes last:
+            # while the round stood still the robot may have been driven to its dock, and then it is there still.
+            OperatableStateMachine.add(
+                'ComeToRest',
+                WaitState(1.0),
+                transitions={'done': 'GetScan'},
+                autonomy={'done': Autonomy.Off},
+            )
+            OperatableStateMachine.add(
+                'GetScan',
+                SubscribeOnceState('scan', 'sensor_msgs/LaserScan', best_effort=True),
+                transitions={'received': 'GetPose', 'timeout': 'failed'},
+                autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
+                remapping={'message': 'scan'},
+            )
+            OperatableStateMachine.add(
+                'GetPose',
+                SubscribeOnceState('pose', 'geometry_msgs/PoseStamped'),
+                transitions={'received': 'CompareScan', 'timeout': 'failed'},
+                autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
+                remapping={'message': 'pose'},
+            )
+            OperatableStateMachine.add(
+                'CompareScan',
+                CompareScanState(),
+                transitions={
+                    'found': 'JudgeFinding',
+                    'clear': 'NoteRoom',
+                    'elsewhere': 'Drive',
+                    'beside': 'JudgePlace',
+                },
+                autonomy=dict.fromkeys(('found', 'clear', 'elsewhere', 'beside'), Autonomy.Off),
+            )
+            OperatableStateMachine.add(
+                'JudgePlace',
+                OperatorDecisionState(
+                    outcomes=['again', 'later', 'alarm'],
+                    hint='The robot does not get to where it shall look; something may stand there. '
+                    'again: drive there once more, later: the other rooms first, alarm: raise the alarm',
+                    suggestion='alarm',
+                ),
+                transitions={'again': 'Drive', 'later': 'Postpone', 'alarm': 'RaiseAlarm'},
+                autonomy={'again': Autonomy.Full, 'later': Autonomy.Full, 'alarm': Autonomy.High},
+            )
+            # What is found is a matter for a person, whatever the autonomy below Full.
+            OperatableStateMachine.add(
+                'JudgeFinding',
+                OperatorDecisionState(
+                    outcomes=['harmless', 'alarm'],
+                    hint='Something is there that is not on the map. harmless: go on, alarm: raise the alarm',
+                    suggestion='alarm',
+                ),
+                transitions={'harmless': 'NoteRoom', 'alarm': 'RaiseAlarm'},
+                autonomy={'harmless': Autonomy.Full, 'alarm': Autonomy.High},
+            )
+            OperatableStateMachine.add(
+                'RaiseAlarm',
+                PublishOnceState('alarm', 'geometry_msgs/PoseStamped'),
+                transitions={'done': 'NoteRoom'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'message': 'finding'},
+            )
+            OperatableStateMachine.add(
+                'NoteRoom',
+                FlexibleCalculationState(lambda checked, room: [*checked, room], ['checked', 'room']),
+                transitions={'done': 'NextRoom'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'output_value': 'checked'},
+            )
+            OperatableStateMachine.add(
+                'JudgeRound',
+                OperatorDecisionState(
+                    outcomes=['another_round', 'home'],
+                    hint='All rooms have been looked at. another_round: from the beginning, home: the watch is over',
+                    suggestion='another_round',
+                ),
+                transitions={'another_round': 'ForgetRound', 'home': 'DriveHome'},
+                autonomy={'another_round': Autonomy.High, 'home': Autonomy.Full},
+            )
+            OperatableStateMachine.add(
+                'ForgetRound',
+                CalculationState(lambda _checked: []),
+                transitions={'done': 'ForgetPostponed'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'input_value': 'checked', 'output_value': 'checked'},
+            )
+            OperatableStateMachine.add(
+                'ForgetPostponed',
+                CalculationState(lambda _postponed: []),
+                transitions={'done': 'NextRoom'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'input_value': 'postponed', 'output_value': 'postponed'},
+            )
+            OperatableStateMachine.add(
+                'DriveHome',
+                BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
+                transitions={'done': 'finished', 'canceled': 'failed', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                remapping={'goal': 'home'},
+            )
+        return tour
+
+    def _battery(self) -> OperatableStateMachine:
+        """See to the battery; while it is being charged the round stands still."""
+        charge = PriorityContainer(outcomes=['done', 'failed'], input_keys=['home'])
+        with charge:
+            OperatableStateMachine.add(
+                'DriveAndCharge',
+                BtExecuteGoalState(bt_file=CHARGE, blackboard='battery'),
+                transitions={'done': 'done', 'canceled': 'failed', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                remapping={'goal': 'home'},
+            )
+        battery = OperatableStateMachine(outcomes=['failed'], input_keys=['home'])
+        with battery:
+            OperatableStateMachine.add(
+                'WaitUntilLow',
+                BtExecuteState(bt_file=BATTERY_LOW, blackboard='battery'),
+                transitions={'done': 'Charge', 'canceled': 'failed', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+            )
+            OperatableStateMachine.add(
+                'Charge',
+                charge,
+                transitions={'done': 'WaitUntilLow', 'failed': 'failed'},
+                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
+            )
+        return battery
+
+    def _partner(self) -> OperatableStateMachine:
+        """When the other robot is lost, the operator says who looks at its rooms."""
+        partner = OperatableStateMachine(outcomes=['done'], output_keys=['inherited'])
+        with partner:
+            OperatableStateMachine.add(
+                'WatchPartner',
+                WatchPartnerState(partner=self.partner, places=self.places),
+                transitions={'lost': 'JudgeLoss'},
+                autonomy={'lost': Autonomy.Off},
+            )
+            OperatableStateMachine.add(
+                'JudgeLoss',
+                OperatorDecisionState(
+                    outcomes=['take_over', 'leave'],
+                    hint='The other robot is lost. take_over: look at its rooms too, leave: do not',
+                    suggestion='take_over',
+                ),
+                transitions={'take_over': 'TakeOver', 'leave': 'done'},
+                autonomy={'take_over': Autonomy.High, 'leave': Autonomy.Full},
+            )
+            OperatableStateMachine.add(
+                'TakeOver',
+                CalculationState(list),
+                transitions={'done': 'done'},
+                autonomy={'done': Autonomy.Off},
+                remapping={'input_value': 'left_behind', 'output_value': 'inherited'},
+            )
+        return partner

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A running night watch: its processes, an operator for each robot, and what happens in the building."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
+
+from flexbt_common import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.mirror.records import AutonomyLevel
+from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
+from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
+from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack, TrackPose
+from flexbt_demo_behaviors.demonstration.scripted_operator import ScriptedOperator
+from flexbt_demo_behaviors.demonstration.session import READY_TIMEOUT_S, DemoSession, join_robot
+from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation
+from flexbt_msgs.srv import SetFault
+
+from .processes import ROBOTS, log_name, robot_processes, watch_processes
+from .states import ROOMS_LEFT
+
+ROUNDS: Mapping[str, Mapping[str, str]] = {
+    'alpha': {'rooms': 'lab store office', 'home': 'alpha_dock', 'partner': 'beta'},
+    'beta': {'rooms': 'archive lobby', 'home': 'beta_dock', 'partner': 'alpha'},
+}
+"""The arguments with which the behavior of each robot is started."""
+
+
+@dataclass
+class Watch:
+    """A ready night watch."""
+
+    group: ProcessGroup
+    building: Building
+    sessions: Mapping[str, DemoSession]
+    timeline: Timeline
+
+    def operator(self, robot: str) -> ScriptedOperator:
+        """The operator at the link of a robot."""
+        return self.sessions[robot].operator
+
+    def track(self, robot: str) -> RobotTrack:
+        """Where a robot is and was."""
+        return self.sessions[robot].track
+
+    def start(self) -> None:
+        """Begin the rounds of both robots."""
+        for robot in ROBOTS:
+            self.operator(robot).start('Night Watch', AutonomyLevel.HIGH, **ROUNDS[robot])
+
+    def lose(self, robot: str) -> None:
+        """Let the computer of a robot die at once, with all that runs on it."""
+        self.timeline.tell('building', f'{robot} is lost')
+        self.group.kill(*(log_name(process) for process in robot_processes(robot)))
+
+    def notify(self) -> None:
+        """Have the operators look again at what they wait for."""
+        for session in self.sessions.values():
+            session.operator.notify()
+
+    def on_end(self, ended: EndedProcess) -> None:
+        """A process has ended untold: who follows a script waits for nothing any more."""
+        for session in self.sessions.values():
+            session.operator.abandon(ended.report())
+
+
+@contextlib.contextmanager
+def open_watch(group: ProcessGroup, speed: float, timeline: Timeline) -> Iterator[Watch]:
+    """Start the processes in `group`, wait until both robots are ready, and join them for the time of the context.
+
+    Raises DemoError when they are not ready in time, or when one of the processes dies meanwhile.
+    """
+    for process in watch_processes(speed):
+        group.start(log_name(process), process.command(), respawn=True)
+    with contextlib.ExitStack() as stack:
+        runtime = stack.enter_context(NodeRuntime.open('night_watch'))
+        sessions = {
+            robot: stack.enter_context(join_robot('watchman', timeline.of(robot), robot)) for robot in ROBOTS
+        }  # fmt: skip
+        building = Building(runtime, ROBOTS, timeline, lambda: watch.notify())
+        watch = Watch(group, building, sessions, timeline)
+        group.watch(watch.on_end)
+        for robot in ROBOTS:
+            watch.operator(robot).wait_ready(peers=len(robot_processes(robot)), timeout=READY_TIMEOUT_S)
+        yield watch
+
+
+# What happens in the building during a watch, by the services of the simulator; and what the robots say of it.
+
+DOOR: Final = 'archive_door'
+
+LOW: Final = 0.25
+FULL: Final = 0.85
+"""Shares of the capacity at which a battery counts as low, and as charged."""
+
+
+class Building:
+    """Brings faults about, and hears of rooms and alarms. `on_change` is called, on another thread, when it has."""
+
+    def __init__(
+        self, runtime: NodeRuntime, robots: Sequence[str], timeline: Timeline, on_change: Callable[[], None]
+    ) -> None:
+        self._simulation = DemoSimulation(runtime, timeline)
+        self._timeline = timeline
+        self._on_change = on_change
+        self._left: dict[str, tuple[str, ...]] = {}
+        self._alarms: list[tuple[str, TrackPose]] = []
+        self._low: set[str] = set()
+        self._charged: frozenset[str] = frozenset()
+        runtime.call(lambda: self._subscribe(runtime, robots))
+
+    @property
+    def rooms_left(self) -> Mapping[str, tuple[str, ...]]:
+        """The rooms that each robot has still to look at, as it said last."""
+        return self._left
+
+    @property
+    def alarms(self) -> Sequence[tuple[str, TrackPose]]:
+        """The alarms so far: the robot that has raised each, and the pose that it is about."""
+        return self._alarms
+
+    @property
+    def charged(self) -> frozenset[str]:
+        """The robots whose battery was low, and is not any more."""
+        return self._charged
+
+    def lower_battery(self, robot: str) -> None:
+        """Leave little in the battery of a robot."""
+        self._set(SetFault.Request(entity=robot, fault='battery_low', parameters='level: 0.1'))
+        self._timeline.tell('building', f'the battery of {robot} runs low')
+
+    def mend_door(self) -> None:
+        """Have the jammed door mended."""
+        self._set(SetFault.Request(entity=DOOR, fault='door_jammed', clear=True))
+        self._timeline.tell('building', f'{DOOR} is mended')
+
+    def _subscribe(self, runtime: NodeRuntime, robots: Sequence[str]) -> None:
+        node = runtime.node
+        for robot in robots:
+            node.create_subscription(
+                String, f'{robot}/{ROOMS_LEFT}', partial(self._on_left, robot), names.transient_local_qos()
+            )
+            battery = partial(self._on_battery, robot)
+            node.create_subscription(BatteryState, f'{robot}/battery_state', battery, QoSProfile(depth=10))
+            alarm = partial(self._on_alarm, robot)
+            node.create_subscription(PoseStamped, f'{robot}/alarm', alarm, QoSProfile(depth=10))
+
+    def _on_left(self, robot: str, message: String) -> None:
+        self._left = {**self._left, robot: tuple(message.data.split())}
+        self._on_change()
+
+    def _on_battery(self, robot: str, message: BatteryState) -> None:
+        if message.percentage <= LOW:
+            self._low.add(robot)
+        elif message.percentage >= FULL and robot in self._low:
+            self._charged |= {robot}
+            self._on_change()
+
+    def _on_alarm(self, robot: str, message: PoseStamped) -> None:
+        position = message.pose.position
+        self._alarms = [*self._alarms, (robot, TrackPose(position.x, position.y, 0.0))]
+        self._on_change()
+
+    def _set(self, request: SetFault.Request) -> None:
+        response = self._simulation.call(SetFault, 'set_fault', request)
+        if not response.success:
+            raise DemoError(f'the fault {request.fault} of {request.entity} was not set: {response.message}')

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: BSD-3-Clause
-"""A robot of Nav2 under an operator: trees, a program, and a behavior that it asks."""

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What all proxies have in common: the run that they belong to, and the states that wait for what arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import MethodType
+from typing import Any, TypeVar, cast
+
+from flexbt_common.values.value_types import resolve_type
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine.model.event_state import EventState, called_state
+from flexbt_core.values.text import short_repr
+from flexbt_flexbe.errors import ProxyError
+from flexbt_onboard.behaviors.run_context import current_run
+
+Method = TypeVar('Method', bound=Callable[..., Any])
+
+
+class RunProxy:
+    """Base of the proxies: belongs to the run in which it is made."""
+
+    def __init__(self) -> None:
+        self._run = current_run()
+
+    @staticmethod
+    def initialize(node: Any) -> None:
+        """Does nothing: a proxy finds the node of its run. (The paper's package calls it ``_initialize``.)"""
+
+    _initialize = initialize
+
+    @staticmethod
+    def shutdown() -> None:
+        """Does nothing: what proxies hold ends with the run."""
+
+
+class _OnClassToo:
+    """See :func:`on_class_too`."""
+
+    def __init__(self, method: Callable[..., Any]) -> None:
+        self._method = method
+        self.__doc__ = method.__doc__
+
+    def __get__(self, proxy: Any, owner: type[Any]) -> Callable[..., Any]:
+        return MethodType(self._method, owner() if proxy is None else proxy)
+
+
+def on_class_too(method: Method) -> Method:
+    """A method that may be called on the class, as in FlexBE: of proxies that share what they have within a run."""
+    return cast(Method, _OnClassToo(method))
+
+
+def calling_state() -> EventState | None:
+    """The state that is being called; not what may be wrapped around it."""
+    state = called_state()
+    return None if state is None else state.unwrapped
+
+
+class Listeners:
+    """The states that asked about something, and are woken when it arrives."""
+
+    def __init__(self) -> None:
+        self._states: set[EventState] = set()
+
+    def note_caller(self) -> None:
+        """The state that is being called wants to be woken."""
+        state = calling_state()
+        if state is not None:
+            self._states.add(state)
+
+    def has_caller(self) -> bool:
+        """Whether the state that is being called is one of them."""
+        return calling_state() in self._states
+
+    def has(self, state: EventState) -> bool:
+        """Return whether a state is one of them."""
+        return state in self._states
+
+    def wake(self) -> None:
+        """Something has arrived; from any thread."""
+        for state in tuple(self._states):
+            state.wake()
+
+
+def message_class(topic: str, message: str | type[Any]) -> type[Any]:
+    """The class of a topic's messages, which may be given by its name, as in ``std_msgs/msg/String``.
+
+    Raises:
+        ProxyError: neither a message class nor the name of one.
+    """
+    if isinstance(message, type) and hasattr(message, 'get_fields_and_field_types'):
+        return message
+    if not isinstance(message, str):
+        raise ProxyError(f'topic {topic!r}: {short_repr(message)} is neither a message class nor the name of one')
+    try:
+        resolved = resolve_type(message)
+    except FlexbtError as error:
+        raise ProxyError(f'topic {topic!r}: {error}') from None
+    if resolved.message is None or resolved.is_array:
+        raise ProxyError(f'topic {topic!r}: {message} is no message; a topic carries package/msg/Name')
+    return resolved.message

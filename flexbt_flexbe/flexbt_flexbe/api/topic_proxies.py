@@ -1,0 +1,417 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's proxies for publishing, for subscriptions and for transforms, with FlexBE's names of qualities of
+service."""
+
+from __future__ import annotations
+
+import contextvars
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from flexbt_common.runtime.node_runtime import NodeRuntime, qos_misfit
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.values.text import short_repr
+from flexbt_flexbe.errors import ProxyError
+from flexbt_onboard.behaviors.run_context import RunContext, current_run
+
+from .run_proxy import Listeners, RunProxy, message_class, on_class_too
+
+
+@dataclass(frozen=True)
+class _Topic:
+    message_class: type[Any]
+    publisher: Publisher
+
+
+class _RunPublishers:
+    """The publishers of a run, which all its proxies share, as in FlexBE."""
+
+    def __init__(self, run: RunContext) -> None:
+        self._runtime = run.services.runtime
+        self._topics: dict[str, _Topic] = {}
+        run.at_end(self._close)
+
+    def get(self, topic: str) -> _Topic | None:
+        return self._topics.get(topic)
+
+    def create(self, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
+        known = self._topics.get(topic)
+        if known is None:
+            publisher = self._runtime.call(lambda: self._runtime.node.create_publisher(message, topic, qos))
+            self._topics[topic] = _Topic(message, publisher)
+        elif known.message_class is not message:
+            raise ProxyError(
+                f'topic {topic!r} is published as {known.message_class.__name__} already, not as {message.__name__}'
+            )
+
+    def _close(self) -> None:
+        topics, self._topics = self._topics, {}
+        for topic in topics.values():
+            self._runtime.post(partial(self._runtime.node.destroy_publisher, topic.publisher))
+
+
+class ProxyPublisher(RunProxy):
+    """Publishes messages. The topics are those of all proxies of the run."""
+
+    def __init__(
+        self,
+        topics: Mapping[str, type[Any] | str] | None = None,
+        qos: QoSProfile | int | None = None,
+        **ignored: Any,
+    ) -> None:
+        """``ignored`` are options of ROS 1 (``latch``, ``queue_size``); ``qos`` takes their place."""
+        super().__init__()
+        self._publishers = self._run.shared(_RunPublishers)
+        for topic, message in (topics or {}).items():
+            self.createPublisher(topic, message, qos)
+
+    @on_class_too
+    def createPublisher(
+        self, topic: str, msg_type: type[Any] | str, qos: QoSProfile | int | None = None, **ignored: Any
+    ) -> None:
+        """Publish on a topic from now on.
+
+        Raises:
+            ProxyError: no message type, or another than the topic has already.
+        """
+        self._publishers.create(topic, message_class(topic, msg_type), QOS_DEFAULT if qos is None else qos)
+
+    create_publisher = createPublisher
+
+    @on_class_too
+    def remove_publisher(self, topic: str) -> None:
+        """A state has done with the topic. The publisher ends with the run: other states may use it."""
+
+    @on_class_too
+    def is_available(self, topic: str) -> bool:
+        """Whether the run publishes on the topic."""
+        return self._publishers.get(topic) is not None
+
+    @on_class_too
+    def publish(self, topic: str, msg: Any) -> None:
+        """Publish a message.
+
+        Raises:
+            ProxyError: the run does not publish on the topic, or the message is of another type.
+        """
+        known = self._topic(topic)
+        if not isinstance(msg, known.message_class):
+            raise ProxyError(f'topic {topic!r}: a message is a {known.message_class.__name__}, not {short_repr(msg)}')
+        known.publisher.publish(msg)
+
+    @on_class_too
+    def number_of_subscribers(self, topic: str) -> int:
+        """How many subscriptions match the publisher, as far as discovery knows."""
+        return int(self._topic(topic).publisher.get_subscription_count())
+
+    @on_class_too
+    def wait_for_any(self, topic: str, timeout: float = 5.0) -> bool:
+        """Whether there is a subscriber now; ``timeout`` is not waited for."""
+        return self.number_of_subscribers(topic) > 0
+
+    def _topic(self, topic: str) -> _Topic:
+        known = self._publishers.get(topic)
+        if known is None:
+            raise ProxyError(f'nothing is published on topic {topic!r}; call createPublisher first')
+        return known
+
+
+# FlexBE's proxy for subscriptions: keeps the newest message of a topic, or all of them.
+
+MessageCallback = Callable[[Any], None]
+
+
+class _Feed:
+    """One topic: what has come, and whom it concerns. Messages come on the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
+        self.message_class = message
+        self.users: set[Any] = set()
+        self.listeners = Listeners()
+        self.is_persistent = False
+        self._runtime = runtime
+        self._topic = topic
+        self._lock = threading.Lock()
+        self._newest: Any = None
+        self._buffer: deque[Any] | None = None
+        self._callbacks: dict[Any, MessageCallback] = {}
+        self._subscription: Subscription | None = None  # executor thread only
+        runtime.post(lambda: self._subscribe(qos))
+
+    def set_callback(self, user: Any, callback: MessageCallback | None) -> None:
+        """What is called for each message, in the context of the run."""
+        if callback is None:
+            self._callbacks.pop(user, None)
+        else:
+            context = contextvars.copy_context()
+            self._callbacks = {**self._callbacks, user: lambda message: context.run(callback, message)}
+
+    def set_buffered(self, is_buffered: bool) -> None:
+        with self._lock:
+            self._buffer = (self._buffer or deque()) if is_buffered else None
+
+    def newest(self) -> Any:
+        return self._newest
+
+    def forget_newest(self) -> None:
+        if not self.is_persistent:
+            self._newest = None
+
+    def misfit(self) -> str:
+        return qos_misfit(self._runtime, self._runtime.node.resolve_topic_name(self._topic))
+
+    def has_buffered(self) -> bool:
+        return bool(self._buffer)
+
+    def take_oldest(self) -> Any:
+        with self._lock:
+            return self._buffer.popleft() if self._buffer else None
+
+    def peek_oldest(self) -> Any:
+        with self._lock:
+            return self._buffer[0] if self._buffer else None
+
+    def clear_buffer(self) -> None:
+        with self._lock:
+            if self._buffer is not None:
+                self._buffer.clear()
+
+    def close(self) -> None:
+        self._runtime.post(self._unsubscribe)
+
+    def _subscribe(self, qos: QoSProfile | int) -> None:
+        self._subscription = self._runtime.node.create_subscription(self.message_class, self._topic, self._receive, qos)
+
+    def _unsubscribe(self) -> None:
+        if self._subscription is not None:
+            self._runtime.node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def _receive(self, message: Any) -> None:
+        with self._lock:
+            self._newest = message
+            if self._buffer is not None:
+                self._buffer.append(message)
+        for callback in tuple(self._callbacks.values()):
+            try:
+                callback(message)
+            except Exception as error:  # code of a state
+                self._runtime.report_fault(error, f'a callback of a state for topic {self._topic!r}')
+        self.listeners.wake()
+
+
+class _RunFeeds:
+    """The subscriptions of a run, which all its proxies share, as in FlexBE."""
+
+    def __init__(self, run: RunContext) -> None:
+        self._runtime = run.services.runtime
+        self._feeds: dict[str, _Feed] = {}
+        run.at_end(self._close)
+
+    def get(self, topic: str) -> _Feed | None:
+        return self._feeds.get(topic)
+
+    def open(self, topic: str, message: type[Any], qos: QoSProfile | int) -> _Feed:
+        feed = self._feeds.get(topic)
+        if feed is None:
+            feed = self._feeds[topic] = _Feed(self._runtime, topic, message, qos)
+        elif feed.message_class is not message:
+            raise ProxyError(
+                f'topic {topic!r} is subscribed as {feed.message_class.__name__} already, not as {message.__name__}'
+            )
+        return feed
+
+    def lacks(self, state: EventState) -> list[str]:
+        """Why no message comes on topics that a state has asked about and has none of."""
+        asked = (feed for feed in self._feeds.values() if feed.newest() is None and feed.listeners.has(state))
+        return [text for feed in asked if (text := feed.misfit())]
+
+    def drop(self, topic: str) -> None:
+        feed = self._feeds.pop(topic, None)
+        if feed is not None:
+            feed.close()
+
+    def _close(self) -> None:
+        for topic in tuple(self._feeds):
+            self.drop(topic)
+
+
+class ProxySubscriberCached(RunProxy):
+    """Subscribes to topics. What has come is that of all proxies of the run; states that asked for it are woken."""
+
+    def __init__(
+        self,
+        topics: Mapping[str, type[Any] | str] | None = None,
+        qos: QoSProfile | int | None = None,
+        inst_id: Any = -1,
+    ) -> None:
+        super().__init__()
+        self._feeds = self._run.shared(_RunFeeds)
+        for topic, message in (topics or {}).items():
+            self.subscribe(topic, message, qos=qos, inst_id=inst_id)
+
+    @on_class_too
+    def subscribe(
+        self,
+        topic: str,
+        msg_type: type[Any] | str,
+        callback: MessageCallback | None = None,
+        buffered: bool = False,
+        qos: QoSProfile | int | None = None,
+        inst_id: Any = -1,
+    ) -> None:
+        """Listen to a topic until every ``inst_id`` that has subscribed has called :meth:`unsubscribe_topic`.
+
+        Raises:
+            ProxyError: no message type, or another than the topic has already.
+        """
+        feed = self._feeds.open(topic, message_class(topic, msg_type), QOS_DEFAULT if qos is None else qos)
+        feed.users.add(inst_id)
+        if callback is not None:
+            feed.set_callback(inst_id, callback)
+        if buffered:
+            feed.set_buffered(True)
+
+    @on_class_too
+    def set_callback(self, topic: str, callback: MessageCallback | None, inst_id: Any = -1) -> None:
+        """Have something called for each message, on the executor's thread: it must not block."""
+        self._feed(topic).set_callback(inst_id, callback)
+
+    @on_class_too
+    def enable_buffer(self, topic: str) -> None:
+        """Keep all messages from now on."""
+        self._feed(topic).set_buffered(True)
+
+    @on_class_too
+    def disable_buffer(self, topic: str) -> None:
+        """Keep the newest message only."""
+        self._feed(topic).set_buffered(False)
+
+    @on_class_too
+    def is_available(self, topic: str) -> bool:
+        """Whether the run listens to the topic."""
+        return self._asked(topic) is not None
+
+    @on_class_too
+    def has_msg(self, topic: str) -> bool:
+        """Whether a message has come and was not removed."""
+        return self.get_last_msg(topic) is not None
+
+    @on_class_too
+    def get_last_msg(self, topic: str) -> Any:
+        """The newest message, None when there is none."""
+        feed = self._asked(topic)
+        return feed.newest() if feed is not None else None
+
+    @on_class_too
+    def has_buffered(self, topic: str) -> bool:
+        """Whether the buffer has messages."""
+        feed = self._asked(topic)
+        return feed is not None and feed.has_buffered()
+
+    @on_class_too
+    def get_from_buffer(self, topic: str) -> Any:
+        """Take the oldest message of the buffer; None when it is empty."""
+        feed = self._asked(topic)
+        return feed.take_oldest() if feed is not None else None
+
+    @on_class_too
+    def peek_at_buffer(self, topic: str) -> Any:
+        """The oldest message of the buffer, which stays there."""
+        feed = self._asked(topic)
+        return feed.peek_oldest() if feed is not None else None
+
+    @on_class_too
+    def remove_last_msg(self, topic: str, clear_buffer: bool = False) -> None:
+        """Forget the newest message, unless the topic is persistent."""
+        feed = self._asked(topic)
+        if feed is not None:
+            feed.forget_newest()
+            if clear_buffer:
+                feed.clear_buffer()
+
+    @on_class_too
+    def make_persistant(self, topic: str) -> None:
+        """Let :meth:`remove_last_msg` leave the newest message where it is."""
+        self._feed(topic).is_persistent = True
+
+    make_persistent = make_persistant
+
+    @on_class_too
+    def unsubscribe_topic(self, topic: str, inst_id: Any = -1) -> None:
+        """``inst_id`` listens no more; with the last one the subscription ends."""
+        feed = self._feeds.get(topic)
+        if feed is not None:
+            feed.set_callback(inst_id, None)
+            feed.users.discard(inst_id)
+            if not feed.users:
+                self._feeds.drop(topic)
+
+    def _feed(self, topic: str) -> _Feed:
+        feed = self._feeds.get(topic)
+        if feed is None:
+            raise ProxyError(f'topic {topic!r} is not subscribed; call subscribe first')
+        return feed
+
+    def _asked(self, topic: str) -> _Feed | None:
+        feed = self._feeds.get(topic)
+        if feed is not None:
+            feed.listeners.note_caller()
+        return feed
+
+
+def lacks_of(state: EventState) -> list[str]:
+    """Why no message comes on topics that a state has asked about, for the operator. On the thread of the run."""
+    return current_run().shared(_RunFeeds).lacks(state)
+
+
+# FlexBE's proxy for transforms.
+
+
+class _RunTransforms:
+    """The buffer and the listener of a run."""
+
+    def __init__(self, run: RunContext) -> None:
+        try:
+            import tf2_ros
+        except ImportError as error:
+            raise ProxyError(f'transforms need the package tf2_ros: {error}') from None
+        runtime = run.services.runtime
+        self.buffer: Any = tf2_ros.Buffer()
+        self.listener: Any = runtime.call(
+            lambda: tf2_ros.TransformListener(self.buffer, runtime.node, spin_thread=False)
+        )
+        run.at_end(lambda: runtime.call(self.listener.unregister))
+
+
+class ProxyTransformListener(RunProxy):
+    """Listens to transforms from its construction on. ``buffer.lookup_transform`` without a timeout does not wait."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._transforms = self._run.shared(_RunTransforms)
+
+    @property
+    def listener(self) -> Any:
+        """The listener of tf2_ros."""
+        return self._transforms.listener
+
+    @property
+    def buffer(self) -> Any:
+        """The buffer of tf2_ros."""
+        return self._transforms.buffer
+
+
+# Qualities of service, under FlexBE's names.
+
+QOS_DEFAULT: Final = QoSProfile(depth=10)
+QOS_LATCH: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+QOS_LOSSY: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's behavior manifests: XML files that name a Python class and its parameters."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree  # of files of installed packages
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Final
+
+from flexbt_core.values.text_files import open_regular
+from flexbt_onboard.behaviors.behavior import BehaviorManifest, BehaviorParameter, ParameterValue
+from flexbt_onboard.errors import OnboardError
+
+from .errors import FlexbeManifestError
+
+_PARAMETERS: Final = ('params/param', 'params/parameter', 'param', 'parameter')
+"""Where manifests have their parameters. FlexBE's editor writes the first; FlexBE's engine does not read them."""
+
+
+class ParameterKind(Enum):
+    """FlexBE's types of parameters."""
+
+    TEXT = 'text'
+    NUMERIC = 'numeric'
+    BOOLEAN = 'boolean'
+    ENUM = 'enum'
+    YAML = 'yaml'
+
+
+@dataclass(frozen=True)
+class FlexbeParameter:
+    """One parameter."""
+
+    name: str
+    kind: ParameterKind
+    declared: BehaviorParameter
+
+
+@dataclass(frozen=True)
+class FlexbeManifest:
+    """One manifest: the class ``class_name`` of the module ``module``, and what the operator is told of it."""
+
+    file: Path
+    module: str
+    class_name: str
+    manifest: BehaviorManifest
+    parameters: tuple[FlexbeParameter, ...]
+    contains: tuple[str, ...]
+
+    @property
+    def package(self) -> str:
+        """The package that the behavior belongs to."""
+        return self.module.partition('.')[0]
+
+
+def read_manifest(file: Path) -> FlexbeManifest:
+    """Read a manifest.
+
+    Raises:
+        FlexbeManifestError: it is none, or says what cannot be; names the file and the reason.
+    """
+    try:
+        with open(file, 'rb', opener=open_regular) as content:
+            root = ElementTree.parse(content).getroot()  # noqa: S314
+        return _read(file, root)
+    except (OSError, ElementTree.ParseError, OnboardError, ValueError) as error:
+        raise FlexbeManifestError(f'{file}: {error}') from None
+
+
+def _read(file: Path, root: ElementTree.Element) -> FlexbeManifest:
+    name = (root.get('name') or '').strip()
+    executable = root.find('executable')
+    if root.tag != 'behavior' or not name or executable is None:
+        raise FlexbeManifestError(f'{file}: not a manifest; expected <behavior name="..."> with an <executable>')
+    module, class_name = executable.get('package_path') or '', executable.get('class') or ''
+    if module.count('.') < 1 or not class_name.isidentifier():
+        raise FlexbeManifestError(
+            f'{file}: <executable> needs package_path="package.module" and class="Name", '
+            f'not package_path={module!r} class={class_name!r}'
+        )
+    elements = (element for path in _PARAMETERS for element in root.iterfind(path))
+    parameters = tuple(_parameter(file, element) for element in elements)
+    manifest = BehaviorManifest(
+        # A name with a slash would be taken for package/name.
+        name.replace('/', '-'),
+        ' '.join((root.findtext('description') or '').split()),
+        (root.findtext('author') or '').strip(),
+        [parameter.declared for parameter in parameters],
+    )
+    contains = tuple(element.get('name') or '' for element in root.iterfind('contains'))
+    return FlexbeManifest(file, module, class_name, manifest, parameters, contains)
+
+
+def _parameter(file: Path, element: ElementTree.Element) -> FlexbeParameter:
+    name, text = element.get('name') or '', element.get('default') or ''
+    try:
+        kind = ParameterKind(element.get('type') or 'text')
+    except ValueError:
+        kinds = ', '.join(kind.value for kind in ParameterKind)
+        raise FlexbeManifestError(f'{file}: parameter {name!r} has type {element.get("type")!r}, not {kinds}') from None
+    label, hint = element.get('label') or '', element.get('hint') or ''
+    choices = [option.get('value') or '' for option in element.iterfind('option')] if kind is ParameterKind.ENUM else []
+    default: ParameterValue = text
+    if kind is ParameterKind.NUMERIC:
+        default = float(text or 0)
+    elif kind is ParameterKind.BOOLEAN:
+        default = text.strip().lower() in ('true', '1')
+    minimum, maximum = _limit(element, 'min'), _limit(element, 'max')
+    declared = BehaviorParameter(name, default, hint, choices, label, minimum=minimum, maximum=maximum)
+    return FlexbeParameter(name, kind, declared)
+
+
+def _limit(element: ElementTree.Element, tag: str) -> float | None:
+    found = element.find(tag)
+    value = found.get('value') if found is not None else None
+    return float(value) if value else None

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""FlexBE's states that compute a value, branch on one, write userdata, or log."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import flexbt_states
+from flexbt_core.skills.skill import Outcome, OutcomeClass
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_flexbe.api.event_state import EventState, RosAccess
+from flexbt_flexbe.api.logger import Logger
+from flexbt_states.errors import StateParameterError
+from flexbt_states.parameter_checks import checked_callable, checked_outcomes
+
+
+class CalculationState(RosAccess, flexbt_states.CalculationState):
+    __doc__ = flexbt_states.CalculationState.__doc__
+
+
+class FlexibleCalculationState(EventState):
+    """
+    Compute a value from several. An exception of the function is a fault of the state.
+
+    -- calculation  function    Function that takes each of input_keys as a keyword; or else one list of the values
+    -- input_keys   string[]    Keys whose values it is given
+
+    ># KEY                      Each of input_keys.
+    #> output_value             What the function returns.
+
+    <= done                     The value was computed.
+    """
+
+    is_instant = True
+
+    def __init__(self, calculation: Callable[..., Any], input_keys: Sequence[str]) -> None:
+        super().__init__(outcomes=['done'], input_keys=input_keys, output_keys=['output_value'], desired_rate=None)
+        self._calculation = checked_callable(self, 'calculation', calculation)
+        self._by_keyword = takes_keywords(calculation, self.input_keys)
+        if not self._by_keyword and not takes_list(calculation):
+            raise StateParameterError(
+                self, 'calculation', f'takes neither one list nor the keywords {", ".join(self.input_keys)}'
+            )
+
+    def execute(self, userdata: UserData) -> str:
+        if self._by_keyword:
+            value = self._calculation(**{key: userdata[key] for key in self.input_keys})
+        else:
+            value = self._calculation([userdata[key] for key in self.input_keys])
+        userdata['output_value'] = value
+        return 'done'
+
+
+# FlexBE's states that branch on a value, or on several.
+
+
+class CheckConditionState(RosAccess, flexbt_states.CheckConditionState):
+    __doc__ = flexbt_states.CheckConditionState.__doc__
+
+
+class FlexibleCheckConditionState(EventState):
+    """
+    Check a condition of several values. An exception of the function is a fault: it means neither true nor false.
+
+    -- predicate    function    Function that takes one list of the values; or else each of input_keys as a keyword
+    -- input_keys   string[]    Keys whose values it is given
+
+    ># KEY                      Each of input_keys.
+
+    <= true                     The condition holds.
+    <= false                    The condition does not hold.
+    """
+
+    is_instant = True
+
+    def __init__(self, predicate: Callable[..., Any], input_keys: Sequence[str]) -> None:
+        super().__init__(outcomes=['true', 'false'], input_keys=input_keys, desired_rate=None)
+        self._predicate = checked_callable(self, 'predicate', predicate)
+        self._by_list = takes_list(predicate)
+        if not self._by_list and not takes_keywords(predicate, self.input_keys):
+            raise StateParameterError(
+                self, 'predicate', f'takes neither one list nor the keywords {", ".join(self.input_keys)}'
+            )
+
+    def execute(self, userdata: UserData) -> str:
+        if self._by_list:
+            holds = self._predicate([userdata[key] for key in self.input_keys])
+        else:
+            holds = self._predicate(**{key: userdata[key] for key in self.input_keys})
+        return 'true' if holds else 'false'
+
+
+class DecisionState(EventState):
+    """
+    Leave by the outcome that a function gives. It is asked again, at the state's rate, as long as it gives None.
+
+    -- outcomes     string[]    What there is to choose from
+    -- conditions   function    Function of one value; gives an outcome, or None to wait
+
+    ># input_value              What the function is given.
+
+    <= OUTCOME                  Each of outcomes: the function gave it. Another name is a fault of the state.
+    """
+
+    def __init__(self, outcomes: Iterable[str], conditions: Callable[[Any], str | None]) -> None:
+        names = checked_outcomes(self, 'outcomes', outcomes)
+        super().__init__(outcomes=names, input_keys=['input_value'])
+        self.skill = self.skill.completed_by('', {name: Outcome(OutcomeClass.ANSWERED) for name in names})
+        self._conditions = checked_callable(self, 'conditions', conditions)
+
+    def execute(self, userdata: UserData) -> str | None:
+        outcome = self._conditions(userdata['input_value'])
+        return None if outcome is None else str(outcome)
+
+
+# FlexBE's state that writes a value to userdata.
+
+
+class UserdataState(EventState):
+    """
+    Write a value to userdata.
+
+    -- data         object      The value
+
+    #> data                     The value.
+
+    <= done                     It was written.
+    """
+
+    is_instant = True
+
+    def __init__(self, data: Any) -> None:
+        super().__init__(outcomes=['done'], output_keys=['data'], desired_rate=None)
+        self._data = data
+
+    def execute(self, userdata: UserData) -> str:
+        userdata['data'] = self._data
+        return 'done'
+
+
+# FlexBE's states that tell the operator a text, or a value.
+
+
+class LogState(EventState):
+    """
+    Tell the operator something.
+
+    -- text         object      What to tell; shown as text
+    -- severity     uint8       Logger.REPORT_DEBUG, _INFO, _HINT, _WARN or _ERROR
+
+    <= done                     It was told.
+    """
+
+    is_instant = True
+
+    def __init__(self, text: object, severity: int = Logger.REPORT_HINT) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self._text = text
+        self._severity = severity
+
+    def on_enter(self, userdata: UserData) -> None:
+        Logger.log(self._text, self._severity)
+
+    def execute(self, userdata: UserData) -> str:
+        return 'done'
+
+
+class LogKeyState(EventState):
+    """
+    Tell the operator a value.
+
+    -- text         string      What to tell, with {} where the value goes, as in str.format
+    -- severity     uint8       Logger.REPORT_DEBUG, _INFO, _HINT, _WARN or _ERROR
+
+    ># data                     The value.
+
+    <= done                     It was told.
+    """
+
+    is_instant = True
+
+    def __init__(self, text: str, severity: int = Logger.REPORT_HINT) -> None:
+        super().__init__(outcomes=['done'], input_keys=['data'], desired_rate=None)
+        self._text = text
+        self._severity = severity
+
+    def on_enter(self, userdata: UserData) -> None:
+        Logger.log(self._text.format(userdata['data']), self._severity)
+
+    def execute(self, userdata: UserData) -> str:
+        return 'done'
+
+
+# The two ways in which FlexBE's flexible states hand several values to a function.
+#
+# FlexBE's documentation says "a list" for both states, its code passes keywords in one and a list in the other. Here
+# a function gets what its parameters can take, so that either reading works; the state says which it prefers.
+
+
+def takes_keywords(function: Callable[..., Any], keys: Sequence[str]) -> bool:
+    """Whether it can be called with the keys as keywords."""
+    return _binds(function, **dict.fromkeys(keys))
+
+
+def takes_list(function: Callable[..., Any]) -> bool:
+    """Whether it can be called with one list."""
+    return _binds(function, [])
+
+
+def _binds(function: Callable[..., Any], *args: Any, **keywords: Any) -> bool:
+    try:
+        inspect.signature(function).bind(*args, **keywords)
+    except TypeError:
+        return False
+    except ValueError:  # a builtin that does not tell: all of those that are used so take one list
+        return not keywords
+    return True

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool prove``: follows all that can happen to a behavior, and tells what is wrong with the shortest way to
+it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+
+from flexbt_core.monitors.requirement_text import StatedRequirement
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy
+from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_formal.exploration.explorer import RestoreError
+from flexbt_formal.exploration.machine_system import MachineBounds, Operator
+from flexbt_formal.exploration.model import Counterexample
+from flexbt_formal.proofs.behavior_proof import BehaviorProof, Version, compare_behaviors, prove_behavior
+from flexbt_formal.proofs.proof_report import Compared, ProgressLine
+from flexbt_formal.proofs.saved_test import File, Replay, requirement_texts
+from flexbt_tools.behaviors.built_behavior import BuiltBehavior, UsedTrees, machine_file, used_trees
+from flexbt_tools.cli import arguments
+from flexbt_tools.cli.behavior_tool import add_parameters, add_tree_files, built, parameters
+from flexbt_tools.errors import ExitCode, UnfitError, UsageError
+
+from . import proof_arguments
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
+    add_parameters(parser)
+    add_tree_files(parser)
+    parser.add_argument(
+        '--given',
+        metavar='KEY',
+        action='append',
+        default=[],
+        help='a key that is on the blackboards of the trees before, from outside; repeatable',
+    )
+    arguments.add_node_types(parser, allow_unknown=False)
+    parser.add_argument(
+        '--operator',
+        choices=[one.value for one in Operator],
+        default=Operator.ANSWERS.value,
+        help='what the operator does: nothing, answers what is asked, or also pauses and forces (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--forces', metavar='N', type=int, choices=range(4), default=0, help='outcomes that are forced, 0 to 3'
+    )
+    parser.add_argument(
+        '--autonomy',
+        choices=list(AUTONOMY_NAMES.values()),
+        default=AUTONOMY_NAMES[Autonomy.Low],
+        help='level of autonomy (default: %(default)s)',
+    )
+    proof_arguments.add_faults(parser, 'cancels that are ignored, and servers that are gone for good')
+    proof_arguments.add_requirements(parser, 'machine of the behavior')
+    parser.add_argument(
+        '--against',
+        metavar='OLD',
+        help='the version before, an installed behavior or a file (.yaml): tell what the behavior does otherwise now',
+    )
+    parser.add_argument(
+        '--against-trees',
+        metavar='FILE',
+        action='append',
+        default=[],
+        help='as --trees, for the version before (default: those of --trees); repeatable',
+    )
+    proof_arguments.add_limits(parser)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    behavior = built(options, options.name)
+    assert behavior.machine is not None
+    used = _used(options, behavior, options.trees)
+    operator = Operator.ALL if options.forces else Operator(options.operator)
+    bounds = MachineBounds(
+        operator,
+        options.forces,
+        options.faults,
+        next(level for level, name in AUTONOMY_NAMES.items() if name == options.autonomy),
+    )
+    own, by_name = proof_arguments.requirements(options)
+    required = [*own, *by_name.get(behavior.name, ())]
+    trees = [use.key.id for use in used.uses if use.key is not None]
+    proof_arguments.warn_unused(options, by_name, {behavior.name, *trees})
+    progress = ProgressLine(not options.quiet)
+    try:
+        proof = prove_behavior(
+            behavior.name,
+            behavior.machine,
+            used,
+            bounds,
+            seconds=options.seconds,
+            configurations=options.situations,
+            required=required,
+            required_of_trees=by_name,
+            given=options.given,
+            on_progress=progress.tell,
+            cache=proof_arguments.proof_cache(options),
+        )
+    except RestoreError as error:
+        raise UsageError(f'{behavior.name}: {error}') from error
+    finally:
+        progress.end()
+    code = proof_arguments.tell(options, proof.reports, _compared(options, behavior.machine, used, bounds, progress))
+    if options.save_test is not None and not all(report.holds for report in proof.reports):
+        proof_arguments.save_test(options, list(_wrong(options, proof, bounds, required, by_name)))
+    return code
+
+
+def _used(options: argparse.Namespace, behavior: BuiltBehavior, files: Sequence[str]) -> UsedTrees:
+    assert behavior.machine is not None
+    used = used_trees(behavior.machine, files, arguments.registry(options, allow_unknown=True))
+    if used.findings:  # of a tree that is not known nothing could be proved
+        raise UnfitError('\n'.join(finding.text(behavior.name) for finding in used.findings))
+    return used
+
+
+def _compared(
+    options: argparse.Namespace,
+    machine: MachineDefinition,
+    used: UsedTrees,
+    bounds: MachineBounds,
+    progress: ProgressLine,
+) -> list[Compared]:
+    """The behavior beside the version before."""
+    if options.against is None:
+        return []
+    old = built(options, options.against)
+    assert old.machine is not None
+    before = Version(old.machine, _used(options, old, options.against_trees or options.trees))
+    try:
+        return compare_behaviors(
+            machine.label or options.name,
+            before,
+            Version(machine, used),
+            bounds,
+            seconds=options.seconds,
+            configurations=options.situations,
+            given=options.given,
+            on_progress=lambda name, done: progress.tell(f'{name}, against before', done),
+        )
+    finally:
+        progress.end()
+
+
+def _wrong(
+    options: argparse.Namespace,
+    proof: BehaviorProof,
+    bounds: MachineBounds,
+    required: Sequence[StatedRequirement],
+    by_name: Mapping[str, Sequence[StatedRequirement]],
+) -> Iterator[tuple[Replay, Sequence[Counterexample]]]:
+    """What is wrong with the trees, and with the machine, with the calls that make the steps again."""
+    name = options.name if machine_file(options.name) is None else File(options.name)
+    common = {
+        'parameters': parameters(options),
+        'trees': [File(file) for file in options.trees],
+        'given': options.given,
+        **proof_arguments.node_settings(options),
+    }
+    for key, report in proof.trees.items():
+        texts = requirement_texts(by_name.get(key.id, ()))
+        settings = {'tree': key.id, **common, 'require': texts}
+        yield (
+            Replay(f'the tree {key.id!r}', 'behavior_proof', 'replay_behavior', [name], settings),
+            report.counterexamples,
+        )
+    settings = {
+        **common,
+        'operator': bounds.operator.value,
+        'forces': bounds.forces,
+        'faults': bounds.faults,
+        'autonomy': bounds.autonomy,
+        'configurations': options.situations,
+        'require': requirement_texts(required),
+    }
+    what = f'the machine of {proof.name!r}'
+    yield Replay(what, 'behavior_proof', 'replay_behavior', [name], settings), proof.machine.counterexamples

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool prove main.xml`` for a model in the format of AS2FM: the probabilities of its properties."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_core.values.text import did_you_mean, one_line
+from flexbt_core.values.text_files import open_regular
+from flexbt_formal.proofs.proof_report import ProgressLine
+from flexbt_formal.roaml.checking import CheckLimits, CheckProgress, Method, Result, check
+from flexbt_formal.roaml.language.source_text import ModelFault
+from flexbt_formal.roaml.model import RoamlModel, is_model
+from flexbt_formal.roaml.properties import ModelProperty
+from flexbt_formal.roaml.rounds import Order
+from flexbt_tools.cli import arguments
+from flexbt_tools.errors import ExitCode, RefusedError, UnfitError, UsageError
+
+_HEAD = 4096
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('of a model in the format of AS2FM (main.xml)')
+    group.add_argument('--property', metavar='NAME', action='append', default=[], help='only this property; repeatable')
+    group.add_argument(
+        '--method',
+        choices=[one.value for one in Method],
+        default=Method.AUTO.value,
+        help='all states are followed (exact), or random runs are made; auto: these when those are too many',
+    )
+    group.add_argument(
+        '--order',
+        choices=[one.value for one in Order],
+        default=Order.TURNS.value,
+        help='in which order automata go on that could at the same time (default: %(default)s)',
+    )
+    limits = CheckLimits()
+    group.add_argument(
+        '--error',
+        metavar='E',
+        type=_part,
+        default=limits.error,
+        help='random runs are enough when the probability is within this (default: %(default)g) ...',
+    )
+    group.add_argument(
+        '--confidence', metavar='C', type=_part, default=limits.confidence, help='... with this one (%(default)g)'
+    )
+    group.add_argument('--seed', metavar='N', type=int, default=limits.seed, help='of the random numbers (%(default)d)')
+
+
+def _part(text: str) -> float:
+    value = arguments.positive(text)
+    if value >= 1.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not between 0 and 1')
+    return value
+
+
+def is_asked(files: Sequence[str]) -> bool:
+    """Whether a file is the main one of a model. Raises UsageError when there are others beside it."""
+    found = [file for file in files if _is_model(file)]
+    if found and len(files) > 1:
+        raise UsageError(f'{found[0]} is the main file of a model, and names all others: give it alone')
+    return bool(found)
+
+
+def _is_model(file: str) -> bool:
+    try:
+        with open(file, encoding='utf-8', errors='replace', opener=open_regular) as opened:
+            return is_model(opened.read(_HEAD))
+    except OSError:
+        return False  # whoever reads trees tells of it
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    for_trees = ('tree', 'given', 'save_test', 'save_recording', 'draw', 'require', 'requirements')
+    for name in for_trees:
+        if getattr(options, name):
+            raise UsageError(f'--{name.replace("_", "-")} is for files of trees, and {options.files[0]} is a model')
+    file: str = options.files[0]
+    try:
+        model = RoamlModel(file)
+    except TreeLoadError as error:
+        raise RefusedError(error.errors) from error
+    asked = _asked(model, options.property)
+    limits = CheckLimits(
+        options.seconds / len(asked), options.situations, options.error, options.confidence, options.seed
+    )
+    progress = ProgressLine(not options.quiet)
+    results: list[Result] = []
+    if not options.json:
+        print(one_line(f'model {file}: {len(asked)} {"property" if len(asked) == 1 else "properties"}'))
+    for one in asked:
+
+        def tell(now: CheckProgress, name: str = one.name) -> None:
+            progress.show(f'{name}: {now.done} done, {now.left} to do, {now.seconds:.0f} s')
+
+        try:
+            result = check(
+                model,
+                one,
+                order=Order(options.order),
+                method=Method(options.method),
+                limits=limits,
+                on_progress=tell,
+            )
+        except ModelFault as error:
+            raise UnfitError(f'the property {one.name!r} cannot be decided: {error}') from error
+        except ValueError as error:
+            raise UsageError(str(error)) from error
+        finally:
+            progress.end()
+        results.append(result)
+        if not options.json:
+            for line in result_lines(result):
+                print(one_line(line, 2000), flush=True)
+    if options.json:
+        print(json.dumps({'model': file, 'properties': [result_as_json(one) for one in results]}))
+    if any(one.holds is False for one in results):
+        return ExitCode.NEGATIVE
+    return ExitCode.OK if all(one.holds for one in results) else ExitCode.UNFINISHED
+
+
+def _asked(model: RoamlModel, names: Sequence[str]) -> list[ModelProperty]:
+    known = {one.name: one for one in model.properties}
+    for name in names:
+        if name not in known:
+            raise UsageError(f'there is no property {name!r}{did_you_mean(name, known)}')
+    return [known[name] for name in dict.fromkeys(names)] or model.properties
+
+
+# What was found of the properties of a model, for a mission engineer and for programs.
+
+_FIRST: Final = 10
+_LAST: Final = 50
+"""Lines of a long way that are printed."""
+
+
+def result_lines(result: Result) -> Iterator[str]:
+    """A property: the verdict, how that was found, and how it can fail."""
+    yield f'  {result.asked.name}: {_VERDICTS[result.holds]}, probability {_probability(result)}'
+    yield f'    {result.asked.text}{_demanded(result)}'
+    yield f'    {result.how}, {result.seconds:.1f} s'
+    for note in result.notes:
+        yield f'    note: {note}'
+    if result.way and result.holds is not True:
+        kind = 'the shortest way' if result.is_exact else 'the shortest way that was met'
+        yield f'    {kind} to where it has failed:'
+        yield from (f'      {line}' for line in _shown(result.way))
+
+
+_VERDICTS: Final = {True: 'holds', False: 'CAN FAIL', None: 'NOT DECIDED'}
+
+
+def _probability(result: Result) -> str:
+    if result.is_exact:
+        return f'{result.value:.6g}'
+    return f'{result.value:.4g} (between {result.low:.4g} and {result.high:.4g})'
+
+
+def _demanded(result: Result) -> str:
+    if result.asked.demand is None:
+        return ''
+    sign, value = result.asked.demand
+    return f' {sign} {value:g}'
+
+
+def _shown(way: Sequence[str]) -> Sequence[str]:
+    hidden = len(way) - _FIRST - _LAST
+    if hidden <= 1:
+        return way
+    return [*way[:_FIRST], f'... {hidden} lines, which --json has ...', *way[-_LAST:]]
+
+
+def result_as_json(result: Result) -> dict[str, Any]:
+    """A property for programs."""
+    return {
+        'name': result.asked.name,
+        'text': result.asked.text,
+        'demand': None if result.asked.demand is None else list(result.asked.demand),
+        'holds': result.holds,
+        'value': result.value,
+        'low': result.low,
+        'high': result.high,
+        'how': result.how,
+        'exact': result.is_exact,
+        'complete': result.is_complete,
+        'size': result.size,
+        'seconds': round(result.seconds, 3),
+        'notes': list(result.notes),
+        'way': list(result.way),
+    }

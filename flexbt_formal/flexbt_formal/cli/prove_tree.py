@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``bt_tool prove``: follows all that can happen to a tree, and tells what is wrong with the shortest way to it.
+
+The main file of a model in the format of AS2FM is known by its first element: see ``prove_model``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_formal.exploration.explorer import ExplorationLimits, RestoreError
+from flexbt_formal.proofs.proof_report import Compared, ProgressLine
+from flexbt_formal.proofs.saved_test import File, Replay, requirement_texts
+from flexbt_formal.proofs.tree_proof import compare_trees, prove_tree
+from flexbt_tools.cli import arguments
+from flexbt_tools.errors import ExitCode, RefusedError, UsageError
+from flexbt_tools.trees.files import read_library, roots
+from flexbt_tools.trees.outline import find_tree
+
+from . import proof_arguments, prove_model
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_files(parser)
+    parser.add_argument('--tree', metavar='ID', help='only this tree (default: all that are no sub-trees)')
+    parser.add_argument(
+        '--given', metavar='KEY', action='append', default=[], help='a key that is on the blackboard before; repeatable'
+    )
+    arguments.add_node_types(parser, allow_unknown=False)
+    proof_arguments.add_faults(parser, 'servers that are gone for good')
+    proof_arguments.add_requirements(parser, 'tree')
+    parser.add_argument(
+        '--against',
+        metavar='OLD',
+        action='append',
+        default=[],
+        help='file of the version before, or - for the standard input: tell what the trees do otherwise now; '
+        'repeatable',
+    )
+    proof_arguments.add_limits(parser)
+    prove_model.add_arguments(parser)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    if prove_model.is_asked(options.files):
+        return prove_model.run(options)
+    library = read_library(options.files, arguments.registry(options, allow_unknown=True))
+    keys: list[TreeKey] = [find_tree(library, options.tree)] if options.tree is not None else roots(library)
+    before = read_library(options.against, arguments.registry(options, allow_unknown=True)) if options.against else None
+    own, by_name = proof_arguments.requirements(options)
+    proof_arguments.warn_unused(options, by_name, [key.id for key in keys])
+    required = {key: [*own, *by_name.get(key.id, ())] for key in keys}
+    progress = ProgressLine(not options.quiet)
+    reports = {}
+    for key in keys:
+        name = f'tree {key.id}'
+        limits = ExplorationLimits(options.seconds / len(keys), options.situations)
+        try:
+            reports[key] = prove_tree(
+                library,
+                key,
+                given=options.given,
+                limits=limits,
+                faults=options.faults,
+                required=required[key],
+                cache=proof_arguments.proof_cache(options),
+                on_progress=lambda now, name=name: progress.tell(name, now),  # type: ignore[misc]
+            )
+        except TreeLoadError as error:
+            raise RefusedError(error.errors) from error
+        except RestoreError as error:
+            raise UsageError(f'{name}: {error}') from error
+        finally:
+            progress.end()
+    code = proof_arguments.tell(options, list(reports.values()), _compared(options, before, library, keys, progress))
+    if options.save_test is not None and not all(report.holds for report in reports.values()):
+        files = [File(file) for file in options.files]
+        settings = {'given': options.given, **proof_arguments.node_settings(options)}
+        proof_arguments.save_test(
+            options,
+            [
+                (
+                    Replay(
+                        f'the tree {key.id!r}',
+                        'tree_proof',
+                        'replay_tree',
+                        [files, key.id],
+                        settings | {'require': requirement_texts(required[key])},
+                    ),
+                    report.counterexamples,
+                )
+                for key, report in reports.items()
+            ],
+        )
+    return code
+
+
+def _compared(
+    options: argparse.Namespace,
+    old: TreeLibrary | None,
+    library: TreeLibrary,
+    keys: Sequence[TreeKey],
+    progress: ProgressLine,
+) -> list[Compared]:
+    """The trees beside those of the version before, which may have others."""
+    if old is None:
+        return []
+    others = roots(old) if options.tree is None else []
+    names = dict.fromkeys(key.id for key in (*keys, *others))
+    versions = [(name, old.find(name), library.find(name)) for name in names]
+    limits = ExplorationLimits(options.seconds / len(versions), options.situations, options.seconds)
+    found = []
+    try:
+        for name, before, now in versions:
+            if before is not None and now is not None:
+                found.append(
+                    compare_trees(
+                        (old, before),
+                        (library, now),
+                        given=options.given,
+                        limits=limits,
+                        on_progress=lambda done, name=name: progress.tell(  # type: ignore[misc]
+                            f'tree {name}, against before', done
+                        ),
+                    )
+                )
+            else:
+                found.append(Compared(f'tree {name}', only='now' if before is None else 'before'))
+    except TreeLoadError as error:
+        raise RefusedError(error.errors) from error
+    finally:
+        progress.end()
+    return found

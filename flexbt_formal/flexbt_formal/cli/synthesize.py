@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``behavior_tool synthesize``: make a machine from capabilities and a request, or explain why there is none."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from flexbt_core.values.text import escape_lines
+from flexbt_formal.proofs.counterexamples import draw_diagram
+from flexbt_formal.proofs.sequence_picture import Arrow, Note, SequenceDiagram
+from flexbt_formal.requests.synthesis_answers import explanation_lines, happening, step_through
+from flexbt_formal.requests.synthesis_files import StateInterfaces, SynthesisFiles, read, read_problem
+from flexbt_formal.synthesis.capabilities import read_interfaces
+from flexbt_formal.synthesis.errors import SynthesisError, SynthesisTimeout
+from flexbt_formal.synthesis.explanation import Explanation
+from flexbt_formal.synthesis.machine import SynthesizedMachine
+from flexbt_formal.synthesis.machine_text import machine_as_python, machine_as_yaml, state_instantiations
+from flexbt_formal.synthesis.request_files import MachineRequest, as_structured_slugs, read_request
+from flexbt_formal.synthesis.synthesis import Synthesis, synthesize
+from flexbt_formal.synthesis.translation import Liveness, Options
+from flexbt_onboard.behaviors.machine_behavior import state_modules
+from flexbt_tools.cli import arguments
+from flexbt_tools.errors import ExitCode, UnfitError, UsageError
+from flexbt_tools.files import write_text_file
+
+_DEFAULT_LIMIT = 60.0
+_FORMS = ('yaml', 'python', 'flexbe')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('file', metavar='FILE', nargs='?', help='capability file (YAML); none where --spec says all')
+    asked = parser.add_argument_group('what is asked for')
+    asked.add_argument(
+        '--goal', metavar='FORMULA', action='append', default=[], help='what is to hold; repeatable (all)'
+    )
+    asked.add_argument(
+        '--initial', metavar='FORMULA', action='append', default=[], help='what holds at the start; repeatable'
+    )
+    asked.add_argument(
+        '--outcome', metavar='NAME', action='append', default=[], help='outcome of the machine; repeatable'
+    )
+    asked.add_argument('--request', metavar='FILE', help='request (YAML) with goals, initial_conditions, sm_outcomes')
+    asked.add_argument('--spec', metavar='FILE', help='specification to be added: YAML, or structuredslugs')
+    world = parser.add_argument_group('states and the world')
+    world.add_argument(
+        '--mappings', metavar='FILE', action='append', default=[], help='mappings of outcomes (default: the usual ones)'
+    )
+    world.add_argument(
+        '--states', metavar='MODULE', action='append', default=[], help='module with more states; repeatable'
+    )
+    world.add_argument('--interfaces', metavar='FILE', help='outcomes and keys (YAML) of states that are not installed')
+    world.add_argument(
+        '--liveness',
+        choices=[one.value for one in Liveness],
+        default=Liveness.FAIR.value,
+        help='fair: who is tried again and again completes at some time; adversarial: failing for ever is success; '
+        'fair-outcomes: as in flexbe_synthesis (default: %(default)s)',
+    )
+    world.add_argument('--retries', metavar='N', type=int, help='a state is repeated N times, then it is given up')
+    world.add_argument('--pending', action='store_true', help="flexbe_synthesis' flags for what is owed")
+    world.add_argument('--parsed', action='store_true', help='one integer for all activations')
+    result = parser.add_argument_group('the answer')
+    result.add_argument('-o', '--output', metavar='FILE', help='write the machine there (default: standard output)')
+    result.add_argument(
+        '--form',
+        choices=_FORMS,
+        default=_FORMS[0],
+        help='yaml; python: a behavior; flexbe: the fields of StateInstantiation[] as JSON (default: %(default)s)',
+    )
+    result.add_argument(
+        '--draw',
+        metavar='FILE',
+        help='where there is none: draw how the world prevents it, as a sequence diagram, SVG or (.mmd) Mermaid',
+    )
+    result.add_argument('--certificate', metavar='FILE', help='write the strategy there, as JSON, with what proves it')
+    result.add_argument('--specification', action='store_true', help='print the formulas (structuredslugs) and end')
+    result.add_argument('--step', action='store_true', help='where there is none: be the machine, step by step')
+    result.add_argument(
+        '--time-limit', metavar='S', type=arguments.positive, help=f'seconds (default: {_DEFAULT_LIMIT:g})'
+    )
+    arguments.add_json(result)
+
+
+def run(options: argparse.Namespace) -> ExitCode:
+    try:
+        return _answered(options)
+    except SynthesisError as error:
+        raise UnfitError(str(error)) from error
+
+
+def _answered(options: argparse.Namespace) -> ExitCode:
+    others = read(options.interfaces, read_interfaces) if options.interfaces else None
+    interfaces = StateInterfaces([*state_modules(), *options.states], others)
+    request = read(options.request, read_request) if options.request else MachineRequest()
+    request = replace(
+        request,
+        goals=(*request.goals, *options.goal),
+        initial_conditions=(*request.initial_conditions, *options.initial),
+        outcomes=(*request.outcomes, *options.outcome),
+        name=request.name or Path(options.file or options.spec or '').stem,
+    )
+    how = Options(Liveness(options.liveness), _retries(options.retries), options.pending, options.parsed)
+    files = SynthesisFiles(options.file, options.mappings, options.spec)
+    problem = read_problem(files, request, interfaces, how)
+    if options.specification:
+        print('\n'.join(as_structured_slugs(problem.specification)))
+        return ExitCode.OK
+    limit = options.time_limit or request.timeout or _DEFAULT_LIMIT
+    began = time.monotonic()
+    try:
+        answer = synthesize(problem, _watch(began, limit))
+    except SynthesisTimeout as error:
+        print(*escape_lines(str(error)), sep='\n', file=sys.stderr)
+        return ExitCode.UNFINISHED
+    return _told(options, answer, interfaces, time.monotonic() - began)
+
+
+def _retries(number: int | None) -> int | None:
+    if number is not None and not 0 <= number <= 1000:
+        raise UsageError(f'--retries {number}: write a number from 0 to 1000')
+    return number
+
+
+def _watch(began: float, limit: float) -> Callable[[str], None]:
+    """Shows progress where somebody looks, and keeps the time limit."""
+    shown = [began]
+
+    def watch(doing: str) -> None:
+        now = time.monotonic()
+        if now - began > limit:
+            raise SynthesisTimeout(f'no answer within {limit:g} s ({doing}); --time-limit gives it more')
+        if now - shown[0] > 0.5 and sys.stderr.isatty():
+            shown[0] = now
+            print(f'\r\x1b[K{now - began:5.1f} s  {doing}', end='', file=sys.stderr, flush=True)
+
+    return watch
+
+
+def _told(options: argparse.Namespace, answer: Synthesis, interfaces: StateInterfaces, seconds: float) -> ExitCode:
+    if sys.stderr.isatty():
+        print('\r\x1b[K', end='', file=sys.stderr)
+    if answer.explanation is not None:
+        return _refused(options, answer, answer.explanation, seconds)
+    assert answer.machine is not None and answer.strategy is not None
+    text = _text(options.form, answer.machine, interfaces)
+    if options.certificate:
+        write_text_file(options.certificate, json.dumps(answer.strategy.to_json()) + '\n')
+    if options.output:
+        write_text_file(options.output, text)
+    if options.json:
+        print(
+            json.dumps({'realizable': True, 'machine': text, 'seconds': round(seconds, 3), 'figures': answer.figures})
+        )
+    elif not options.output:
+        print(text, end='')
+    for note in answer.machine.notes:
+        print(f'note: {note}', file=sys.stderr)
+    return ExitCode.OK
+
+
+def _text(form: str, machine: SynthesizedMachine, interfaces: StateInterfaces) -> str:
+    if form == 'python':
+        return machine_as_python(machine, interfaces.module_of)
+    if form == 'flexbe':
+        return json.dumps(state_instantiations(machine), indent=1) + '\n'
+    return machine_as_yaml(machine)
+
+
+def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explanation, seconds: float) -> ExitCode:
+    if options.draw:
+        draw_diagram(
+            options.draw, counterstrategy_diagram(f'No machine can do that: {", ".join(options.goal)}', explanation)
+        )
+    if options.json:
+        print(json.dumps({'realizable': False, 'seconds': round(seconds, 3), 'explanation': explanation.to_json()}))
+        return ExitCode.NEGATIVE
+    for line in explanation_lines(explanation):
+        print(line)
+    if options.step and explanation.play is not None:
+        print()
+        step_through(explanation.play, answer.problem, input, print)
+    return ExitCode.NEGATIVE
+
+
+# How the world prevents a goal, as a sequence diagram.
+
+_MACHINE, _WORLD = 'any machine', 'the world'
+
+
+def counterstrategy_diagram(title: str, explanation: Explanation) -> SequenceDiagram:
+    """The course of events of an explanation; without one, what never becomes possible."""
+    steps: list[Arrow | Note] = [Note(_MACHINE, ['These demands conflict:', *explanation.conflict])]
+    for step in explanation.steps:
+        steps.append(Arrow(_WORLD, _MACHINE, happening(step)))
+        others = len(step.choices) - 1
+        if step.chosen:
+            steps.append(Arrow(_MACHINE, _WORLD, step.chosen))
+        if others > 0:
+            steps.append(Note(_MACHINE, ['or, in vain as well:', *(one for one in step.choices if one != step.chosen)]))
+    end = [*explanation.never, *explanation.stuck]
+    if explanation.steps and not explanation.stuck:
+        end.append('… and so on for ever; no other answer helps')
+    steps.append(Note(_MACHINE, [f'No machine can do that: {explanation.kind.value}', *end], is_wrong=True))
+    return SequenceDiagram(title, [_MACHINE, _WORLD], steps)

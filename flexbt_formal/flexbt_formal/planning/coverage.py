@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether trees reach their goal, whatever of what is expected happens: each state that may come is tried.
+
+From the initial state a tree acts (or those of several robots do, each of whose actions may end first), and before the
+end of each action (and at the goal) something may disturb it, up to a number of times. In each state that may come so
+the goal has to be reached, without coming to a state twice.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from .problem import Action, Domain, PlanningError
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """What others may do: some literals become true, others false, where ``needs`` holds. All are bit sets."""
+
+    name: str
+    needs: int
+    adds: int
+    deletes: int
+
+    @classmethod
+    def of(cls, domain: Domain, action: Action) -> Disturbance:
+        """Of an action that others do."""
+        deletes = domain.state(action.deletes - action.adds)
+        return cls(action.name, domain.state(action.needs), domain.state(action.adds), deletes)
+
+    def result(self, state: int) -> int | None:
+        """The state after it; None where it changes nothing."""
+        after = state & ~self.deletes | self.adds
+        return after if not self.needs & ~state and after != state else None
+
+
+@dataclass(slots=True)
+class Coverage:
+    """What was tried.
+
+    ``states``: number of states. ``uncovered``: states that may come in which no branch holds, with what led there
+    (names of actions and disturbances). ``complete``: whether all states were tried that may come after ``disturbed``
+    disturbances. ``longest``: actions from a state to the goal at most.
+    """
+
+    disturbed: int
+    states: int = 0
+    complete: bool = True
+    longest: int = 0
+    uncovered: dict[int, tuple[str, ...]] = field(default_factory=dict)
+
+
+MOST_STATES: Final = 20_000
+
+
+class Chooser(Protocol):
+    """What is tried: which actions run in a state, any of which may end first."""
+
+    @property
+    def domain(self) -> Domain:
+        """The actions."""
+
+    def is_reached(self, state: int) -> bool:
+        """Whether one of the goals holds."""
+
+    def actions(self, state: int) -> tuple[int, ...]:
+        """What runs in a state; nothing where no branch holds."""
+
+
+def explore_states(
+    chooser: Chooser,
+    initial: int,
+    disturbances: Sequence[Disturbance],
+    times: int,
+    deadline: float,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Coverage:
+    """Tries trees from a state, with up to ``times`` disturbances, until the ``deadline`` or ``MOST_STATES`` states.
+
+    The way from that state to the goal is tried in any case.
+
+    Raises:
+        PlanningError: the trees do not do what the planner promised. That is a fault of the planner.
+    """
+    coverage = Coverage(times)
+    seen: dict[int, tuple[int, int, str] | None] = {initial: None}
+    left = {initial: times}
+    todo = deque([initial])
+    runs = _Runs(chooser)
+    while todo:
+        if coverage.states and (len(seen) > MOST_STATES or clock() >= deadline):
+            coverage.complete = False
+            break
+        state = todo.popleft()
+        coverage.states += 1
+        actions = runs.actions(state)
+        nexts = [
+            (chooser.domain.result(state, action), left[state], chooser.domain.actions[action].name)
+            for action in actions
+        ]
+        if actions:
+            coverage.longest = max(coverage.longest, runs.longest(state))
+        elif not chooser.is_reached(state):
+            coverage.uncovered[state] = _way(seen, state)
+        if left[state]:
+            for disturbance in disturbances:
+                after = disturbance.result(state)
+                if after is not None:
+                    nexts.append((after, left[state] - 1, disturbance.name))
+        for after, more, name in nexts:
+            if after not in left or left[after] < more:
+                seen.setdefault(after, (state, more, name))
+                left[after] = more
+                todo.append(after)
+    return coverage
+
+
+class _Runs:
+    """The ways from states to the goal when nothing disturbs them."""
+
+    def __init__(self, chooser: Chooser) -> None:
+        self._chooser = chooser
+        self._actions: dict[int, tuple[int, ...]] = {}
+        self._lengths: dict[int, int] = {}
+
+    def actions(self, state: int) -> tuple[int, ...]:
+        if state not in self._actions:
+            self._actions[state] = () if self._chooser.is_reached(state) else self._chooser.actions(state)
+        return self._actions[state]
+
+    def longest(self, state: int) -> int:
+        """The number of actions to the goal at most. Raises PlanningError when the goal is not always reached."""
+        domain = self._chooser.domain
+        begun: set[int] = set()
+        todo = [state]
+        while todo:
+            at = todo[-1]
+            actions = self.actions(at)
+            afters = [domain.result(at, action) for action in actions]
+            missing = [after for after in afters if after not in self._lengths]
+            lost = not actions and not self._chooser.is_reached(at)
+            if lost or begun.intersection(missing) or any(domain.needs[action] & ~at for action in actions):
+                raise PlanningError(fault(domain, at, 'its tree does not lead from here to the goal'))
+            if missing:
+                begun.add(at)
+                todo += missing
+                continue
+            todo.pop()
+            begun.discard(at)
+            self._lengths[at] = max((1 + self._lengths[after] for after in afters), default=0)
+        return self._lengths[state]
+
+
+def _way(seen: dict[int, tuple[int, int, str] | None], state: int) -> tuple[str, ...]:
+    way: list[str] = []
+    at: int | None = state
+    while at is not None and (before := seen[at]) is not None:
+        way.append(before[2])
+        at = before[0]
+    return tuple(reversed(way))
+
+
+def fault(domain: Domain, state: int, what: str) -> str:
+    """What a planner says of itself."""
+    literals = ', '.join(sorted(domain.condition(state)))
+    return f'the planner is at fault, please report it: {what}. State: {literals:.2000}'

@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Missions in YAML, as planning problems in terms of skills, and the measurement of where they begin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice, product
+from string import Template
+from typing import Final, Self
+from xml.etree import ElementTree
+
+import yaml
+
+from flexbt_core.skills.grounding import GroundAction, ground
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.literals import EQUAL, BlackboardSensor, ConditionSensor, Literal, SkillError, parse_literal
+from flexbt_core.skills.skill import Outcome, OutcomeClass, Skill
+from flexbt_core.values.text import truncate_middle
+from flexbt_core.values.yaml_data import YamlParts, line_of
+
+from .goal import parse_goal
+from .problem import Action, Leaf, PlanningError, PlanningProblem
+
+# A mission as YAML: where it begins, what is to be reached, what others may do, and where the manifests are. ::
+#
+# skills: [cup_skills.yaml]               # beside this file; the manifests of the leaves and the objects
+# start: [at(office), cup_at(kitchen)]    # what is not named does not hold
+# goal: cup_at(office) & not holding
+# disturbances:                           # each: what somebody else may bring about
+#   - [not open(door)]
+# robots: {red: [GoTo, Grasp], blue: [GoTo]}    # where there are several: what each can do
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """What a file says. ``goal`` is '' where it says none. ``robots`` are those of several, each with its skills.
+    ``lines`` has the line of each entry."""
+
+    skills: tuple[str, ...] = ()
+    start: tuple[str, ...] = ()
+    goal: str = ''
+    disturbances: tuple[tuple[str, ...], ...] = ()
+    robots: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    lines: Mapping[str, int] = field(default_factory=dict)
+
+
+def read_mission(text: str, source: str = '<text>') -> Mission:
+    """The mission that a text describes.
+
+    Raises:
+        PlanningError: with everything that is wrong, each on a line as ``source:line: what``.
+    """
+    parts = YamlParts(source)
+    entries = parts.mapping(parts.root(text), 'a mission')
+    if 'predicates' in entries:
+        raise PlanningError(f'{source}:1: these are skills, and no mission; a mission names their file: skills: [FILE]')
+    parts.refuse_others(entries, ('skills', 'start', 'goal', 'disturbances', 'robots'), 'a mission')
+
+    def literals(node: yaml.Node, what: str) -> tuple[str, ...]:
+        found = []
+        for one in parts.sequence(node, what):
+            found.append(parts.name(one, f'what {what} lists', 'a literal such as on(cup, table)'))
+            try:
+                parse_literal(found[-1])
+            except SkillError as error:
+                parts.problem(one, str(error))
+        return tuple(found)
+
+    disturbances = parts.sequence(entries['disturbances'], 'disturbances') if 'disturbances' in entries else []
+    robots = parts.mapping(entries.get('robots'), 'robots')
+    if 'robots' in entries and not robots:
+        parts.problem(entries['robots'], 'robots has to name one, with its skills; or leave it out')
+    mission = Mission(
+        tuple(parts.names(entries['skills'], 'skills')) if 'skills' in entries else (),
+        literals(entries['start'], 'start') if 'start' in entries else (),
+        parts.name(entries['goal'], 'the goal', 'a text such as on(cup, table)') if 'goal' in entries else '',
+        tuple(literals(one, 'a disturbance') for one in disturbances),
+        {name: tuple(parts.names(node, f'robot {truncate_middle(name)}')) for name, node in robots.items()},
+        {name: line_of(node) for name, node in entries.items()},
+    )
+    if parts.problems:
+        raise PlanningError('\n'.join(dict.fromkeys(parts.problems)))
+    return mission
+
+
+# A mission in the words of manifests, as a problem of a planner.
+
+_DISTURBANCE: Final = 'disturbance: '
+_DEFAULT_ATTEMPTS: Final = 3
+
+
+def skill_problem(
+    library: SkillLibrary, start: Iterable[str], goal: str, disturbances: Sequence[Iterable[str]] = ()
+) -> PlanningProblem:
+    """What to plan.
+
+    Args:
+        library: skills and objects.
+        start: literals that hold at the start; what is not named does not hold.
+        goal: as :func:`parse_goal` takes it.
+        disturbances: each the literals that others may make true.
+
+    Raises:
+        PlanningError, SkillError: a text is no literal, or speaks of what the library does not know.
+    """
+    return grounded_problem(library, start, goal, disturbances)[0]
+
+
+def grounded_problem(
+    library: SkillLibrary, start: Iterable[str], goal: str, disturbances: Sequence[Iterable[str]] = ()
+) -> tuple[PlanningProblem, tuple[GroundAction, ...]]:
+    """As :func:`skill_problem`, with the skills and objects of its actions."""
+    alternatives = [[parse_literal(text) for text in one] for one in parse_goal(goal)]
+    initial = [parse_literal(text) for text in start]
+    disturbing = [_disturbance([parse_literal(text) for text in one]) for one in disturbances]
+    known = library.skills.values()
+    extended = SkillLibrary.of(
+        [*known, *disturbing], library.predicates.values(), types=library.types, objects=library.objects
+    )
+    grounded = ground(extended, initial, [literal for one in alternatives for literal in one])
+    actions = [action for action in grounded.actions if not action.skill.startswith(_DISTURBANCE)]
+    others = [action for action in grounded.actions if action.skill.startswith(_DISTURBANCE)]
+    if not actions:
+        raise PlanningError('no skill can be done with these objects; name objects of the types that the skills have')
+    leaves = {action.name: _action_leaf(library.skills[action.skill], action) for action in actions}
+    texts = {text for action in grounded.actions for text in action.pre | action.add | action.delete} | grounded.goal
+    leaves |= {text: leaf for text in texts if (leaf := sensor_leaf(library, parse_literal(text))) is not None}
+    problem = PlanningProblem(
+        tuple(map(_action, actions)),
+        grounded.start,
+        # What nothing changes and holds is no goal any more.
+        tuple(frozenset(map(str, one)) & grounded.goal for one in alternatives),
+        tuple(map(_action, others)),
+        leaves,
+        _remedies(extended),
+    )
+    return problem, tuple(actions)
+
+
+def _remedies(library: SkillLibrary) -> dict[str, str]:
+    """Of each predicate the skills that would bring it about if the start said what they need and none changes."""
+    effects = {
+        skill.name: {effect.predicate for outcome in skill.outcomes.values() for effect in outcome.effects}
+        for skill in library.skills.values()
+    }
+    changed = set[str]().union(*effects.values())
+    fixed = {
+        skill.name: ', '.join(str(one) for one in skill.preconditions if one.predicate not in {*changed, EQUAL})
+        for skill in library.skills.values()
+    }
+    return {
+        predicate: '; '.join(
+            f'{skill} would, but needs {fixed[skill]}, which nothing changes: is it missing at the start?'
+            for skill, brought in effects.items()
+            if predicate in brought and fixed[skill]
+        )
+        for predicate in library.predicates
+    }
+
+
+def _disturbance(effects: list[Literal]) -> Skill:
+    if not effects:
+        raise SkillError(['disturbance without literals; name what others may make true'])
+    name = _DISTURBANCE + ', '.join(map(str, effects))
+    return Skill(name, outcomes={'SUCCESS': Outcome(OutcomeClass.COMPLETED, tuple(effects))})
+
+
+def _action(action: GroundAction) -> Action:
+    name = action.name.removesuffix('()') if action.skill.startswith(_DISTURBANCE) else action.name
+    return Action(name.removeprefix(_DISTURBANCE), action.pre, action.add, action.delete, action.cost)
+
+
+def _action_leaf(skill: Skill, action: GroundAction) -> Leaf:
+    attempts = _DEFAULT_ATTEMPTS if skill.retries is None else skill.retries + 1
+    return Leaf(action.skill, action.arguments, attempts=attempts, deadline=skill.deadline)
+
+
+def sensor_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
+    """The leaf that tells whether a literal holds: that of the predicate's sensor, otherwise one that is called as the
+    predicate. None when the library has no such predicate."""
+    predicate = library.predicates.get(literal.predicate)
+    if predicate is None:
+        return None
+    arguments = dict(zip(predicate.parameters, literal.arguments, strict=True))
+    sensor = predicate.sensor
+    inverted = not literal.positive
+    if isinstance(sensor, ConditionSensor):
+        ports = {port: Template(text).safe_substitute(arguments) for port, text in sensor.ports.items()}
+        return Leaf(sensor.id, ports, inverted)
+    if isinstance(sensor, BlackboardSensor):
+        return Leaf('ScriptCondition', {'code': Template(sensor.test).safe_substitute(arguments)}, inverted)
+    return Leaf(literal.predicate, arguments, inverted)  # no leaf of ours asks a topic, or remembers: the user's does
+
+
+# How a world is: a tree that asks every sensor of a library once, and the start of a mission that follows from it.
+
+MOST_FACTS: Final = 4096
+"""Facts that one tree asks for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """The facts (atoms of objects) that leaves can tell, and which leaf each."""
+
+    leaves: dict[Literal, Leaf]
+
+    @classmethod
+    def of(cls, library: SkillLibrary, goal: str, is_type: Callable[[str], bool]) -> Self:
+        """What matters for a goal (see :func:`parse_goal`) and can be told of a library's objects by leaves, of which
+        ``is_type`` knows the types.
+
+        Raises:
+            PlanningError, SkillError: the goal is none, or those are more than MOST_FACTS.
+        """
+        leaves: dict[Literal, Leaf] = {}
+        wanted = {parse_literal(text).predicate for alternative in parse_goal(goal) for text in alternative}
+        for predicate in map(library.predicates.get, sorted(_that_matter(library, wanted))):
+            if predicate is None:
+                continue
+            objects = [library.objects_of(kind) for kind in predicate.parameters.values()]
+            for arguments in islice(product(*objects), MOST_FACTS + 1):
+                atom = Literal(predicate.name, arguments)
+                leaf = sensor_leaf(library, atom)
+                if leaf is None or not is_type(leaf.type):
+                    break
+                leaves[atom] = leaf
+            if len(leaves) > MOST_FACTS:
+                raise SkillError(
+                    [
+                        f'more than {MOST_FACTS} facts would have to be measured, with those of {predicate.name}; '
+                        'name fewer objects, or let predicates that never change do without sensor'
+                    ]
+                )
+        return cls(leaves)
+
+    def tree_xml(self, name: str) -> str:
+        """A tree of this ID that succeeds once every sensor has answered; :meth:`start` reads what they said."""
+        root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=name)
+        tree = ElementTree.SubElement(root, 'BehaviorTree', ID=name)
+        asked = ElementTree.SubElement(tree, 'Sequence', name='how the world is')
+        for number, (atom, leaf) in enumerate(self.leaves.items()):
+            answered = ElementTree.SubElement(asked, 'ForceSuccess')
+            said = {'_onSuccess': f'{_entry(number)} := true', '_onFailure': f'{_entry(number)} := false'}
+            attributes = {'name': str(atom), **leaf.ports, **said}
+            ElementTree.SubElement(answered, leaf.type, attributes)
+        ElementTree.SubElement(asked, 'AlwaysSuccess')  # of no sensors
+        return ElementTree.tostring(root, encoding='unicode')
+
+    def start(self, given: Iterable[str], holds: Callable[[str], bool]) -> list[str]:
+        """The literals that hold at the start: those that were measured, and of ``given`` those that nothing measures.
+
+        ``holds`` tells whether an entry of the tree's blackboard is there, and true.
+
+        Raises:
+            SkillError: one of ``given`` is no literal.
+        """
+        remembered = [literal for literal in map(parse_literal, given) if literal.atom not in self.leaves]
+        measured = [atom for number, atom in enumerate(self.leaves) if holds(_entry(number))]
+        return [*map(str, remembered), *map(str, measured)]
+
+
+def _that_matter(library: SkillLibrary, wanted: set[str]) -> set[str]:
+    """The predicates that are wanted, and those of the conditions of skills that bring about one that matters."""
+    found = set(wanted)
+    pending = list(library.skills.values())
+    while bringing := [skill for skill in pending if not found.isdisjoint(_brought_about(skill))]:
+        found.update(literal.predicate for skill in bringing for literal in skill.preconditions)
+        pending = [skill for skill in pending if skill not in bringing]
+    return found
+
+
+def _brought_about(skill: Skill) -> set[str]:
+    return {effect.predicate for outcome in skill.outcomes.values() for effect in outcome.effects}
+
+
+def _entry(number: int) -> str:
+    """Private: it stays on the blackboard of the tree."""
+    return f'_fact_{number}'

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a problem to a tree that is proved against it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Final
+
+from .coverage import Coverage, Disturbance, explore_states
+from .policy import BranchRule, CompactPolicy, Policy, RuleGroup
+from .problem import Action, Domain, PlanningProblem, bits, predicate_of
+from .relaxation import Reachability
+from .search import RegressionStep, SearchOutcome, SearchProgress, SearchResult, search
+
+GOAL: Final = 'any of the goals'
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What came of planning.
+
+    ``cost`` and ``actions`` are of the best plan from the initial state (None and empty where there is none), ``bound``
+    is what no plan can cost less than. ``reason`` says why there is no plan. ``policy`` has the branches, ``members``
+    the same compacted, ``coverage`` what was tried of it; all three are None or empty without a plan. ``hopeless`` are
+    ways (names of actions and disturbances) after which the goal cannot be reached any more.
+    """
+
+    problem: PlanningProblem
+    outcome: SearchOutcome
+    bound: float
+    expanded: int
+    seconds: float
+    cost: float | None = None
+    actions: tuple[str, ...] = ()
+    reason: str = ''
+    policy: Policy | None = None
+    members: tuple[BranchRule | RuleGroup, ...] = ()
+    coverage: Coverage | None = None
+    hopeless: tuple[tuple[str, ...], ...] = ()
+
+
+def plan(
+    problem: PlanningProblem,
+    *,
+    time_limit: float = 60.0,
+    disturbed: int = 1,
+    report: Callable[[SearchProgress], None] | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Plan:
+    """Plans, and tries the result in all states that may come after up to ``disturbed`` disturbances.
+
+    What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``;
+    when it is over, the result has what was found until then (outcome ``TIME_LIMIT``).
+
+    Raises:
+        PlanningError: the problem is not as it has to be.
+    """
+    began = clock()
+    deadline = began + time_limit
+    domain, goal, goals = compiled(problem)
+    initial = domain.state(problem.initial)
+    reachability = Reachability(domain, initial)
+    found = search(reachability, goal, time_limit=deadline - clock(), report=report, clock=clock)
+    if found.start is None:
+        reason = why_not(problem, reachability, goals) if found.outcome is SearchOutcome.UNSOLVABLE else ''
+        return Plan(problem, found.outcome, found.bound, found.expanded, clock() - began, reason=reason)
+    policy = _policy(domain, goal, goals, found, found.start)
+    disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
+    expanded = found.expanded
+    hopeless: dict[int, tuple[str, ...]] = {}
+    while True:
+        tried = CompactPolicy(policy)
+        coverage = explore_states(tried, initial, disturbances, disturbed, deadline, clock)
+        missing = {state: way for state, way in coverage.uncovered.items() if state not in hopeless}
+        if not missing or clock() >= deadline:
+            break
+        for state, way in missing.items():
+            if policy.choose(state) is not None:
+                continue
+            other = search(Reachability(domain, state), goal, time_limit=deadline - clock(), report=report, clock=clock)
+            expanded += other.expanded
+            if other.start is not None:
+                policy = policy.merged(_policy(domain, goal, goals, other, other.start))
+            elif other.outcome is SearchOutcome.UNSOLVABLE:
+                hopeless[state] = way
+    named = (domain.actions[action].name for action in found.plan())
+    return Plan(
+        problem,
+        found.outcome,
+        found.bound,
+        expanded,
+        clock() - began,
+        found.cost,
+        tuple(name for name in named if not name.startswith(GOAL)),
+        policy=policy,
+        members=tried.members,
+        coverage=coverage,
+        hopeless=tuple(hopeless.values()),
+    )
+
+
+def compiled(problem: PlanningProblem) -> tuple[Domain, int, tuple[int, ...]]:
+    """The domain, what the search looks for, and the goals. Of several goals an action without cost makes each the
+    one that is looked for."""
+    known = (*problem.initial, *(literal for one in problem.disturbances for literal in one.adds | one.needs))
+    known += tuple(literal for one in problem.goal for literal in one if problem.knows(literal))
+    if len(problem.goal) == 1:
+        domain = Domain(problem.actions, known)
+        goal = domain.mask(problem.goal[0])
+        return domain, goal, (goal,)
+    reached = [
+        Action(f'{GOAL} {number}', condition, frozenset({GOAL}), frozenset(), 0.0)
+        for number, condition in enumerate(problem.goal, 1)
+    ]
+    checked = Domain(problem.actions, known)
+    for condition in problem.goal:
+        checked.mask(condition)
+    domain = Domain([*problem.actions, *reached], known)
+    return domain, domain.mask({GOAL}), tuple(domain.mask(condition) for condition in problem.goal)
+
+
+def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResult, start: int) -> Policy:
+    ends = {condition: RegressionStep(0.0, None, condition) for condition in goals}
+    steps = {one: step for one, step in found.steps.items() if one != goal} | ends
+    return Policy(domain, goals, steps, (start,))
+
+
+def hopeless(problem: PlanningProblem) -> str:
+    """Why the goal cannot be reached even if nothing that comes to hold ends again and others do all that they may do;
+    '' where that tells of no reason."""
+    others = tuple(replace(one, cost=0.0) for one in problem.disturbances)
+    domain, _, goals = compiled(replace(problem, actions=(*problem.actions, *others), disturbances=()))
+    reachability = Reachability(domain, domain.state(problem.initial))
+    reached = [all(reachability.costs[literal] < math.inf for literal in bits(goal)) for goal in goals]
+    return '' if any(reached) else why_not(problem, reachability, goals)
+
+
+def why_not(problem: PlanningProblem, reachability: Reachability, goals: Iterable[int]) -> str:
+    """Why none of the goals can be reached."""
+    return '; '.join(dict.fromkeys(_why_not_one(problem, reachability, goal) for goal in goals))
+
+
+def _why_not_one(problem: PlanningProblem, reachability: Reachability, goal: int) -> str:
+    literals = reachability.domain.literals
+    for literal in bits(goal):
+        if reachability.costs[literal] == math.inf:
+            return _unreachable(problem, reachability, literal)
+    for literal in bits(goal):
+        for other in bits(reachability.exclusions.of[literal] & goal):
+            return f'{literals[literal]} and {literals[other]} can never hold at once'
+    names = ', '.join(literals[literal] for literal in bits(goal))
+    return f'each of these can be reached, but not all at once: {names}'
+
+
+def _unreachable(problem: PlanningProblem, reachability: Reachability, literal: int) -> str:
+    """The chain of needs down to the one that nothing can bring about."""
+    domain = reachability.domain
+    seen = {literal}
+    text = domain.literals[literal]
+    while True:
+        name = domain.literals[literal]
+        adders = [action for action, adds in enumerate(domain.adds) if adds >> literal & 1]
+        if not adders:
+            remedy = problem.remedies.get(predicate_of(name))
+            return f'{text} does not hold, and no action brings it about{f" ({remedy})" if remedy else ""}'
+        lacking = [need for need in bits(domain.needs[adders[0]]) if reachability.costs[need] == math.inf]
+        new = next((need for need in lacking if need not in seen), None)
+        if new is None:
+            return f'{text} can only be had where it holds already{_nowhere(problem, name)}'
+        seen.add(new)
+        literal = new
+        text = f'{text} needs {domain.literals[new]} (for {domain.actions[adders[0]].name}), and {domain.literals[new]}'
+
+
+def _nowhere(problem: PlanningProblem, literal: str) -> str:
+    """What may be missing at the start: a robot that is nowhere comes to no place."""
+    predicate = predicate_of(literal)
+    is_anywhere = predicate == literal or any(predicate_of(one) == predicate for one in problem.initial)
+    return '' if is_anywhere else f' (at the start no {predicate}(...) holds: is it missing there?)'

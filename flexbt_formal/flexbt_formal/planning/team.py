@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plans for several robots: their problem, and what each robot does, tried before it is returned."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+from flexbt_core.skills.library import ANYTHING, SkillLibrary
+from flexbt_core.skills.literals import SkillError, parse_literal
+from flexbt_core.values.text import did_you_mean, short_repr
+
+from .coverage import Coverage, Disturbance, explore_states
+from .missions import grounded_problem
+from .planner import compiled, why_not
+from .policy import actions_of
+from .problem import Action, Leaf, PlanningError, PlanningProblem, bits
+from .relaxation import Reachability
+from .search import SearchOutcome, SearchProgress
+from .team_policy import WAITS, Divider, TeamBranch, TeamPolicy, branches_of
+
+_ROBOT: Final = 'robot'
+"""The parameter of a skill for who does it, and the type of robots."""
+_MOST: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Team:
+    """What is to be planned for several robots.
+
+    ``doers`` tells for each action of the problem, by its name, which of the ``robots`` does it. A robot does one
+    action at a time. Costs are durations where the time that the team needs is to count.
+
+    Raises:
+        PlanningError: there is no robot, or more than 8; or nobody of them does an action.
+    """
+
+    problem: PlanningProblem
+    robots: tuple[str, ...]
+    doers: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(set(self.robots)) == len(self.robots) <= _MOST:
+            raise PlanningError(f'{len(self.robots)} robots: name 1 to {_MOST}, each once')
+        if len({entry('', robot) for robot in self.robots}) < len(self.robots):
+            raise PlanningError(f'robots {", ".join(self.robots)}: two differ in punctuation only; rename one')
+        for action in self.problem.actions:
+            if self.doers.get(action.name) not in self.robots:
+                raise PlanningError(f'action {action.name}: none of the robots {", ".join(self.robots)} does it')
+
+
+def team_problem(
+    library: SkillLibrary,
+    start: Iterable[str],
+    goal: str,
+    robots: Mapping[str, Collection[str]],
+    disturbances: Sequence[Iterable[str]] = (),
+) -> Team:
+    """What to plan, from manifests.
+
+    ``robots`` names them, each with its skills. Who does a skill is its parameter ``robot``; a skill without one is
+    done by any robot that has it. Robots that the library does not name are objects of the type ``robot``. The others
+    as for :func:`skill_problem`.
+
+    Raises:
+        PlanningError, SkillError: as there; or a robot has a skill that there is not.
+    """
+    for robot, skills in robots.items():
+        _check_name(robot)
+        for skill in skills:
+            if skill not in library.skills:
+                raise PlanningError(
+                    f'robots: {robot}: there is no skill {short_repr(skill)}{did_you_mean(skill, library.skills)}'
+                )
+    objects = {**dict.fromkeys(robots, _ROBOT), **library.objects}
+    had = {skill for skills in robots.values() for skill in skills}
+    library = SkillLibrary.of(
+        [skill for skill in library.skills.values() if skill.name in had],
+        library.predicates.values(),
+        types={_ROBOT: ANYTHING, **library.types},
+        objects=objects,
+    )
+    problem, grounded = grounded_problem(library, start, goal, disturbances)
+    actions: list[Action] = []
+    leaves = dict(problem.leaves)
+    doers: dict[str, str] = {}
+    for action, ground in zip(problem.actions, grounded, strict=True):
+        if _ROBOT in ground.binding:
+            robot = ground.binding[_ROBOT]
+            if ground.skill in robots.get(robot, ()):
+                actions.append(action)
+                doers[action.name] = robot
+            continue
+        for robot, skills in robots.items():
+            if ground.skill in skills:
+                own = f'{robot}: {action.name}'
+                actions.append(replace(action, name=own))
+                leaves[own] = problem.leaf(action.name)
+                doers[own] = robot
+    if not actions:
+        raise PlanningError('robots: none of their skills can be done with these objects')
+    return Team(replace(problem, actions=tuple(actions), leaves=leaves), tuple(robots), doers)
+
+
+def _check_name(robot: str) -> None:
+    """Whether literals can speak of a robot."""
+    try:
+        named = parse_literal(f'{_ROBOT}({robot})').arguments == (robot,)
+    except SkillError:
+        named = False
+    if not named:
+        raise PlanningError(f'robots: {short_repr(robot)} cannot name a robot: letters, digits and _.:/@-')
+
+
+def staffed(team: Team) -> PlanningProblem:
+    """The problem, in which a robot that is lost does nothing any more, and any of them may be lost."""
+    serving = {robot: in_service(robot) for robot in team.robots}
+    problem = team.problem
+    return replace(
+        problem,
+        actions=tuple(replace(one, needs=one.needs | {serving[team.doers[one.name]]}) for one in problem.actions),
+        initial=problem.initial | set(serving.values()),
+        disturbances=(
+            *problem.disturbances,
+            *(
+                Action(f'{robot} is lost', frozenset({serves}), frozenset(), frozenset({serves}))
+                for robot, serves in (serving.items() if len(serving) > 1 else ())
+            ),
+        ),
+        leaves={
+            **problem.leaves,
+            **{
+                serves: Leaf('ScriptCondition', {'code': f'!{entry("lost", robot)}'})
+                for robot, serves in serving.items()
+            },
+        },
+    )
+
+
+def in_service(robot: str) -> str:
+    """The literal that a robot works."""
+    return f'{robot} is in service'
+
+
+def entry(what: str, robot: str) -> str:
+    """The entry of the blackboard with what is known of a robot."""
+    return f'{what}_' + ''.join(one if one.isascii() and one.isalnum() else '_' for one in robot)
+
+
+# From a problem for several robots to what each of them does, tried before it is given out.
+
+
+class Task(NamedTuple):
+    """An action of a robot, and when it begins and ends if costs are durations and nothing hinders."""
+
+    robot: str
+    action: str
+    begins: float
+    ends: float
+
+
+@dataclass(frozen=True, slots=True)
+class TeamPlan:
+    """What came of planning for several robots.
+
+    ``tasks`` are the plan in the order in which they begin, ``duration`` when the last is done, ``cost`` the costs
+    together; ``bound`` is what no plan can cost less than, and ``least_duration`` what none can take less than.
+    ``alone`` has for each robot what it would cost it alone (None: it cannot, or it is not known). ``reason`` says why
+    there is no plan. ``policy`` and ``coverage`` are None without a plan. ``hopeless`` are ways (names of actions and
+    disturbances) after which the goal cannot be reached any more.
+    """
+
+    team: Team
+    problem: PlanningProblem
+    outcome: SearchOutcome
+    bound: float
+    expanded: int
+    seconds: float
+    least_duration: float = 0.0
+    tasks: tuple[Task, ...] = ()
+    duration: float | None = None
+    cost: float | None = None
+    alone: dict[str, float | None] | None = None
+    reason: str = ''
+    policy: TeamPolicy | None = None
+    coverage: Coverage | None = None
+    hopeless: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def unlimited(self) -> tuple[str, ...]:
+        """The types of its leaves that have no deadline: a robot in one that never ends is not known to be lost."""
+        members = self.policy.members if self.policy is not None else ()
+        actions = {action for robot in members for action in actions_of(robot)} - {WAITS}
+        leaves = (self.problem.leaf(self.problem.actions[action].name) for action in actions)
+        return tuple(sorted({leaf.type for leaf in leaves if leaf.deadline is None}))
+
+
+def plan_team(
+    team: Team,
+    *,
+    time_limit: float = 60.0,
+    disturbed: int = 1,
+    report: Callable[[SearchProgress], None] | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+) -> TeamPlan:
+    """Plans for several robots, and tries the result in all states that may come after up to ``disturbed``
+    disturbances, of which a robot that is lost is one.
+
+    What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``; when
+    it is over, the result has what was found until then (outcome ``TIME_LIMIT``). The plan is the shortest that is
+    found from the cheapest one on; that there is no shorter one is not said, but for ``least_duration``.
+
+    Raises:
+        PlanningError: the problem is not as it has to be.
+    """
+    began = clock()
+    deadline = began + time_limit
+    problem = staffed(team)
+    domain, goal, goals = compiled(problem)
+    doers = [team.doers.get(action.name, '') for action in domain.actions]
+    initial = domain.state(problem.initial)
+    divider = Divider(domain, goal, goals, doers, clock)
+    divided = divider.divide(initial, deadline, report)
+    found, division, expanded = divided.search, divided.division, divided.expanded
+    reachability = Reachability(domain, initial)
+    least = max((reachability.costs[literal] for literal in bits(goal)), default=0.0)
+    least = max(least, found.bound / len(team.robots))
+    if division is None:
+        reason = why_not(problem, reachability, goals) if found.outcome is SearchOutcome.UNSOLVABLE else ''
+        return TeamPlan(team, problem, found.outcome, found.bound, expanded, clock() - began, least, reason=reason)
+    alone = {robot: divider.alone(robot, initial, deadline).cost for robot in team.robots}
+    branches: list[TeamBranch] = branches_of(domain, division, team.robots, doers)
+    disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
+    hopeless: dict[int, tuple[str, ...]] = {}
+    while True:
+        policy = TeamPolicy(domain, goals, team.robots, branches)
+        coverage = explore_states(policy, initial, disturbances, disturbed, deadline, clock)
+        missing = {state: way for state, way in coverage.uncovered.items() if state not in hopeless}
+        if not missing or clock() >= deadline:
+            break
+        for state, way in missing.items():
+            if any(not branch.condition & ~state for branch in branches):
+                continue
+            other = divider.divide_alike(state, deadline)
+            expanded += other.expanded
+            if other.division is not None:
+                branches += branches_of(domain, other.division, team.robots, doers)
+            elif other.search.outcome is SearchOutcome.UNSOLVABLE:
+                hopeless[state] = way
+    tasks = sorted(
+        (
+            Task(doers[action], domain.actions[action].name, end - domain.costs[action], end)
+            for action, end in zip(division.plan, division.ends, strict=True)
+        ),
+        key=lambda task: task.begins,
+    )
+    return TeamPlan(
+        team,
+        problem,
+        found.outcome,
+        found.bound,
+        expanded,
+        clock() - began,
+        least,
+        tuple(tasks),
+        division.duration,
+        division.cost,
+        alone,
+        policy=policy,
+        coverage=coverage,
+        hopeless=tuple(hopeless.values()),
+    )

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Counterexamples as files: sequence diagrams, and recordings for the console."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from flexbt_formal.exploration.explorer import Moment, walk
+from flexbt_formal.exploration.model import OPERATOR, Counterexample, Report
+from flexbt_formal.exploration.tree_system import TreeSystem
+from flexbt_tools.errors import UsageError
+from flexbt_tools.files import write_text_file
+
+from .sequence_picture import Arrow, Note, SequenceDiagram, sequence_as_mermaid, sequence_as_svg
+
+_MERMAID: Final = ('.mmd', '.mermaid')
+
+
+def draw_diagram(file: str, diagram: SequenceDiagram) -> None:
+    """Write a diagram: SVG, or in Mermaid's language when the file is called so (.mmd). Raises UsageError."""
+    is_mermaid = Path(file).suffix.lower() in _MERMAID
+    write_text_file(file, '\n'.join(sequence_as_mermaid(diagram)) + '\n' if is_mermaid else sequence_as_svg(diagram))
+
+
+def draw_counterexamples(file: str, reports: Sequence[Report]) -> list[str]:
+    """Write a diagram for each; the files: FILE, and with a number before the suffix where there are several.
+
+    Raises UsageError.
+    """
+    found = _found(reports)
+    path = Path(file)
+    files = [
+        file if number == 1 else str(path.with_name(f'{path.stem}-{number}{path.suffix}'))
+        for number in range(1, len(found) + 1)
+    ]
+    for one, (report, counterexample) in zip(files, found, strict=True):
+        draw_diagram(one, counterexample_diagram(report, counterexample))
+    return files
+
+
+def record_counterexamples(file: str, reports: Sequence[Report]) -> None:
+    """Write all of them into one recording. Raises UsageError, also when there is such a file."""
+    from .recording import record  # it loads ROS, and MCAP
+
+    try:
+        record(Path(file), _found(reports))
+    except OSError as error:
+        raise UsageError(f'{file}: cannot be written: {error.strerror or error}') from error
+
+
+def _found(reports: Sequence[Report]) -> list[tuple[Report, Counterexample]]:
+    return [(report, one) for report in reports for one in report.counterexamples]
+
+
+# The shortest way to what is wrong, as a sequence diagram: who made which step happen, and what followed.
+
+
+def counterexample_diagram(report: Report, found: Counterexample) -> SequenceDiagram:
+    """The diagram of what an exploration has found; its steps are made anew."""
+    assert report.make is not None
+    system = report.make()
+    engine = 'tree' if isinstance(system, TreeSystem) else 'machine'
+    steps: list[Arrow | Note] = []
+    actors: list[str] = []
+    told = [system.position()]
+    for moment in walk(report.make, found.moves):
+        steps += [Note(engine, told)] if steps else []
+        actor = moment.label.actor
+        steps.append(Arrow(actor or engine, engine, _text(moment)))
+        actors += [actor] if actor not in ('', OPERATOR, *actors) else []
+        told = moment.happened
+    steps.append(Note(engine, told))
+    steps.append(
+        Note(
+            engine, [f'WRONG: {found.violation.text}', f'It should be: {found.violation.property.value}'], is_wrong=True
+        )
+    )
+    with_operator = [OPERATOR] if any(isinstance(step, Arrow) and step.start == OPERATOR for step in steps) else []
+    return SequenceDiagram(f'{report.name}: {found.violation.text}', [*with_operator, engine, *actors], steps)
+
+
+def _text(moment: Moment) -> str:
+    kind, _, value = moment.label
+    chosen = f' ({moment.chosen})' if moment.chosen else ''
+    what = kind.removeprefix(OPERATOR).strip()
+    of = f' {moment.label.subject}' if moment.label.actor == OPERATOR and moment.label.subject else ''
+    return f'{what}{of}{f": {value}" if value else ""}{chosen}'

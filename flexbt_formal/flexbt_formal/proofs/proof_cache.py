@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A cache of the proofs of trees: what was followed to its end need not be followed again, as long as nothing changes
+on which it depends.
+
+A proof in it belongs to a digest of the texts of all files that were read, of the sources of the engine and of every
+class of a node, and of what was asked. So there is nothing to be cleared by hand.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import cache
+from hashlib import blake2b
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_formal.exploration.leaf_models import leaf_model
+from flexbt_formal.exploration.model import Report, System
+
+from .proof_report import report_as_json, report_of
+
+_MOST: Final = 200
+"""Proofs that are kept; the oldest goes first."""
+NOTE: Final = 'found before, and nothing on which it depends has changed since; --anew follows it again'
+
+
+class ProofCache:
+    """The proofs in a folder."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        """Without ``folder``: that of the user, below ``XDG_CACHE_HOME`` or ``~/.cache``."""
+        cached = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+        self._folder = folder or Path(cached) / 'flexbt' / 'proofs'
+
+    def get(self, digest: str, make: Callable[[], System]) -> Report | None:
+        """The proof of this digest, about what ``make`` makes; None when there is none, or none that can be read."""
+        try:
+            plain = json.loads((self._folder / f'{digest}.json').read_text(encoding='utf-8'))
+            return report_of(plain, make)
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def put(self, digest: str, report: Report) -> None:
+        """Keep a proof. Where that cannot be, it is followed again the next time."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile('w', dir=self._folder, suffix='.new', delete=False) as file:
+                json.dump(report_as_json(report), file)
+            Path(file.name).replace(self._folder / f'{digest}.json')
+            proofs = sorted(self._folder.iterdir(), key=lambda one: one.stat().st_mtime)
+            for old in proofs[:-_MOST]:
+                old.unlink()
+        except OSError:
+            return
+
+
+def digest_of(library: TreeLibrary, key: TreeKey, asked: Iterable[str]) -> str:
+    """Of all on which the proof of a tree depends."""
+    digest = blake2b(digest_size=16)
+    for text in (_engine(), *key, *asked, *_texts(library)):
+        data = text.encode('utf-8', 'surrogatepass')
+        digest.update(len(data).to_bytes(8, 'big') + data)
+    return digest.hexdigest()
+
+
+def _texts(library: TreeLibrary) -> Iterator[str]:
+    classes: set[type] = set()
+    for document in library.documents.values():
+        yield document.file
+        yield repr(sorted(document.scripts.enums.items()))
+        for tree in document.trees.values():
+            yield tree.source.text
+            for node in tree.nodes():
+                model = leaf_model(node)
+                yield f'{node.manifest.id} {replace(model, resources=frozenset())} {sorted(model.resources)}'
+                classes.add(node.manifest.node_class)
+    for kind in sorted(classes, key=lambda one: (one.__module__, one.__qualname__)):
+        for base in kind.__mro__:
+            yield f'{base.__module__}.{base.__qualname__} {_source(base)}'
+
+
+@cache
+def _engine() -> str:
+    """A digest of the sources of the engines."""
+    digest = blake2b(digest_size=16)
+    for package in ('flexbt_core', 'flexbt_formal', 'flexbt_tools'):
+        spec = find_spec(package)
+        for folder in (spec.submodule_search_locations or ()) if spec is not None else ():
+            for file in sorted(Path(folder).rglob('*.py')):
+                digest.update(str(file).encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _source(kind: type) -> str:
+    try:
+        file = inspect.getsourcefile(kind)
+        return '' if file is None else blake2b(Path(file).read_bytes(), digest_size=16).hexdigest()
+    except (OSError, TypeError):  # of the interpreter
+        return ''

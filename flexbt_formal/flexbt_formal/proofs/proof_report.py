@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results of proofs and of comparisons, as text for a mission engineer and as JSON for programs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
+
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.values.text import pluralize
+from flexbt_formal.exploration.comparison import Comparison
+from flexbt_formal.exploration.explorer import ExplorationProgress
+from flexbt_formal.exploration.model import Counterexample, Label, Move, Report, System
+
+_SHOWN: Final = 20
+_REMEDIES: Final = {
+    Property.NO_DEADLOCK: 'have the node call wake() or wake_at(), give it a time limit, or another outcome for that',
+    Property.CAN_END: 'lead out of there: by a limit of attempts or a Timeout in a tree, by a transition in a machine',
+    Property.REACHABLE: 'leave it out, or mend what keeps it from being used: ports, order of children, control above',
+    Property.LIMITS: 'put it where it is ticked again after its child has succeeded, such as into a PipelineSequence, '
+    'or leave it out',
+    Property.LISTENS: 'put it below a ReactiveFallback or ReactiveSequence, before what works: in each tick',
+    Property.POSSIBLE: 'lead back from there, as reactive controls and further attempts do, or do not require it',
+    Property.NO_LIVELOCK: 'wait in the loop, or limit how often it goes round',
+    Property.DATA: 'write the key on every way to there, or give the machine or tree a default',
+    Property.ONE_WRITER: 'give each a key of its own, or let one of them end before the other begins',
+    Property.PRECONDITION: 'bring it about before, and look whether a condition is inverted, or the children swapped',
+    Property.DEADLINE: 'put a Timeout around it that is no longer than the deadline',
+    Property.ONE_OWNER: 'let one of them end before the other begins',
+    Property.RECOVERY: 'have what it waits for confirm a cancel, or end by a time limit',
+    Property.HALTED: 'have the node above it halt its children, as ControlNode.reset_children does',
+}
+
+
+class ProgressLine:
+    """One line of the standard error, written over and over; nothing where that is no terminal."""
+
+    def __init__(self, is_shown: bool) -> None:
+        self._is_shown = is_shown and sys.stderr.isatty()
+
+    def tell(self, name: str, progress: ExplorationProgress) -> None:
+        """Show how far an exploration has come."""
+        self.show(
+            f'{name}: {progress.configurations} situations, {progress.waiting} to follow, {progress.seconds:.0f} s'
+        )
+
+    def show(self, text: str) -> None:
+        """Show a text in the place of the one before."""
+        if self._is_shown:
+            print(f'\r{text}'.ljust(79)[:79], end='', file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        """Take the line away."""
+        if self._is_shown:
+            print('\r'.ljust(80) + '\r', end='', file=sys.stderr, flush=True)
+
+
+def report_lines(report: Report) -> Iterator[str]:
+    """A report: the verdict, of what it holds, what is wrong with the way to it, and what was never taken."""
+    size = f'{report.configurations} situations, {report.steps} steps, {report.seconds:.1f} s'
+    number = len(report.counterexamples)
+    wrong = f'{pluralize(number, "thing")} wrong' if number else 'nothing wrong'
+    if report.is_complete:
+        yield f'{report.name}: {wrong} ({size})'
+        yield f'  followed to the end: {report.bounds}'
+    else:
+        why = report.stopped_by or 'too many ways to answer in one step'
+        yield f'{report.name}: {wrong} as far as it was followed ({size})'
+        yield f'  NOT followed to the end ({why}): all ways of up to {max(report.depth - 1, 0)} steps: {report.bounds}'
+    ends = ', '.join(sorted(report.ends)) or 'in no way'
+    is_cut = any(
+        one.violation.property.is_shown_by_a_way and not one.violation.is_lasting for one in report.counterexamples
+    )
+    yield f'  it can end: {ends}' + ('; what may come after something wrong was not followed' if is_cut else '')
+    yield f'  reached: {report.covered} of {report.coverable}' + (
+        '' if not report.uncovered else f'; never: {_some(report.uncovered)}'
+    )
+    for note in report.notes:
+        yield f'  note: {note}'
+    for found in report.counterexamples:
+        yield from _counterexample_lines(found)
+
+
+def _some(names: tuple[str, ...]) -> str:
+    rest = len(names) - _SHOWN
+    return ', '.join(names[:_SHOWN]) + (f' and {rest} more' if rest > 0 else '')
+
+
+def _counterexample_lines(found: Counterexample) -> Iterator[str]:
+    kind = found.violation.property
+    yield f'  WRONG: {found.violation.text}'
+    yield f'    it should be: {kind.value}'
+    if kind in _REMEDIES:
+        yield f'    remedy: {_REMEDIES[kind]}'
+    if not found.moves:
+        return  # what never happens, or is so from the beginning: there is no way to show
+    yield f'    the shortest way to it ({pluralize(len(found.moves), "step")}):'
+    yield from (f'      {line}' for line in found.lines)
+
+
+# What something does otherwise than its version before: for a mission engineer, and for programs.
+
+
+class Compared(NamedTuple):
+    """What was found of something beside its version before; ``only``: the one version that has it, ``before`` or
+    ``now``."""
+
+    name: str
+    comparison: Comparison = Comparison(0, 0, 0.0, '', (), 0)
+    only: str = ''
+
+    @property
+    def is_same(self) -> bool:
+        """Whether nothing was found that tells the versions apart."""
+        return not self.only and self.comparison.is_same
+
+
+def comparison_lines(compared: Compared) -> Iterator[str]:
+    """What both do, and the shortest way to where each difference begins."""
+    if compared.only:
+        yield f'{compared.name}: DIFFERS: it is there only {compared.only}'
+        return
+    found = compared.comparison
+    number = len(found.differences) + found.more
+    size = f'{found.situations} situations of both, {found.steps} steps, {found.seconds:.1f} s'
+    verdict = pluralize(number, 'difference') if number else 'does the same'
+    verdict += '' if found.is_complete else ' as far as it was followed'
+    yield f'{compared.name}, against before: {verdict} ({size})'
+    if found.is_complete:
+        yield '  followed to the end, or to where they differ: what begins, with which inputs, what ends, when, and how'
+    else:
+        yield f'  NOT followed to the end ({found.stopped_by})'
+    for difference in found.differences:
+        yield '  DIFFERS; the shortest way to it:'
+        yield from (f'      {line}' for line in difference.lines)
+        for version, lines in (('before', difference.before), ('now', difference.now)):
+            yield f'    {version}:'
+            yield from (f'           {line}' for line in lines)
+    if found.more:
+        yield f'  {found.more} more, farther from the beginning'
+
+
+def comparison_as_json(compared: Compared) -> dict[str, Any]:
+    """A comparison for programs."""
+    found = compared.comparison
+    return {
+        'name': compared.name,
+        'only': compared.only,
+        'complete': found.is_complete,
+        'stopped_by': found.stopped_by,
+        'situations': found.situations,
+        'steps': found.steps,
+        'seconds': round(found.seconds, 3),
+        'differences': [
+            {'way': list(one.lines), 'before': list(one.before), 'now': list(one.now)} for one in found.differences
+        ],
+        'more': found.more,
+    }
+
+
+# What a proof has found, for programs.
+
+
+def report_as_json(report: Report) -> dict[str, Any]:
+    """A report for programs."""
+    return {
+        'name': report.name,
+        'bounds': report.bounds,
+        'complete': report.is_complete,
+        'stopped_by': report.stopped_by,
+        'configurations': report.configurations,
+        'steps': report.steps,
+        'depth': report.depth,
+        'seconds': round(report.seconds, 3),
+        'ends': dict(report.ends),
+        'written': {name: sorted(keys) for name, keys in sorted(report.written.items())},
+        'covered': report.covered,
+        'coverable': report.coverable,
+        'never': list(report.uncovered),
+        'notes': list(report.notes),
+        'wrong': [
+            {
+                'property': found.violation.property.name,
+                'where': found.violation.where,
+                'text': found.violation.text,
+                'moves': plain_moves(found.moves),
+                'way': list(found.lines),
+            }
+            for found in report.counterexamples
+        ],
+    }
+
+
+def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
+    """The report of which this is the JSON, about what ``make`` makes.
+
+    Raises KeyError, TypeError or ValueError when it is of none.
+    """
+    return Report(
+        name=plain['name'],
+        bounds=plain['bounds'],
+        is_complete=plain['complete'],
+        stopped_by=plain['stopped_by'],
+        configurations=plain['configurations'],
+        steps=plain['steps'],
+        depth=plain['depth'],
+        seconds=plain['seconds'],
+        counterexamples=tuple(
+            Counterexample(
+                Violation(Property[one['property']], one['where'], one['text']),
+                moves_of(one['moves']),
+                tuple(one['way']),
+            )
+            for one in plain['wrong']
+        ),
+        notes=tuple(plain['notes']),
+        ends=plain['ends'],
+        covered=plain['covered'],
+        coverable=plain['coverable'],
+        uncovered=tuple(plain['never']),
+        written={name: frozenset(keys) for name, keys in plain['written'].items()},
+        make=make,
+    )
+
+
+# The steps of a proof as plain data, for tests and for JSON.
+
+
+def plain_moves(moves: Iterable[Move]) -> list[list[Any]]:
+    """Each as kind, subject, value, answers."""
+    return [[*label, list(answers)] for label, answers in moves]
+
+
+def moves_of(plain: Iterable[Sequence[Any]]) -> tuple[Move, ...]:
+    """What :func:`plain_moves` was given."""
+    return tuple(Move(Label(kind, subject, value), tuple(answers)) for kind, subject, value, answers in plain)

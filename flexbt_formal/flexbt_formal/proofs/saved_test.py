@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Counterexamples as tests of pytest, which fail until what is wrong has been put right."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from flexbt_core.monitors.requirement_text import StatedRequirement
+from flexbt_core.values.text import one_line
+from flexbt_formal.exploration.model import Counterexample
+from flexbt_tools.errors import UsageError
+from flexbt_tools.trees.files import BY_PACKAGE, STDIN
+
+from .proof_report import plain_moves
+
+
+class File(NamedTuple):
+    """A file that a test reads: found from the folder of the test, or by its package, wherever pytest is run."""
+
+    name: str
+
+    def expression(self, test: str) -> str:
+        """What stands for it in the text of a test that is in the file ``test``. Raises UsageError."""
+        if self.name == STDIN:
+            raise UsageError('--save-test: a test cannot read the standard input again; give a file')
+        if self.name.startswith(BY_PACKAGE):
+            return repr(self.name)
+        relative = os.path.relpath(Path(self.name).resolve(), Path(test).resolve().parent)
+        return f'str(HERE / {relative!r})'
+
+
+class Replay(NamedTuple):
+    """A call with which a test takes the steps of a counterexample again.
+
+    It is ``function`` of a module of flexbt_formal.proofs, with ``arguments`` before the moves and those of the
+    ``settings`` after them that are not empty. ``what`` is for people.
+    """
+
+    what: str
+    module: str
+    function: str
+    arguments: Sequence[Any]
+    settings: Mapping[str, Any]
+
+    def call(self, test: str) -> str:
+        """The call, as the text of a test that is in the file ``test``."""
+        before = [_expression(one, test) for one in self.arguments]
+        after = [f'{name}={_expression(value, test)}' for name, value in self.settings.items() if value not in ('', [])]
+        return f'{self.function}({", ".join([*before, "moves", *after])})'
+
+
+def saved_test(test: str, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> str:
+    """The text of the file ``test`` for what was found wrong. Raises UsageError when no test can read it again."""
+    found = [(replay, counterexamples) for replay, counterexamples in wrong if counterexamples]
+    what = ', '.join(dict.fromkeys(replay.what for replay, _ in found))
+    imports = sorted({f'from flexbt_formal.proofs.{replay.module} import {replay.function}' for replay, _ in found})
+    lines = [f'"""What a proof has found wrong with {one_line(what)}. Each test fails until that is put right."""', '']
+    calls = [replay.call(test) for replay, _ in found]
+    if any('HERE / ' in call for call in calls):
+        lines += ['from pathlib import Path', '', *imports, '', 'HERE = Path(__file__).resolve().parent', '']
+    else:
+        lines += [*imports, '']
+    number = 0
+    for call, (_, counterexamples) in zip(calls, found, strict=True):
+        for one in counterexamples:
+            number += 1
+            if not one.violation.property.is_shown_by_a_way:
+                lines += ['', f'# No steps show this, prove it again: {one_line(one.violation.text)}']
+                continue
+            lines += ['', f'def test_{one.violation.property.name.lower()}_{number}() -> None:']
+            lines += [f'    # {one_line(line, 500)}' for line in (one.violation.text, *one.lines)]
+            lines += ['    moves = [', *(f'        {move!r},' for move in plain_moves(one.moves)), '    ]']
+            lines += [f'    wrong = {call}', '    assert not wrong, wrong[0].text', '']
+    return '\n'.join(line.rstrip() for line in lines) + '\n'
+
+
+def requirement_texts(required: Iterable[StatedRequirement]) -> list[str]:
+    """What is required, as a test has it."""
+    return [str(one.requirement) for one in required]
+
+
+def _expression(value: Any, test: str) -> str:
+    if isinstance(value, File):
+        return value.expression(test)
+    if isinstance(value, list):
+        return f'[{", ".join(_expression(one, test) for one in value)}]'
+    return repr(value)

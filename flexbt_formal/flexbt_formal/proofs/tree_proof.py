@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A tree by itself, proved with whatever its leaves may do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES, Nav2Branch
+from flexbt_core.monitors.properties import Violation
+from flexbt_core.monitors.requirement_text import StatedRequirement, parse_requirement, problems_with
+from flexbt_formal.exploration.comparison import compare
+from flexbt_formal.exploration.explorer import ExplorationLimits, ExplorationProgress, explore, replay
+from flexbt_formal.exploration.model import Report, servers_gone
+from flexbt_formal.exploration.tree_system import TreeSystem
+from flexbt_server.node_types import node_registry
+from flexbt_tools.errors import RefusedError, UnfitError
+from flexbt_tools.trees.files import read_library, read_models, references
+from flexbt_tools.trees.stand_ins import OpenRegistry, is_stand_in
+
+from .proof_cache import NOTE, ProofCache, digest_of
+from .proof_report import Compared, moves_of
+
+GOALS: Final = ('goal', 'goals')
+"""Keys that whoever runs a tree writes before, as Nav2's navigators do."""
+TREE_BOUNDS: Final = 'any result of each leaf at any time, cancels confirmed soon or late, a stop at any time'
+
+
+def prove_tree(
+    library: TreeLibrary,
+    key: TreeKey,
+    *,
+    given: Iterable[str] = (),
+    limits: ExplorationLimits | None = None,
+    faults: int = 1,
+    required: Sequence[StatedRequirement] = (),
+    observed: Iterable[str] = (),
+    on_progress: Callable[[ExplorationProgress], None] | None = None,
+    cache: ProofCache | None = None,
+) -> Report:
+    """Explore a tree. ``given`` are keys that are on the blackboard before it begins; ``faults`` is how many of its
+    servers may be gone for good, and ``required`` what holds beside what holds for all. ``observed`` are keys of which
+    the report tells whether they are written whenever the tree has ended. What is in ``cache`` is not
+    explored again.
+
+    A leaf whose type is not installed gives any result, and a note says so.
+
+    Raises:
+        TreeLoadError: the tree cannot be built.
+        RefusedError: it has a control or a decorator whose type is not installed: what it does is not known.
+        UnfitError: something is required of what it does not have.
+    """
+    keys = (*GOALS, *given)
+    unknown = _unknown_leaves(library, key)
+
+    def make() -> TreeSystem:
+        return TreeSystem(library, key, given=keys, requirements=requirements, observed=looked_at)
+
+    looked_at = sorted(observed)
+    requirements = [one.requirement for one in required]
+    first = make()
+    if problems := problems_with(required, first.vocabulary, f'tree {key.id}'):
+        raise UnfitError('\n'.join(problems))
+    taken = first.given
+    bounds = TREE_BOUNDS + (f', {servers_gone(faults)}' if faults else '')
+    bounds += f'; given before it begins: {", ".join(taken)}' if taken else ''
+    bounds += requirements_text(required)
+    digest = (
+        '' if cache is None else digest_of(library, key, [*keys, str(faults), str(looked_at), *map(str, requirements)])
+    )
+    known = None if cache is None else cache.get(digest, make)
+    report = known or explore(make, f'tree {key.id}', bounds, limits, on_progress, faults=faults)
+    if cache is not None and known is None and report.is_complete:
+        cache.put(digest, report)
+    notes = [] if known is None else [NOTE]
+    if unknown:
+        notes.append(
+            f'not installed here, so any result is possible, and actuators are not known: {", ".join(unknown)}'
+        )
+    return replace(report, notes=(*report.notes, *notes))
+
+
+def compare_trees(
+    before: tuple[TreeLibrary, TreeKey],
+    now: tuple[TreeLibrary, TreeKey],
+    *,
+    given: Iterable[str] = (),
+    limits: ExplorationLimits | None = None,
+    on_progress: Callable[[ExplorationProgress], None] | None = None,
+    name: str = '',
+) -> Compared:
+    """Follow two versions of a tree side by side, as :func:`prove_tree` follows one; ``name`` is what they are called.
+
+    Raises TreeLoadError and RefusedError as that does.
+    """
+    keys = {*GOALS, *given}
+    for library, key in (before, now):
+        _unknown_leaves(library, key)
+        keys.update(TreeSystem(library, key, given=keys).given)  # what one reads from outside is there for both
+
+    def make(library: TreeLibrary, key: TreeKey) -> TreeSystem:
+        return TreeSystem(library, key, given=keys)
+
+    found = compare(lambda: make(*before), lambda: make(*now), limits, on_progress)
+    return Compared(name or f'tree {now[1].id}', found)
+
+
+def requirements_text(required: Sequence[StatedRequirement]) -> str:
+    """What is required, as a part of the bounds of a report."""
+    return f'; required: {"; ".join(str(one.requirement) for one in required)}' if required else ''
+
+
+def _unknown_leaves(library: TreeLibrary, key: TreeKey) -> list[str]:
+    """The types of the leaves that are not installed. Raises RefusedError for controls and decorators that are not."""
+    leaves: set[str] = set()
+    errors: list[LoadError] = []
+    seen, ahead = {key}, [key]
+    while ahead:
+        tree = ahead.pop()
+        definition = library.definition(tree)
+        for node in definition.nodes():
+            if not is_stand_in(node.manifest):
+                continue
+            if node.manifest.kind in (NodeKind.ACTION, NodeKind.CONDITION):
+                leaves.add(node.manifest.id)
+            else:
+                kind = node.manifest.kind.value.lower()
+                errors.append(
+                    definition.error(node, f'this {kind} is not installed here, so no tree with it is proved')
+                )
+        new = {target for _, target in references(library, tree)} - seen
+        seen |= new
+        ahead += new
+    if errors:
+        raise RefusedError(dict.fromkeys(errors))
+    return sorted(leaves)
+
+
+def replay_tree(
+    files: Sequence[str],
+    tree: str,
+    moves: Iterable[Sequence[Any]],
+    *,
+    given: Iterable[str] = (),
+    require: Sequence[str] = (),
+    models: Sequence[str] = (),
+    nav2_branch: Nav2Branch = NAV2_BRANCHES[0],
+) -> list[Violation]:
+    """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
+
+    ``models`` are files that describe node types. Raises RefusedError or LookupError when there are no such files, or
+    no such tree.
+    """
+    registry = node_registry(lambda source, error: None, nav2_branch)
+    read_models(models, registry)
+    library = read_library(files, OpenRegistry(registry))
+    key = library.find(tree)
+    if key is None:
+        raise LookupError(f'there is no tree {tree!r} in {", ".join(files)}')
+    return replay_in(library, key, moves, given=given, require=require)
+
+
+def replay_in(
+    library: TreeLibrary,
+    key: TreeKey,
+    moves: Iterable[Sequence[Any]],
+    *,
+    given: Iterable[str] = (),
+    require: Sequence[str] = (),
+) -> list[Violation]:
+    """As :func:`replay_tree`, of a library that was read."""
+    keys = (*GOALS, *given)
+    required = [parse_requirement(text, 'require').requirement for text in require]
+    return replay(lambda: TreeSystem(library, key, given=keys, requirements=required), moves_of(moves))

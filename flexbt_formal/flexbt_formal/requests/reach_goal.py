@@ -1,0 +1,321 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The leaf that reaches a goal: it measures how the world is, plans, and carries the plan out, as often as need be."""
+
+from __future__ import annotations
+
+import math
+import posixpath
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final, Generic, TypeVar
+
+from flexbt_common.errors import ResourceError
+from flexbt_core.behavior_tree.engine.context import UnfinishedWork
+from flexbt_core.behavior_tree.engine.leaf import ExpandingAction, Halted, LeafNode
+from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry, node_skills
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
+from flexbt_core.behavior_tree.model.outcomes import Example
+from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, UNSIGNED, input_port, output_port
+from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.literals import SkillError
+from flexbt_core.skills.yaml_files import read_skills
+from flexbt_core.values.text import pluralize, truncate_middle
+from flexbt_formal.planning.missions import Measurement, Mission, read_mission, skill_problem
+from flexbt_formal.planning.planner import Plan, plan
+from flexbt_formal.planning.problem import PlanningError
+from flexbt_formal.planning.search import SearchOutcome
+from flexbt_formal.planning.tree_xml import FAILURE_ENTRY, failed_action, tree_entries, tree_xml
+from flexbt_server.leaves import LeafServices
+
+LONGEST_SEARCH: Final = 3600.0
+"""Of the port ``time_limit``, s."""
+
+MOST_ATTEMPTS: Final = 1000
+
+_MEASURING: Final = 'MeasureWorld'
+_PLANNED: Final = 'PlannedTree'
+
+T = TypeVar('T')
+SearchClock = Callable[[], float]
+"""The time, s; raises Halted when nobody wants the result of the search any more."""
+
+
+class _NoWayError(PlanningError):
+    """From what was measured the goal cannot be reached."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Goal:
+    """A mission as it was read, and what of it can be measured."""
+
+    mission: Mission
+    goal: str
+    library: SkillLibrary
+    measurement: Measurement
+    measuring: TreeLibrary
+
+
+class ReachGoal(ExpandingAction):
+    """Reaches the goal of a mission file: measures how the world is, plans the cheapest way, and carries it out.
+
+    First every predicate that matters is measured by its sensor: a condition leaf, or a test of the blackboard. One
+    that has had no message yet is asked again for ``sensor_timeout``; then it does not hold. What nothing measures is
+    as the mission's ``start`` says. Then the plan is searched in a thread of its own, and its reactive tree runs below
+    this leaf, as a sub-tree does; its entries that are not its own are those of the blackboard around it. Where that
+    tree gives up, the world is measured and planned for anew, without an action that has failed as often as its
+    manifest allows for. Where there is no way, it is measured again for ``sensor_timeout``, and planned for what has
+    changed.
+
+    SUCCESS when the goal holds. FAILURE with the reason when there is no way, and after the last of the ``attempts``.
+    Halting ends the search, or the tree.
+    """
+
+    __slots__ = (
+        '_board',
+        '_goal',
+        '_hopeless',
+        '_left_out',
+        '_next',
+        '_sensors_by',
+        '_start',
+        '_thought',
+        '_timeout',
+        '_tried',
+        '_why',
+    )
+
+    ports = {
+        'mission': input_port(STRING, description='its file: package/relative/path, or where trees may be'),
+        'goal': input_port(STRING, default='', description='in place of the goal that the mission names'),
+        'time_limit': input_port(
+            DOUBLE, default='5.0', description='for each search, s; the best way until then counts'
+        ),
+        'attempts': input_port(UNSIGNED, default='3', description='how often it is planned at most'),
+        'sensor_timeout': input_port(DOUBLE, default='5.0', description='for what sensors have still to tell, s'),
+        'plan': output_port(STRING, description='the actions of the plan that runs, in their order'),
+    }
+    example = Example(
+        '<ReachGoal mission="flexbt_demo_goals/missions/cup.yaml" goal="thing_in(cup, office)" plan="{plan}"/>'
+    )
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._next: Callable[[], NodeStatus] = self._measure
+        self._thought: _Thought[Any] | None = None
+        self._left_out: dict[str, str] = {}
+        self._tried = 0
+        self._start: list[str] = []
+        self._hopeless: list[str] | None = None
+        self._why = ''
+
+    @property
+    def host(self) -> LeafServices:
+        """What the BT server provides."""
+        services: LeafServices = self.services
+        return services
+
+    def on_start(self) -> NodeStatus:
+        limit, attempts = self.get_input('time_limit'), self.get_input('attempts')
+        if not 0.0 < limit <= LONGEST_SEARCH:
+            return self.fail(f'port time_limit: {limit!r} is no time above 0 and up to {LONGEST_SEARCH:g} s')
+        if not 0 < attempts <= MOST_ATTEMPTS:
+            return self.fail(f'port attempts: {attempts!r} is no number from 1 to {MOST_ATTEMPTS}')
+        self._timeout = float(self.get_input('sensor_timeout'))
+        if not 0.0 <= self._timeout < math.inf:
+            return self.fail(f'port sensor_timeout: {self._timeout!r} is no time of 0 or more, s')
+        self._left_out.clear()
+        self._tried = 0
+        file, goal = str(self.get_input('mission')), str(self.get_input('goal'))
+        return self._think(lambda clock: _read(self.host, file, goal), self._begin)
+
+    def on_running(self) -> NodeStatus:
+        try:
+            return self._next()
+        except _NoWayError as error:
+            self._hopeless = self._start
+            self._why = str(error)
+            self._next = self._await_measured
+            return self._await_measured()
+        except (PlanningError, SkillError, TreeLoadError, ResourceError) as error:
+            return self.fail(str(error))
+
+    def on_halted(self) -> None:
+        if self._thought is not None:
+            self._thought.stop()
+
+    # -- one step after the other ------------------------------------------------------------------------------------
+
+    def _begin(self, goal: _Goal) -> NodeStatus:
+        self._goal = goal
+        return self._measure()
+
+    def _measure(self) -> NodeStatus:
+        self._hopeless = None
+        self._sensors_by = self.clock.now() + self._timeout
+        self._next = self._await_measured
+        return self._expand(self._goal.measuring, _MEASURING, ())
+
+    def _await_measured(self) -> NodeStatus:
+        status = self.tick_tree()
+        if status is NodeStatus.RUNNING:
+            return status
+        if self.clock.now() < self._sensors_by and not all(leaf.is_informed for leaf in _leaves(self)):
+            self.wake_at(self._sensors_by)  # a sensor that has its message wakes the tree, too
+            return NodeStatus.RUNNING
+        goal, limit, left_out = self._goal, float(self.get_input('time_limit')), dict(self._left_out)
+        start = goal.measurement.start(goal.mission.start, lambda entry: self._board.get_or(entry, False) == 1)
+        if self._hopeless is not None and self.clock.now() >= self._sensors_by:
+            return self.fail(self._why)
+        if start == self._hopeless:  # sensors may tell at different moments what has happened at once
+            self.wake_at(self._sensors_by)
+            return NodeStatus.RUNNING
+        self.cancel_wake()
+        self._start = start
+        return self._think(lambda clock: _search(self.host, goal, start, left_out, limit, clock), self._carry_out)
+
+    def _carry_out(self, found: tuple[Plan, TreeLibrary]) -> NodeStatus:
+        planned, library = found
+        self.set_output('plan', ', '.join(planned.actions))
+        self._next = lambda: self._await_reached(planned)
+        return self._expand(library, _PLANNED, tree_entries(planned))
+
+    def _await_reached(self, planned: Plan) -> NodeStatus:
+        status = self.tick_tree()
+        if status is NodeStatus.RUNNING or status is NodeStatus.SUCCESS:
+            return status
+        why = str(self._board.get_or(FAILURE_ENTRY, ''))
+        failed = failed_action(planned.problem, why)
+        if failed is not None:
+            action, what = failed
+            told = truncate_middle(next(_reasons(self, action), ''))
+            self._left_out[action] = what + (told and f': {told}')
+            why += told and f': {told}'
+        self._tried += 1
+        if self._tried >= self.get_input('attempts'):
+            return self.fail(f'gave up after {pluralize(self._tried, "attempt")}: {why}')
+        return self._measure()
+
+    def _expand(self, library: TreeLibrary, tree_id: str, own: tuple[str, ...]) -> NodeStatus:
+        board = self._board = Blackboard(self.blackboard)
+        for entry in own:
+            board.declare(entry, None)  # of this tree, also where others have some of the same name
+        board.enable_autoremap()
+        return self.expand(library, tree_id, board)
+
+    def _think(self, work: Callable[[SearchClock], T], then: Callable[[T], NodeStatus]) -> NodeStatus:
+        """Has work done in a thread, and ``then`` goes on with what came of it."""
+        thought = _Thought(self, work)
+        self._thought = thought
+        self._next = lambda: then(thought.result()) if thought.ended else NodeStatus.RUNNING
+        return NodeStatus.RUNNING
+
+
+class _Thought(Generic[T]):
+    """Work in a thread of its own, which wakes the node at its end. What both threads change is under a lock."""
+
+    def __init__(self, node: ReachGoal, work: Callable[[SearchClock], T]) -> None:
+        self.ended = False
+        self._node = node
+        self._work = work
+        self._results: list[T] = []
+        self._error: BaseException | None = None
+        self._stopped = False
+        self._unfinished: UnfinishedWork | None = None
+        self._lock = threading.Lock()
+        threading.Thread(target=self._run, name=f'plan {node.path}', daemon=True).start()
+
+    def result(self) -> T:
+        """What came of it; raises what it has raised."""
+        if self._error is not None:
+            raise self._error
+        return self._results[0]
+
+    def stop(self) -> None:
+        """Nobody asks for the result any more. Until it has ended it is unfinished work of the tree."""
+        with self._lock:
+            self._stopped = True
+            if not self.ended:
+                self._unfinished = self._node.context.add_unfinished(f'[{self._node.path}] ends its search')
+
+    def _clock(self) -> float:
+        if self._stopped:
+            raise Halted
+        return time.perf_counter()
+
+    def _run(self) -> None:
+        try:
+            self._results.append(self._work(self._clock))
+        except BaseException as error:
+            self._error = error
+        with self._lock:
+            self.ended = True
+        if self._unfinished is not None:
+            self._unfinished.done()
+        else:
+            self._node.wake()
+
+
+def _leaves(above: TreeNode) -> Iterator[LeafNode]:
+    """The leaves of what is below a node."""
+    for node in above.attached:
+        if isinstance(node, LeafNode):
+            yield node
+        yield from _leaves(node)
+
+
+def _reasons(above: TreeNode, action: str) -> Iterator[str]:
+    """Why leaves of an action failed last, where they have said so."""
+    for leaf in _leaves(above):
+        reason = leaf.failure_reason()
+        if leaf.name == action and reason != TreeNode.failure_reason(leaf):
+            yield reason
+
+
+def _read(host: LeafServices, file: str, goal: str) -> _Goal:
+    """Raises PlanningError, SkillError, ResourceError, TreeLoadError."""
+    store = host.trees
+    mission = read_mission(store.read_text(file), file)
+    if mission.robots:
+        raise PlanningError(f'{file} is for several robots; let bt_tool plan write its trees, and run those')
+    library = node_skills(store.registry, host.warn_once)
+    for name in mission.skills:
+        beside = name if name.startswith('/') else posixpath.normpath(posixpath.join(posixpath.dirname(file), name))
+        library = read_skills(store.read_text(beside), beside, library)
+    goal = goal or mission.goal
+    if not goal:
+        raise PlanningError(f'{file} names no goal; add it there (goal: ...), or give the port goal')
+    measurement = Measurement.of(library, goal, store.registry.__contains__)
+    return _Goal(mission, goal, library, measurement, _loaded(host, measurement.tree_xml(_MEASURING)))
+
+
+def _search(
+    host: LeafServices, goal: _Goal, start: list[str], left_out: Mapping[str, str], limit: float, clock: SearchClock
+) -> tuple[Plan, TreeLibrary]:
+    """``left_out``: actions to do without, each with why it failed. Raises PlanningError, SkillError, TreeLoadError."""
+    problem = skill_problem(goal.library, start, goal.goal, goal.mission.disturbances)
+    problem = replace(problem, actions=tuple(action for action in problem.actions if action.name not in left_out))
+    found = plan(problem, time_limit=limit, clock=clock)
+    if found.policy is None:
+        failed = (f'{name} ({why})' for name, why in sorted(left_out.items()))
+        without = f' without {", ".join(failed)}' if left_out else ''
+        if found.outcome is SearchOutcome.TIME_LIMIT:
+            bound = '' if math.isinf(found.bound) else f'; none costs less than {found.bound:g}'
+            raise PlanningError(f'no plan{without} was found within {limit:g} s{bound}')
+        raise _NoWayError(f'there is no plan{without}: {found.reason}')
+    return found, _loaded(host, tree_xml(found, _PLANNED))
+
+
+def _loaded(host: LeafServices, text: str) -> TreeLibrary:
+    return TreeLibrary([load_xml(text, '<plan>', host.trees.registry)])
+
+
+def register(registry: NodeRegistry) -> None:
+    """Add the leaf to a registry; see :data:`ENTRY_POINTS`."""
+    registry.register_classes([ReachGoal])

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Probabilities: exact, in a graph of states, or with bounds, from random runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+BAD: Final = 0
+GOOD: Final = 1
+PRECISION: Final = 1e-12
+_ROUNDS: Final = 1_000_000
+
+GraphChoices = list[list[tuple[float, int]]]
+"""Of each choice where it leads to, and how probably."""
+
+
+def reach(graph: Sequence[GraphChoices], is_least: bool) -> list[float]:
+    """The probability to come to :data:`GOOD` from each state, of which no choices go on from the first two.
+
+    Component by component, in the order in which they depend on one another: a state of its own is exact at once; one
+    in a circle is iterated from below until nothing changes by more than 1e-12, after those are set apart from which
+    GOOD is never reached.
+    """
+    values = [0.0] * len(graph)
+    values[GOOD] = 1.0
+    extreme = min if is_least else max
+    for component in _components(graph):
+        if component[0] in (BAD, GOOD):
+            continue
+        members = set(component)
+        is_round = len(component) > 1 or any(target in members for row in graph[component[0]] for _, target in row)
+        if not is_round:
+            state = component[0]
+            if graph[state]:
+                values[state] = extreme(sum(p * values[target] for p, target in row) for row in graph[state])
+            continue
+        for _ in range(_ROUNDS):
+            change = 0.0
+            for state in component:
+                new = extreme(_leaving(state, row, values) for row in graph[state])
+                change = max(change, abs(new - values[state]))
+                values[state] = new
+            if change < PRECISION:
+                break
+    return values
+
+
+def _leaving(state: int, row: list[tuple[float, int]], values: Sequence[float]) -> float:
+    """What a choice gives; one that stays with some probability is taken until it leaves."""
+    stays = sum(p for p, target in row if target == state)
+    if stays >= 1.0:
+        return 0.0
+    return sum(p * values[target] for p, target in row if target != state) / (1.0 - stays)
+
+
+def _components(graph: Sequence[GraphChoices]) -> list[list[int]]:
+    """Strongly connected components, those that others lead to first (Tarjan, without recursion)."""
+    index: list[int] = [-1] * len(graph)
+    low = [0] * len(graph)
+    on_stack = [False] * len(graph)
+    stack: list[int] = []
+    found: list[list[int]] = []
+    count = 0
+    for root in range(len(graph)):
+        if index[root] >= 0:
+            continue
+        work = [(root, iter([target for row in graph[root] for _, target in row]))]
+        index[root] = low[root] = count
+        count += 1
+        stack.append(root)
+        on_stack[root] = True
+        while work:
+            state, targets = work[-1]
+            for target in targets:
+                if index[target] < 0:
+                    index[target] = low[target] = count
+                    count += 1
+                    stack.append(target)
+                    on_stack[target] = True
+                    work.append((target, iter([after for row in graph[target] for _, after in row])))
+                    break
+                if on_stack[target]:
+                    low[state] = min(low[state], index[target])
+            else:
+                work.pop()
+                if work:
+                    low[work[-1][0]] = min(low[work[-1][0]], low[state])
+                if low[state] == index[state]:
+                    component = []
+                    while True:
+                        member = stack.pop()
+                        on_stack[member] = False
+                        component.append(member)
+                        if member == state:
+                            break
+                    found.append(component)
+    return found
+
+
+# How many random runs are enough, and between which bounds a probability is after them.
+
+_FIRST_LOOK: Final = 100
+_BETWEEN_LOOKS: Final = 0.6
+"""Random runs up to a look, as a part of those up to the next one."""
+_HALVINGS: Final = 60
+
+
+class ProbabilityBounds(NamedTuple):
+    """The part ``value`` of runs that were good, and between what the probability is."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def error(self) -> float:
+        """How far the probability can be from the value: near 0 and 1 that is one end of the bounds."""
+        return max(self.high - self.value, self.value - self.low)
+
+
+def looks(error: float, confidence: float) -> dict[int, float]:
+    """After how many runs it is looked whether the bounds are within ``error``, and with which doubt each time.
+
+    All doubt together is what ``confidence`` leaves. Half of it is that of the last look, after which the bounds are
+    that near whatever the probability: ln(2/δ) / 2ε² runs (Okamoto 1958).
+    """
+    half = (1.0 - confidence) / 2.0
+    last = math.ceil(math.log(2.0 / half) / (2.0 * error**2))
+    before = [last]
+    while before[-1] > _FIRST_LOOK:
+        before.append(max(math.ceil(before[-1] * _BETWEEN_LOOKS), _FIRST_LOOK))
+    doubt = half / max(len(before) - 1, 1)
+    return dict.fromkeys(reversed(before[1:]), doubt) | {last: half}
+
+
+def bounds_of(good: int, undecided: int, done: int, doubt: float) -> ProbabilityBounds:
+    """The bounds of the probability: outside of them so many good ones of all had less than the doubt.
+
+    By the relative entropy of what was seen to what may be, which is to be below ln(2/δ) / n on each side (Chernoff
+    1952; Hoeffding 1963, Theorem 1). Near 0 and 1 that is much tighter than Okamoto's bound, and nowhere wider.
+    """
+    most = math.log(2.0 / doubt) / done
+    value = good / done
+    return ProbabilityBounds(value, 1.0 - _above(1.0 - value, most), _above((good + undecided) / done, most))
+
+
+def _above(seen: float, most: float) -> float:
+    """The greatest probability, from ``seen`` on, whose relative entropy is not above ``most``."""
+    low, high = seen, 1.0
+    for _ in range(_HALVINGS):
+        tried = (low + high) / 2.0
+        entropy = seen * math.log(seen / tried) if seen > 0.0 else 0.0
+        if seen < 1.0:
+            entropy += (1.0 - seen) * math.log((1.0 - seen) / (1.0 - tried)) if tried < 1.0 else math.inf
+        low, high = (tried, high) if entropy <= most else (low, tried)
+    return high

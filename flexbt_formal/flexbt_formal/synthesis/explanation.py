@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Why there is no machine: the smallest conflict, in the words of the request."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from itertools import combinations
+from typing import Any, Final, NamedTuple
+
+from flexbt_formal.synthesis.games.formula import Join, Not, names_in
+from flexbt_formal.synthesis.games.solver import Game, Watch
+from flexbt_formal.synthesis.games.specification import Section, Specification
+
+from .counter_play import CounterPlay, PlayStep, played
+from .translation import OBJECTIVE, ONE_ACTIVE, SynthesisProblem
+
+# Why there is no machine, in the words of who asked for one.
+#
+# The questions are asked in this order, and the first answer counts: can it begin at all; could it succeed if the world
+# helped; is there always something left to do; and only then: what does the world do to prevent the goal for ever.
+
+SEARCH_TIME: Final = 10.0
+"""How long a smallest conflict is looked for, once a minimal one is known, s."""
+
+
+class FailureKind(Enum):
+    """What kind of failure it is; the values are how it begins to be told."""
+
+    START = 'the initial conditions contradict each other'
+    LUCK = 'the goal cannot be reached, even if everything goes well'
+    DEAD_END = 'the machine can come to a point where nothing is allowed any more'
+    NEVER = 'the world can prevent the goal for ever'
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """Why there is no machine. ``conflict`` is what was asked for and cannot be had together, in the words of the
+    files, with place; ``never`` what of that never becomes possible; ``steps`` one course of events, and ``stuck`` why
+    it ends; ``remedies`` what may help."""
+
+    kind: FailureKind
+    conflict: tuple[str, ...]
+    is_smallest: bool
+    never: tuple[str, ...] = ()
+    steps: tuple[PlayStep, ...] = ()
+    stuck: tuple[str, ...] = ()
+    remedies: tuple[str, ...] = ()
+    play: CounterPlay | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            'kind': self.kind.name,
+            'text': self.kind.value,
+            'conflict': list(self.conflict),
+            'is_smallest': self.is_smallest,
+            'never': list(self.never),
+            'steps': [step._asdict() for step in self.steps],
+            'stuck': list(self.stuck),
+            'remedies': list(self.remedies),
+        }
+
+
+def explained(problem: SynthesisProblem, watch: Watch | None = None) -> Explanation:
+    """Why no strategy solves a problem, given that none does."""
+    return _Question(problem, watch or (lambda _: None)).answer()
+
+
+class _Question:
+    def __init__(self, problem: SynthesisProblem, watch: Watch) -> None:
+        self._problem = problem
+        self._specification = problem.specification
+        self._watch = watch
+        self._game = Game(problem.specification, watch=watch)
+        self._encoding = self._game.encoding
+
+    def answer(self) -> Explanation:
+        kind = next(kind for kind in FailureKind if self._fails(kind, self._specification))
+        demands = list(
+            dict.fromkeys(
+                line.origin for line in self._specification.lines if line.origin and not _is_of_world(line.section)
+            )
+        )
+        until = time.monotonic() + SEARCH_TIME
+
+        def conflicts(kept: Sequence[str]) -> bool:
+            self._watch(f'looking for the smallest conflict among {len(demands)} demands')
+            return self._fails(kind, self._specification.without(set(demands) - set(kept)))
+
+        conflict, is_smallest = smallest_conflict(demands, conflicts, lambda: time.monotonic() < until)
+        told = Explanation(kind, conflict, is_smallest, remedies=tuple(self._remedies(kind)))
+        match kind:
+            case FailureKind.START:
+                return told
+            case FailureKind.LUCK if self._exclude_each_other(conflict):
+                alone = 'it contradicts itself, the values that there are, or what can be active at once'
+                them = alone if len(conflict) == 1 else 'they contradict each other'
+                return replace(told, remedies=(f'change what is asked for: {them}, whatever the capabilities do',))
+            case FailureKind.LUCK:
+                return replace(told, never=tuple(self._never(conflict)))
+        solution = self._posed(kind, self._specification).solved(explained=True)
+        steps, stuck = played(CounterPlay(solution, lenient=True), self._problem)
+        return replace(told, steps=steps, stuck=stuck, play=CounterPlay(solution))
+
+    def _posed(self, kind: FailureKind, specification: Specification) -> Game:
+        """A game with fewer demands; when giving up is too early, all of them decide."""
+        restraint = None if kind is FailureKind.LUCK else self._game.restraint
+        return Game(self._asked(kind, specification), self._encoding, self._watch, restraint)
+
+    def _asked(self, kind: FailureKind, specification: Specification) -> Specification:
+        """What a question is about: dead ends have nothing to do with liveness, nor with when to give up."""
+        if kind is FailureKind.LUCK:
+            return specification
+        if kind is FailureKind.NEVER:
+            return replace(specification, last_resort=None, hopes=())
+        safety = tuple(line for line in specification.lines if not line.section.value.endswith('LIVENESS'))
+        return replace(specification, lines=safety, last_resort=None, live=())
+
+    def _fails(self, kind: FailureKind, specification: Specification) -> bool:
+        game = self._posed(kind, specification)
+        match kind:
+            case FailureKind.START:
+                return not game.can_begin_in(self._encoding.true)
+            case FailureKind.LUCK:
+                return not game.can_begin_in(game.hopeful)
+            case FailureKind.DEAD_END | FailureKind.NEVER:
+                return not game.can_begin_in(game.solved().winning)
+
+    def _exclude_each_other(self, demands: Sequence[str]) -> bool:
+        """Whether demands could not be had together either if everything changed as it pleases."""
+        lines = self._specification.lines
+        asked = [line for line in lines if line.origin in demands]
+        begun = [line for line in lines if line.origin is None and line.section.value.endswith('INIT')]
+        meant = [line for line in lines if line.origin is None and line.rule in (OBJECTIVE, ONE_ACTIVE)]
+        return self._fails(FailureKind.LUCK, replace(self._specification, lines=(*asked, *begun, *meant)))
+
+    def _never(self, conflict: Sequence[str]) -> list[str]:
+        """What of a conflict never becomes possible from the start, whatever the world does, and which preconditions
+        never hold."""
+        game, of = self._game, self._encoding
+        reached = game.start_world & game.start_system
+        while True:
+            self._watch('looking for what is ever possible')
+            wider = reached | of.unprimed(of.some([*game.inputs, *game.outputs], reached & game.world & game.system))
+            if wider == reached:
+                break
+            reached = wider
+        found = []
+        words = self._problem.vocabulary
+        for name in words.outcomes:
+            active = of.set_of(self._problem.formula(words.active(name)))
+            if reached & active != of.false:
+                continue
+            lacking = []
+            for line in self._specification.lines:
+                match line.formula:
+                    case Join('->', (Not(condition), Not(then))) if line.origin and of.set_of(then) == of.primed(
+                        active
+                    ):
+                        if of.primed(reached) & of.set_of(condition) == of.false:
+                            lacking.append(line.origin)
+            activation = set(names_in(self._problem.formula(words.active(name, primed=True))))
+            limits: list[str | None] = [*lacking] or [
+                line.origin for line in self._specification.lines if not activation.isdisjoint(names_in(line.formula))
+            ]
+            if conflict and set(conflict).isdisjoint(limits):
+                continue  # the goal is not missed for its sake
+            found.append(f'{name} never becomes possible' + (f': {"; ".join(lacking)} never holds' if lacking else ''))
+        return found
+
+    def _remedies(self, kind: FailureKind) -> list[str]:
+        options = self._problem.options
+        match kind:
+            case FailureKind.START:
+                return ['change one of the conditions above']
+            case FailureKind.LUCK:
+                return ['give a capability the postcondition that is missing, or drop one of the demands above']
+            case FailureKind.DEAD_END:
+                return [
+                    'allow something after the outcome at which it ends: a capability, or an outcome of the machine',
+                    "add 'failed' to the outcomes of the machine",
+                ]
+            case FailureKind.NEVER:
+                found = []
+                if options.liveness.value != 'fair' and options.retries is None:
+                    found.append('assume that what is tried again and again completes at some time: --liveness fair')
+                if options.retries is None:
+                    found.append('let the machine give up: --retries N, which adds the outcome failed')
+                return [*found, 'drop one of the demands above']
+
+
+def _is_of_world(section: Section) -> bool:
+    return section.value.startswith('ENV')
+
+
+# The smallest set of demands that conflict.
+#
+# That something conflicts stays so when demands are added. One set that is minimal is found by halving (Junker:
+# QuickXplain, 2004); a smallest one by sets of which it has to have a member each, the demands that remain outside of
+# what can be fulfilled together (Ignatiev, Previti, Liffiton, Marques-Silva: Smallest MUS extraction, 2015).
+
+Conflicts = Callable[[Sequence[str]], bool]
+
+_MOST_SETS: Final = 20_000
+
+
+class Conflict(NamedTuple):
+    """Demands of which each is needed for the conflict; ``is_smallest`` when no smaller set conflicts."""
+
+    demands: tuple[str, ...]
+    is_smallest: bool
+
+
+def smallest_conflict(demands: Sequence[str], conflicts: Conflicts, may_go_on: Callable[[], bool]) -> Conflict:
+    """A smallest set of demands that conflict, given that all of them do.
+
+    ``may_go_on`` is asked before each further search; when it says no, the answer is a set of which each member is
+    needed, which need not be the smallest.
+    """
+    if conflicts(()):
+        return Conflict((), True)
+    minimal = _minimal((), tuple(demands), conflicts, is_new=False)
+    outside: list[frozenset[str]] = []
+    tried = 0
+    while may_go_on():
+        for size in range(len(minimal)):
+            candidate = None
+            for one in combinations(sorted(set().union(*outside), key=demands.index), size):
+                tried += 1
+                if tried > _MOST_SETS:
+                    return Conflict(minimal, False)
+                if all(hit & set(one) for hit in outside):
+                    candidate = one
+                    break
+            if candidate is not None:
+                break
+        if candidate is None:
+            return Conflict(minimal, True)
+        if conflicts(candidate):
+            return Conflict(candidate, True)
+        rest = tuple(one for one in demands if one not in candidate)
+        fulfilled = _extended(candidate, rest, conflicts)
+        outside.append(frozenset(demands) - frozenset(fulfilled))
+    return Conflict(minimal, False)
+
+
+def _minimal(
+    background: tuple[str, ...], demands: tuple[str, ...], conflicts: Conflicts, *, is_new: bool
+) -> tuple[str, ...]:
+    """Of ``demands`` those that are needed beside the ``background``; ``is_new`` when that has grown."""
+    if is_new and conflicts(background):
+        return ()
+    if len(demands) == 1:
+        return demands
+    half = len(demands) // 2
+    first, second = demands[:half], demands[half:]
+    of_second = _minimal((*background, *first), second, conflicts, is_new=bool(first))
+    of_first = _minimal((*background, *of_second), first, conflicts, is_new=bool(of_second))
+    return (*of_first, *of_second)
+
+
+def _extended(chosen: tuple[str, ...], rest: tuple[str, ...], conflicts: Conflicts) -> tuple[str, ...]:
+    """As many further demands as can be fulfilled beside those that are chosen."""
+    if not rest or not conflicts((*chosen, *rest)):
+        return (*chosen, *rest)
+    if len(rest) == 1:
+        return chosen
+    half = len(rest) // 2
+    return _extended(_extended(chosen, rest[:half], conflicts), rest[half:], conflicts)

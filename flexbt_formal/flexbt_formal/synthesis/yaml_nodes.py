@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files of YAML, read with all that is wrong in them, each with its line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from typing import NamedTuple
+
+import yaml
+
+from flexbt_core.values.text import short_repr
+from flexbt_core.values.yaml_data import YamlParts, line_of
+
+from .errors import SynthesisError
+
+
+class YamlEntry(NamedTuple):
+    """What somebody wrote, and in which line of the file (from 1)."""
+
+    text: str
+    line: int
+
+
+class YamlFile(YamlParts):
+    """The text of a file, of which parts are taken as what they have to be; ``problems`` are those that are not."""
+
+    def __init__(self, text: str, source: str) -> None:
+        super().__init__(source)
+        self._text = text
+
+    def top(self, what: str, known: Collection[str] | None = None) -> dict[str, yaml.Node]:
+        """The top-level entries."""
+        root = self.root(self._text)
+        self.end()
+        return self.entries(root, what, known)
+
+    def end(self) -> None:
+        """Raises SynthesisError with all problems, if there are any."""
+        if self.problems:
+            raise SynthesisError(self.problems)
+
+    def entries(self, node: yaml.Node | None, what: str, known: Collection[str] | None = None) -> dict[str, yaml.Node]:
+        """The entries of a mapping by their names; empty when there is none. Others than ``known`` are problems."""
+        found = self.mapping(None if node is None or is_null(node) else node, what)
+        if known is not None:
+            self.refuse_others(found, known, what)
+        return found
+
+    def words(self, node: yaml.Node | None, what: str) -> tuple[YamlEntry, ...]:
+        """The texts of a list; of one text by itself."""
+        if node is None or is_null(node):
+            return ()
+        nodes = [node] if isinstance(node, yaml.ScalarNode) else self.sequence(node, what)
+        return tuple(YamlEntry(self.word(one, f'an entry of {what}'), line_of(one)) for one in nodes)
+
+    def word(self, node: yaml.Node, what: str) -> str:
+        """A text as it is written."""
+        return self.name(node, what).strip()
+
+    def number(self, node: yaml.Node, text: str, what: str) -> int:
+        """An integer that is written so."""
+        if re.fullmatch(r'[-+]?\d{1,9}', text, re.ASCII):
+            return int(text)
+        self.problem(node, f'{what} has to be an integer of at most 9 digits, not {short_repr(text)}')
+        return 0
+
+    def flag(self, node: yaml.Node, what: str) -> bool:
+        """A truth value."""
+        value = self.value(node, what)
+        if not isinstance(value, bool | int):
+            self.problem(node, f'{what} has to be true or false, not {short_repr(value)}')
+        return bool(value)
+
+    def note(self, line: int, text: str) -> None:
+        """Something is wrong in a line."""
+        self.problems.append(f'{self.source}:{line}: {text}')
+
+
+def is_null(node: yaml.Node) -> bool:
+    """Whether nothing is written there."""
+    return isinstance(node, yaml.ScalarNode) and node.tag.endswith(':null')

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The behaviors of Nav2's behavior server that move the robot: spin, backup, drive_on_heading and assisted_teleop.
+
+Checks, speeds and error codes are those of Nav2; what differs is said in docs/reference/navigation.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from flexbt_navigation.controller.motions import (
+    LOOK_AHEAD,
+    LOOK_AHEAD_STEP,
+    STOP,
+    KeepingApart,
+    TurnLimits,
+    Velocity,
+    collides,
+    slowed,
+)
+from flexbt_navigation.costmaps.costmap import Costmap
+from flexbt_navigation.errors import NavigationError
+from flexbt_sim.world.plane.geometry import Pose, drive, wrap
+
+SPIN_LIMITS: Final = TurnLimits(minimum=0.4, maximum=1.0, acceleration=3.2)
+"""Nav2's min_rotational_vel, max_rotational_vel and rotational_acc_lim."""
+
+TELEOP_PROJECTION: Final = 1.0
+"""How far ahead assisted_teleop looks, s: Nav2's projection_time."""
+
+
+class _Timed:
+    """Time since the first step, and the allowance for it."""
+
+    def __init__(self, allowance: float) -> None:
+        self._allowance = allowance
+        self._started: float | None = None
+        self.elapsed = 0.0
+
+    def check(self, now: float) -> None:
+        if self._started is None:
+            self._started = now
+        self.elapsed = now - self._started
+        if 0.0 < self._allowance < self.elapsed:
+            raise NavigationError('TIMEOUT', f'not complete within the allowance of {self._allowance:g} s')
+
+
+def _kept_apart(apart: KeepingApart, costmap: Costmap, pose: Pose, velocity: Velocity, now: float) -> Velocity:
+    """Raises NavigationError COLLISION_AHEAD when something that may move is too near."""
+    apart.look(costmap, pose, now)
+    limited = apart.limited(costmap, pose, velocity)
+    if limited is None:
+        raise NavigationError('COLLISION_AHEAD', 'something that may move is beside the robot')
+    return limited
+
+
+class SpinMotion:
+    """Turns on the spot by an angle, rad; ``turned`` so far."""
+
+    def __init__(self, target: float, allowance: float, costmap: Costmap, limits: TurnLimits = SPIN_LIMITS) -> None:
+        self._target = target
+        self._costmap = costmap
+        self._limits = limits
+        self._time = _Timed(allowance)
+        self._apart = KeepingApart(limits.maximum * costmap.inflation.outer_radius)
+        self._last: float | None = None
+        self.turned = 0.0
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """See :class:`Motion`.
+
+        Raises:
+            NavigationError: TIMEOUT, or COLLISION_AHEAD when the robot touches an obstacle, or would while it turns.
+        """
+        self._time.check(now)
+        if self._last is not None:
+            self.turned += wrap(pose.yaw - self._last)
+        self._last = pose.yaw
+        remaining = abs(self._target) - abs(self.turned)
+        if remaining < 1e-6:
+            return None
+        angular = math.copysign(self._limits.speed(remaining), self._target)
+        seconds = min(LOOK_AHEAD, remaining / abs(angular))
+        steps = math.ceil(seconds / LOOK_AHEAD_STEP)
+        ahead = (drive(pose, 0.0, angular, seconds * step / steps) for step in range(steps + 1))
+        if any(map(self._costmap.in_collision, ahead)):
+            raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of turning')
+        return _kept_apart(self._apart, self._costmap, pose, Velocity(0.0, angular), now)
+
+    def update(self, costmap: Costmap) -> None:
+        self._costmap = costmap
+
+
+ROLL_TIME: Final = 0.1
+"""How long, s, the robot may drive on beyond its distance: until the command to stop is there, and while it brakes."""
+
+
+class DriveMotion:
+    """Drives straight, forward or backward, for a distance."""
+
+    def __init__(self, distance: float, speed: float, allowance: float, costmap: Costmap) -> None:
+        """``distance`` and ``speed`` have the same sign, negative for backward."""
+        self._distance = abs(distance)
+        self._speed = speed
+        self._costmap = costmap
+        self._time = _Timed(allowance)
+        self._apart = KeepingApart(abs(speed))
+        self._start: Pose | None = None
+        self.driven = 0.0
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        self._time.check(now)
+        if self._start is None:
+            self._start = pose
+        self.driven = self._start.distance(pose)
+        remaining = self._distance - self.driven
+        if remaining <= 0.0:
+            return None
+        velocity = Velocity(self._speed, 0.0)
+        seconds = min(LOOK_AHEAD, remaining / abs(self._speed) + ROLL_TIME)
+        if collides(self._costmap, pose, velocity, seconds):
+            raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of driving')
+        return _kept_apart(self._apart, self._costmap, pose, velocity, now)
+
+    def update(self, costmap: Costmap) -> None:
+        self._costmap = costmap
+
+
+class AssistedTeleopMotion:
+    """Drives as an operator commands, slower where that leads to a collision, until it is said to be done."""
+
+    def __init__(self, command: Callable[[], Velocity], allowance: float, costmap: Costmap) -> None:
+        """``command()`` is what the operator wants just now."""
+        self._command = command
+        self._costmap = costmap
+        self._time = _Timed(allowance)
+        self._is_done = False
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the first step, s."""
+        return self._time.elapsed
+
+    def finish(self) -> None:
+        """The operator has done what was to be done: the motion is complete."""
+        self._is_done = True
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """See :class:`Motion`.
+
+        As in Nav2 the command is scaled by the time until a collision, in relation to the projection time; to nothing
+        when that is a tenth of a second.
+
+        Raises:
+            NavigationError: TIMEOUT.
+        """
+        self._time.check(now)
+        if self._is_done:
+            return None
+        command = self._command()
+        if command == STOP:
+            return STOP
+        return slowed(self._costmap, pose, command, TELEOP_PROJECTION)
+
+    def update(self, costmap: Costmap) -> None:
+        self._costmap = costmap

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import Pose as PoseMessage
+from rclpy.task import Future
+
+from flexbt_common.errors import TransformError
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.transform_buffer import Rigid
+from flexbt_common.transform_listener import TRANSFORM_TIMEOUT, TransformListener, transformed
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_core.values.text import short_repr
+from flexbt_navigation.errors import NavigationError
+from flexbt_sim.messages import pose_of
+from flexbt_sim.world.plane.geometry import FARTHEST, Pose
+
+from .parameters import RobotParameters
+
+# What a request has to satisfy before anything is done about it: known names, and numbers that are numbers.
+#
+# The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot
+# turn or drive for ever.
+
+
+def bounded(value: float, name: str, most: float) -> float:
+    """``value`` as it is.
+
+    Raises:
+        NavigationError: INVALID_INPUT when it is NaN, or its size is more than ``most``.
+    """
+    if not abs(value) <= most:
+        raise NavigationError('INVALID_INPUT', f'{name} is {value:g}; give a number within ±{most:g}')
+    return float(value)
+
+
+def finite_pose(message: Any, name: str, code: str) -> Pose:
+    """The pose of a geometry_msgs/Pose.
+
+    Raises:
+        NavigationError: with ``code`` when it is no place: NaN, infinite, or beyond FARTHEST.
+    """
+    pose = pose_of(message)
+    if not pose.is_place:
+        raise NavigationError(
+            code,
+            f'{name} is no place: x {pose.x}, y {pose.y}, yaw {pose.yaw}; give finite numbers, of at most {FARTHEST:g}',
+        )
+    return pose
+
+
+def check_frame(frame: str, map_frame: str, name: str) -> None:
+    """Of the map, and of the robot's pose, by which all else goes. An empty frame counts as that of the map.
+
+    Raises:
+        NavigationError: TF_ERROR for any other frame.
+    """
+    if frame not in ('', map_frame):
+        raise NavigationError(
+            'TF_ERROR',
+            f'{name} is in frame {short_repr(frame)}, from which no transform is known; give it in {map_frame!r}',
+        )
+
+
+def check_id(asked: str, known: Sequence[str], what: str, code: str) -> None:
+    """An empty name means the only one there is. Raises NavigationError ``code`` for a name that is not known."""
+    if asked and asked not in known:
+        raise NavigationError(code, f'there is no {what} {short_repr(asked)}; known: {", ".join(known)}')
+
+
+# Fields of Nav2's interfaces that differ between its branches jazzy and main: by what the installed ones have.
+
+
+def set_success(response: Any) -> None:
+    """Say that it was done; the costmaps' services of jazzy have no words for it."""
+    if hasattr(response, 'success'):
+        response.success = True
+
+
+# Poses and paths of requests, in any frame, brought to the frame of the map: for all servers.
+
+OnPoses = Callable[[list[Pose]], None]
+OnError = Callable[[Exception], None]
+
+
+class Asked(NamedTuple):
+    """A geometry_msgs/Pose of a request with its header; what it is called; the code of one that is no place."""
+
+    header: Any
+    pose: Any
+    name: str
+    code: str
+
+    @property
+    def source(self) -> tuple[str, int, int]:
+        """Frame and time: what one transform leads from."""
+        stamp = self.header.stamp
+        return self.header.frame_id, stamp.sec, stamp.nanosec
+
+
+def asked_pose(stamped: Any, name: str, code: str) -> Asked:
+    """A geometry_msgs/PoseStamped."""
+    return Asked(stamped.header, stamped.pose, name, code)
+
+
+def asked_path(path: Any) -> list[Asked]:
+    """A nav_msgs/Path: its own header counts, not those of its poses."""
+    return [
+        Asked(path.header, stamped.pose, f'pose {index} of the path', 'INVALID_PATH')
+        for index, stamped in enumerate(path.poses)
+    ]
+
+
+class MapFrame:
+    """On the executor thread. An empty frame counts as that of the map.
+
+    As in Nav2 a stamp of 0 means the latest transform, any other one the transform at that time. What is not known
+    yet is waited for, at most for the parameter ``transform_tolerance``; the first time for TRANSFORM_TIMEOUT, since
+    the node begins to hear ``tf`` then. So nothing is spent on it where all requests are in the frame of the map.
+    """
+
+    def __init__(self, runtime: NodeRuntime, parameters: RobotParameters) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self._name = parameters.map_frame
+        self._timeout = TRANSFORM_TIMEOUT
+
+    def poses(
+        self,
+        asked: Sequence[Asked],
+        on_poses: OnPoses,
+        on_error: OnError,
+        timeout: float | None = None,
+    ) -> None:
+        """Give poses in the frame of the map: at once, or when their transforms are known, or never after ``timeout``
+        seconds of wall time instead of those that hold for all.
+
+        ``on_error`` instead, with NavigationError: TF_ERROR when no transform is known, the code of a pose that is no
+        place.
+        """
+        firsts = {one.source: one for one in asked if one.header.frame_id not in ('', self._name)}
+        transforms: dict[tuple[str, int, int], Rigid] = {}
+        failed: list[Exception] = []
+
+        def finish() -> None:
+            try:
+                poses = [self._pose(one, transforms.get(one.source)) for one in asked]
+            except NavigationError as error:
+                on_error(error)
+                return
+            on_poses(poses)
+
+        def on_transform(source: tuple[str, int, int], transform: Rigid) -> None:
+            transforms[source] = transform
+            if len(transforms) == len(firsts) and not failed:
+                finish()
+
+        def fail(one: Asked, error: TransformError) -> None:
+            if not failed:
+                failed.append(error)
+                on_error(self._error(one, error))
+
+        if not firsts:
+            finish()
+            return
+        if timeout is None:
+            timeout, self._timeout = self._timeout, self._parameters.transform_tolerance
+        listener = TransformListener.of(self._runtime)
+        for source, one in firsts.items():
+            at = seconds_of(one.header.stamp) or None
+            listener.lookup(
+                self._name, one.header.frame_id, at, partial(on_transform, source), partial(fail, one), timeout
+            )
+
+    async def known(self, asked: Sequence[Asked]) -> list[Pose]:
+        """The same for services. Raises NavigationError."""
+        done = Future(executor=self._runtime.node.executor)
+        self.poses(asked, done.set_result, done.set_exception)
+        poses: list[Pose] = await done
+        return poses
+
+    def drift(self, header: Any) -> Callable[[], Pose]:
+        """Where in the map the frame of a header has come to since the time of the header, if it was that of the map
+        then; to be asked again and again, for what is fixed to that frame. Its transform has to be known by now.
+
+        A frame that the robot carries has no drift: what is given in it is meant as it was then. NavigationError
+        TF_ERROR is raised when the transform is not known any more, or nothing new of it comes for ``pose_timeout``.
+        """
+        frame, target = header.frame_id, self._name
+        if frame in ('', target):
+            return lambda: Pose(0.0, 0.0, 0.0)
+        listener = TransformListener.of(self._runtime)
+        if listener.buffer.carries(self._parameters.base_frame, frame):
+            return lambda: Pose(0.0, 0.0, 0.0)
+
+        def lookup(time: float | None = None) -> Rigid:
+            try:
+                return listener.buffer.lookup(target, frame, time)
+            except TransformError as error:
+                raise NavigationError('TF_ERROR', f'the path is in frame {short_repr(frame)}: {error}') from None
+
+        back = lookup(seconds_of(header.stamp) or None).inverse()
+        latest, heard = -math.inf, 0.0
+
+        def drift() -> Pose:
+            nonlocal latest, heard
+            moved, newest = lookup() @ back, listener.buffer.latest(target, frame)
+            now = self._runtime.listening_time.handled
+            if newest != latest or newest == math.inf:
+                latest, heard = newest, now
+            silence = now - heard
+            if silence >= self._parameters.pose_timeout:
+                raise NavigationError(
+                    'TF_ERROR',
+                    f'the path is in frame {short_repr(frame)}, whose transform to {target!r} has not come on tf for '
+                    f'{silence:.1f} s',
+                )
+            return pose_of(transformed(PoseMessage(), moved))
+
+        return drift
+
+    @staticmethod
+    def _pose(one: Asked, transform: Rigid | None) -> Pose:
+        pose = one.pose if transform is None else transformed(one.pose, transform)
+        return finite_pose(pose, one.name, one.code)
+
+    def _error(self, one: Asked, error: TransformError) -> NavigationError:
+        stamp = seconds_of(one.header.stamp)
+        age = f', of {seconds_of(self._runtime.clock.stamp()) - stamp:.3f} s ago' if stamp else ''
+        return NavigationError(
+            'TF_ERROR',
+            f'{one.name} is in frame {short_repr(one.header.frame_id)}{age}, from which no transform leads to '
+            f'{self._name!r}: {error}; see that somebody publishes it on tf, or give it in {self._name!r}',
+        )

@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Motions: what drives the robot, step by step, and how collisions are predicted and slowed down for. Pure; a motion
+is asked for a velocity whenever a new pose is known.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple, Protocol
+
+from flexbt_navigation.costmaps.costmap import Costmap
+from flexbt_sim.world.plane.geometry import Pose, drive
+
+# Motions: what drives the robot, step by step, and how collisions are seen coming. Pure; a motion is asked for a
+# velocity whenever a new pose is known.
+
+LOOK_AHEAD: Final = 2.0
+"""How far ahead collisions are looked for, s."""
+
+LOOK_AHEAD_STEP: Final = 0.1
+"""Time, s, from one collision check to the next, where that is less than a cell of driving."""
+
+
+LATENCY: Final = 0.05
+"""After what time, s, a command takes effect: a period of a controller. Until then the one before does."""
+
+SIDE_GAP: Final = 0.03
+SIDE_TIME: Final = 0.4
+"""What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
+
+SLOWEST: Final = 0.01
+"""Speed, m/s, below which nothing that rests is approached: the robot would creep for ever, and not arrive."""
+
+PASSING: Final = 0.05
+"""Speed, m/s, at which the robot passes what rests, however near the path leads to it."""
+
+AWAY: Final = 0.25
+"""From all that is near a robot that is no circle and turns moves away: for each metre that its corners swing so many
+metres."""
+
+ESCAPE: Final = 0.5
+"""From what touches it the robot moves away only: for each metre driven so many metres. Cells are coarse: what seems to
+pass may be pushed."""
+
+SAME_GAP: Final = 1e-6
+"""Gaps, m, that differ by no more are the same: headings and distances are rounded."""
+
+JUMP: Final = 0.1
+"""How much farther, m, than it drives the robot comes from one step to the next if it has been localized anew: what was
+seen before says nothing then.
+"""
+
+FASTEST: Final = 1.0
+"""Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
+
+COMPANY_TIME: Final = 3.0
+"""For how long, s, after it has moved last something counts as somebody who goes about."""
+
+PERSONAL_SPACE: Final = 0.3
+"""How near to somebody who is in its way, m, a robot stays if it can get away from them."""
+
+
+class Velocity(NamedTuple):
+    """m/s and rad/s."""
+
+    linear: float
+    angular: float
+
+
+STOP: Final = Velocity(0.0, 0.0)
+
+
+class Motion(Protocol):
+    """Something that drives the robot."""
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """The velocity to drive with, or None when the motion is complete.
+
+        Raises:
+            NavigationError: it cannot go on.
+        """
+
+    def update(self, costmap: Costmap) -> None:
+        """There is a new map."""
+
+
+@dataclass(frozen=True)
+class Steering:
+    """The least radius of a bend, m, 0 for a robot that turns on the spot; and whether it drives backward."""
+
+    turning_radius: float = 0.0
+    reverses: bool = True
+
+
+@dataclass(frozen=True)
+class TurnLimits:
+    """Angular speeds of turns on the spot, rad/s, and their acceleration, rad/s²."""
+
+    minimum: float = 0.1
+    maximum: float = 1.0
+    acceleration: float = 1.6
+
+    def speed(self, remaining: float) -> float:
+        """Speed at which to turn when so much is left: such that the robot can brake."""
+        return min(self.maximum, max(self.minimum, math.sqrt(2.0 * self.acceleration * abs(remaining))))
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """How fast the robot goes, and how fast that changes at most, m/s² and rad/s²."""
+
+    velocity: Velocity = STOP
+    linear: float = math.inf
+    angular: float = math.inf
+
+    def after(self, command: Velocity, seconds: float) -> Inertia:
+        """When the robot has been commanded so for some time."""
+        pairs = zip(self.velocity, command, (self.linear, self.angular), strict=True)
+        changes = (max(-limit * seconds, min(limit * seconds, wanted - now)) for now, wanted, limit in pairs)
+        linear, angular = map(sum, zip(self.velocity, changes, strict=True))
+        return replace(self, velocity=Velocity(linear, angular))
+
+    def poses(self, pose: Pose, command: Velocity, seconds: float, steps: int) -> Iterator[Pose]:
+        """Where the robot gets to when it is commanded so, in equal steps."""
+        inertia = self
+        for _ in range(steps):
+            then = inertia.after(command, seconds / steps)
+            linear, angular = ((one + other) / 2.0 for one, other in zip(inertia.velocity, then.velocity, strict=True))
+            inertia, pose = then, drive(pose, linear, angular, seconds / steps)
+            yield pose
+
+
+class CommandedDrive:
+    """What the drive of a robot makes of its commands: each takes effect after LATENCY, with limited accelerations."""
+
+    def __init__(self, inertia: Inertia) -> None:
+        self._inertia = inertia
+        self._before, self._now = STOP, -math.inf
+        self.command: Velocity = STOP
+        """The newest one; given after :meth:`advance`."""
+
+    def advance(self, now: float) -> None:
+        """To a time, s."""
+        passed = now - self._now
+        self._inertia = self._inertia.after(self._before, min(passed, LATENCY))
+        self._inertia = self._inertia.after(self.command, max(0.0, passed - LATENCY))
+        self._before, self._now = self.command, now
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the robot stands."""
+        return self._inertia.velocity == STOP
+
+    def foreseen(self, pose: Pose) -> tuple[Pose, Inertia]:
+        """Where a robot at a pose is, and how it goes, when the next command takes effect."""
+        (coming,) = self._inertia.poses(pose, self._before, LATENCY, 1)
+        return coming, self._inertia.after(self._before, LATENCY)
+
+
+def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, inertia: Inertia | None = None) -> bool:
+    """Whether driving as commanded for some time ends in an obstacle, or beside the map. Without ``inertia`` the robot
+    goes like this at once.
+
+    Getting no deeper into one that the robot overlaps already is none, and neither is a circle's turn on the spot.
+    """
+    inflation = costmap.inflation
+    if command.linear == 0.0 and not inflation.corners:
+        return False
+    world = costmap.world
+    inertia = inertia or Inertia(command)
+    linear, angular = (max(map(abs, pair)) for pair in zip(command, inertia.velocity, strict=True))
+    way = (linear + angular * (inflation.outer_radius if inflation.corners else 0.0)) * seconds
+    if costmap.has_room(pose, inflation.outer_radius + way):
+        return False
+    steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(way / world.resolution))
+    overlap: float | None = None
+    for ahead in inertia.poses(pose, command, seconds, steps):
+        if not world.contains(*world.cell(ahead.x, ahead.y)):
+            return True
+        before, overlap = overlap, costmap.overlap(ahead)
+        if overlap > 0.0 and overlap > (costmap.overlap(pose) if before is None else before):
+            return True
+    return False
+
+
+class Sight(NamedTuple):
+    """Gap, m, to what was seen, at a pose and a time, s."""
+
+    time: float
+    pose: Pose
+    gap: float
+
+
+class KeepingApart:
+    """Keeps a robot that moves apart from what was seen and may move; ``top_speed`` is its own, m/s.
+
+    Look-ahead finds what is on the arc. This finds what comes from the side, between two scans.
+    """
+
+    def __init__(self, top_speed: float) -> None:
+        self._top_speed = top_speed
+        self._reach = SIDE_GAP + SIDE_TIME * (top_speed + FASTEST)
+        self._sights: deque[Sight] = deque()
+        self._here = math.inf
+        self._pace = self._closing = 0.0
+        self._seen_moving = -math.inf
+
+    def look(self, costmap: Costmap, pose: Pose, now: float) -> None:
+        """See what is near at a pose and a time, s: at each step, before anything else is asked."""
+        sights, reach = self._sights, self._reach
+        while sights and now - sights[0].time > SIDE_TIME + 1e-6:
+            sights.popleft()
+        if sights and pose.distance(sights[-1].pose) > JUMP + self._top_speed * (now - sights[-1].time):
+            sights.clear()
+        self._here = costmap.gap_seen(pose, reach)
+        sights.append(Sight(now, pose, self._here))
+        # How the gap to where the robot was a moment ago has changed: by a motion that is not the robot's.
+        then = sights[0]
+        there = costmap.gap_seen(then.pose, reach) if self._here < math.inf else then.gap
+        nearer = min(reach, then.gap) - min(reach, there)
+        change = min(FASTEST, max(0.0, abs(nearer) - costmap.world.resolution) / SIDE_TIME)
+        if now - self._seen_moving > COMPANY_TIME:
+            self._pace = 0.0
+        if change > 0.0 and max(then.gap, there) < math.inf:  # what is there all at once, or gone, may be noise
+            self._pace, self._seen_moving = max(change, self._pace), now
+        self._closing = max(self._pace, change if nearer > 0.0 else 0.0)
+
+    def has_company(self, now: float) -> bool:
+        """Whether something near has moved lately, or touches the robot, which goes so near to nothing."""
+        return self._here < 0.0 or now - self._seen_moving <= COMPANY_TIME
+
+    def leaves(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> bool:
+        """Whether somebody is within ``PERSONAL_SPACE``, and the robot comes no nearer to them."""
+        swing = abs(velocity.angular) * costmap.inflation.outer_radius if costmap.inflation.corners else 0.0
+        if self._here >= PERSONAL_SPACE:
+            return False
+        if swing > SLOWEST and self._here < SIDE_GAP + SIDE_TIME * (swing + self._closing):
+            return False  # a corner would touch them before the next scan
+        # Between two of them a circle would get away from one only to touch the other; a box may slide along one.
+        escape = 0.0 if costmap.inflation.corners or self._here >= 0.0 else ESCAPE * abs(velocity.linear)
+        return self._grows(costmap, pose, velocity, escape, (SIDE_TIME / 2.0, SIDE_TIME))
+
+    def _grows(self, costmap: Costmap, pose: Pose, velocity: Velocity, speed: float, times: tuple[float, ...]) -> bool:
+        """Whether the gap is so much greater, for each second, at these times."""
+        gaps = (costmap.gap_seen(drive(pose, *velocity, time), self._reach) for time in times)
+        return all(gap >= self._here + speed * time - SAME_GAP for gap, time in zip(gaps, times, strict=True))
+
+    def limited(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> Velocity | None:
+        """Slower on the same arc where the robot comes nearer to something that may move; None when it is so near that
+        the robot would go at less than ``SLOWEST``.
+
+        For what has moved lately the robot stops earlier, by as much as that may move until the robot stands, and
+        waits. What rests it passes as near as the path leads, slowly.
+        """
+        inflation = costmap.inflation
+        here, closing = self._here, self._closing
+        swing = abs(velocity.angular) * inflation.outer_radius if inflation.corners else 0.0
+        speed = abs(velocity.linear) + swing
+        if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
+            return velocity
+        if here < 0.0 and swing > SLOWEST:
+            return None  # whoever touches it may follow, and is met by another corner
+        escape = max(closing, ESCAPE * speed if here < 0.0 else AWAY * swing)
+        # Who runs away has to do so for longer: after a corner that swings away there comes another one.
+        times = (SIDE_TIME / 2.0, SIDE_TIME) if closing or here < 0.0 else (SIDE_TIME / 2.0,)
+        if self._grows(costmap, pose, velocity, escape, times):
+            return velocity
+        allowed = (here - SIDE_GAP) / SIDE_TIME - closing
+        is_at_rest = not closing and here >= 0.0
+        if is_at_rest and self._grows(costmap, pose, velocity, escape - AWAY * abs(velocity.linear), times):
+            allowed = max(PASSING, here / SIDE_TIME)  # past what rests the way may lead as near as there is room
+        if allowed >= min(SLOWEST, speed):
+            share = min(1.0, allowed / speed)
+            return Velocity(velocity.linear * share, velocity.angular * share)
+        return STOP if closing > 0.0 else None
+
+
+# Slows a robot down before it collides, whatever commands it: the approach model of Nav2's collision monitor.
+
+
+def slowed(costmap: Costmap, pose: Pose, command: Velocity, seconds: float) -> Velocity:
+    """A command, scaled by the time until a collision in relation to the time that is looked ahead, s.
+
+    Nothing is left of it when it collides within the first tenth of a second.
+    """
+    steps = max(1, round(seconds / LOOK_AHEAD_STEP))
+    # Who collides within some time does so within any longer one.
+    free = bisect_left(range(1, steps), True, key=lambda step: collides(costmap, pose, command, step * LOOK_AHEAD_STEP))
+    scale = (free + 1) / steps if free else 0.0
+    return Velocity(command.linear * scale, command.angular * scale)

@@ -1,0 +1,486 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Follows a path by regulated pure pursuit, with a goal checker and a progress checker.
+
+The rules are those of Nav2's regulated pure pursuit controller, with speeds that fit a TurtleBot3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Final, NamedTuple
+
+import numpy
+
+from flexbt_navigation.costmaps.costmap import Costmap
+from flexbt_navigation.errors import NavigationError
+from flexbt_sim.world.descriptions.models import DriveModel
+from flexbt_sim.world.plane.geometry import Pose, compose, drive, wrap
+
+from .motions import (
+    PERSONAL_SPACE,
+    STOP,
+    CommandedDrive,
+    Inertia,
+    KeepingApart,
+    Steering,
+    TurnLimits,
+    Velocity,
+    collides,
+)
+from .track import Leg, Track, drivable_legs
+
+SEARCH_DISTANCE: Final = 1.5
+"""How far along the path, m, the robot may have come from one step to the next; the path may cross itself."""
+
+JOIN_DISTANCE: Final = 0.25
+"""How much nearer, m, a later part of a new path has to be for the robot to join it there."""
+
+YIELD_TIME: Final = 60.0
+"""For how long, s, others are given way to before the robot is nearer to the goal."""
+
+HELD_UP: Final = 0.5
+"""Time, s, from one check to the next that counts as driven at most, unless poses come more rarely: ten periods of a
+controller."""
+
+END_OF_LEG: Final = 0.02
+"""Distance, m, from where a car changes direction, or from the end, at which it is there; and from the goal, at which
+another robot is, unless its tolerance is less, when its last turn would collide farther off."""
+
+ASIDE: Final = tuple(math.tau * part / 8.0 for part in range(8))
+"""Directions in the map, rad, in which a robot may give way. They do not turn with it, or it would turn to and fro."""
+
+STILL: Final = Pose(0.0, 0.0, 0.0)
+
+NEAREST_LOOKAHEAD: Final = 0.05
+"""Distance, m, of the nearest point that the robot is directed to."""
+
+
+CAR_SPEED: Final = 0.3
+BRAKING_TIME: Final = 1.5
+"""Speed of a car, in its turning radii for each second; and for how long it slows down before it stops, s."""
+
+CLOSE: Final = 0.3
+CLOSE_TIME: Final = 0.5
+"""How far ahead on a path that it can drive a car is directed, in its turning radii, and s of driving at least."""
+
+
+@dataclass(frozen=True)
+class FollowerLimits:
+    """Parameters of the controller, in m, s and rad.
+
+    The look-ahead distance is ``lookahead_time`` of driving, within its bounds. Within ``approach_distance`` of the end
+    the robot slows down to ``approach_speed``; where the path bends more than ``curvature_radius`` it slows down to no
+    less than ``curve_speed``, and so it does where an obstacle is nearer than ``proximity_distance`` to its centre.
+    A turn of more than ``rotate_angle`` is made on the spot. Where the last one, to the heading of the goal, would
+    collide within ``xy_tolerance`` of the goal, the robot drives on, and after ``patience`` turns at the goal only.
+    No progress means less than ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle
+    ahead is waited for, too. Collisions are looked for ``collision_time`` ahead, with the accelerations of the robot.
+
+    With a ``turning_radius`` the robot steers as a car does: no bend is narrower, and nothing is turned on the spot. A
+    path that it can drive, as that of the planner for such a robot, is followed closely, backward where its poses head
+    away from where it leads, if the robot ``reverses``; on another path the point that it is directed to is no nearer
+    than the radius. A goal whose heading it does not have there is not reached.
+    """
+
+    speed: float = 0.26
+    lookahead_min: float = 0.25
+    lookahead_max: float = 0.6
+    lookahead_time: float = 1.5
+    approach_distance: float = 0.4
+    approach_speed: float = 0.05
+    curvature_radius: float = 0.6
+    curve_speed: float = 0.1
+    proximity_distance: float = 0.4
+    rotate_angle: float = 0.785
+    angular_speed: float = 1.5
+    xy_tolerance: float = 0.1
+    yaw_tolerance: float = 0.1
+    progress_distance: float = 0.5
+    progress_time: float = 10.0
+    patience: float = 0.3
+    collision_time: float = 1.0
+    linear_acceleration: float = 2.5
+    angular_acceleration: float = 3.2
+    turning_radius: float = 0.0
+    reverses: bool = True
+
+    @property
+    def steering(self) -> Steering:
+        """For the planner."""
+        return Steering(self.turning_radius, self.reverses)
+
+    @classmethod
+    def of(cls, drive: DriveModel) -> FollowerLimits:
+        """For a robot of the simulated world. A car goes faster than a small robot, and brakes earlier."""
+        limits = cls(
+            speed=min(cls.speed, drive.linear_speed),
+            linear_acceleration=drive.linear_acceleration,
+            angular_acceleration=drive.angular_acceleration,
+            turning_radius=drive.turning_radius,
+        )
+        if not limits.turning_radius:
+            return limits
+        speed = min(drive.linear_speed, max(cls.speed, CAR_SPEED * limits.turning_radius))
+        return replace(
+            limits,
+            speed=speed,
+            approach_distance=max(cls.approach_distance, BRAKING_TIME * speed),
+            angular_speed=min(cls.angular_speed, drive.angular_speed),
+        )
+
+
+class ProgressChecker:
+    """Notices when the robot gets nowhere. It outlives a change of the path.
+
+    What counts is the time in which the robot was driven: where time runs away from a busy machine, a controller that
+    was held up for long between two checks says nothing about the robot. It was held up when it took more than twice as
+    long as the shortest time between two checks before, and more than ``HELD_UP``.
+    """
+
+    def __init__(self, limits: FollowerLimits) -> None:
+        self._limits = limits
+        self._mark: Pose | None = None
+        self._checked = -math.inf
+        self._shortest = math.inf
+        self._driven = self._yielded = 0.0
+        self._least = math.inf
+
+    def check(self, pose: Pose, now: float, turning: bool, left: float, yielding: bool) -> None:
+        """``left``: m to the goal; ``yielding``: gives way to others since the last check.
+
+        Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress of its own.
+        """
+        passed, self._checked = now - self._checked, now
+        if left < self._least - self._limits.progress_distance:
+            self._least, self._yielded = left, 0.0
+        self._yielded += passed if yielding else 0.0
+        if self._yielded > YIELD_TIME:
+            raise NavigationError(
+                'FAILED_TO_MAKE_PROGRESS', f'gave way to others for {YIELD_TIME:g} s and is no nearer to the goal'
+            )
+        if self._mark is None or turning or self._mark.distance(pose) >= self._limits.progress_distance:
+            self._mark, self._driven = pose, 0.0
+        else:
+            self._driven += min(passed, HELD_UP if self._shortest == math.inf else max(HELD_UP, 2.0 * self._shortest))
+        if passed > 0.0:
+            self._shortest = min(self._shortest, passed)
+        if self._driven > self._limits.progress_time:
+            raise NavigationError(
+                'FAILED_TO_MAKE_PROGRESS',
+                f'moved less than {self._limits.progress_distance:g} m in {self._limits.progress_time:g} s',
+            )
+
+
+class CircleChecker:
+    """Notices when a robot that cannot turn on the spot drives in circles round a goal."""
+
+    def __init__(self, progress_distance: float) -> None:
+        self._distance = progress_distance
+        self._least = math.inf
+        self._heading: float | None = None
+        self._turned = 0.0
+
+    def check(self, heading: float, left: float) -> None:
+        """``left``: m to the goal. Raises NavigationError FAILED_TO_MAKE_PROGRESS after a circle that led no nearer."""
+        self._turned += 0.0 if self._heading is None else wrap(heading - self._heading)
+        self._heading = heading
+        if left < self._least - self._distance:
+            self._least, self._turned = left, 0.0
+        elif abs(self._turned) > math.tau:
+            raise NavigationError(
+                'FAILED_TO_MAKE_PROGRESS',
+                'the robot has driven in a circle and is no nearer to the goal: it lies within its turning radius',
+            )
+
+
+class PlaceOnPath(NamedTuple):
+    """How a robot is on a path: how far to the left of it, m, its heading from that of the path, rad, the index of the
+    pose that it has passed last, and how far it is from the goal, m."""
+
+    left: float
+    turned: float
+    passed: int
+    to_goal: float
+
+
+class PathFollower:
+    """Follows one path to its end, and turns to the heading of its last pose."""
+
+    def __init__(
+        self,
+        path: Sequence[Pose],
+        costmap: Costmap,
+        limits: FollowerLimits,
+        before: PathFollower | None = None,
+        drift: Callable[[], Pose] = lambda: STILL,
+    ) -> None:
+        """``before`` followed the path that this one replaces: it is gone over to without a stop, and progress checker
+        and patience go on, as in Nav2. ``drift()``, asked at each step, tells where in the map the frame that the path
+        is fixed to has come to since the path was given, if it was that of the map then; it may raise NavigationError.
+
+        Raises:
+            NavigationError: INVALID_PATH for one without poses, or with one that is not finite.
+        """
+        if not path or not all(map(math.isfinite, chain.from_iterable(path))):
+            raise NavigationError('INVALID_PATH', 'the path has no poses' if not path else 'a pose is not finite')
+        legs = drivable_legs(path, limits.turning_radius) if limits.turning_radius else []
+        self._is_close = bool(legs) and (limits.reverses or not any(leg.backward for leg in legs))
+        self._given = path[-1], legs if self._is_close else [Leg(Track(path))]
+        self._goal, self._legs = path[-1], list(self._given[1])
+        self._drift, self._drifted = drift, STILL
+        self._costmap = costmap
+        self._limits = limits
+        self.progress: ProgressChecker = ProgressChecker(limits) if before is None else before.progress
+        self._circles = CircleChecker(limits.progress_distance)
+        self._no_room_since = math.inf
+        if before is not None and before._given[0] == self._given[0]:
+            self._circles, self._no_room_since = before._circles, before._no_room_since
+        self._turn = TurnLimits(maximum=limits.angular_speed)
+        self._at = 0.0
+        self._has_begun = self._yields = False
+        self._at_goal = False
+        self._blocked_since: float | None = None if before is None else before._blocked_since
+        self._apart: KeepingApart = KeepingApart(limits.speed) if before is None else before._apart
+        inertia = Inertia(STOP, limits.linear_acceleration, limits.angular_acceleration)
+        self._drive: CommandedDrive = CommandedDrive(inertia) if before is None else before._drive
+        self.speed_limit = math.inf
+        """m/s, of the topic of that name."""
+        self.distance_to_goal = self._left = sum(leg.track.length for leg in self._legs)
+
+    @property
+    def speed(self) -> float:
+        """As it is commanded, m/s."""
+        return self._drive.command.linear
+
+    @property
+    def _track(self) -> Track:
+        """The part of the path that is driven now."""
+        return self._legs[0].track
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """See :class:`Motion`.
+
+        Raises:
+            NavigationError: that of the drift; FAILED_TO_MAKE_PROGRESS; PATIENCE_EXCEEDED when an obstacle stays in
+                the way, or NO_VALID_CONTROL at once when there is no patience.
+        """
+        limits = self._limits
+        self._drive.advance(now)
+        self._move(self._drift())
+        self._apart.look(self._costmap, pose, now)
+        self._at = self._nearest(pose)
+        if self._is_close and len(self._legs) > 1 and self._track.length - self._at <= END_OF_LEG:
+            del self._legs[0]
+            self._at = 0.0
+        left = self._track.length - self._at
+        self._left = math.dist(pose[:2], self._track.point(self._at)) + left
+        self.distance_to_goal = self._left + sum(leg.track.length for leg in self._legs[1:])
+        near_end = left <= 2.0 * limits.xy_tolerance and len(self._legs) == 1
+        least = min(END_OF_LEG, limits.xy_tolerance)
+        tolerance = least if now - self._no_room_since > limits.patience else limits.xy_tolerance
+        self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= tolerance)
+        if self._is_close and left > END_OF_LEG and abs(wrap(self._goal.yaw - pose.yaw)) > limits.yaw_tolerance:
+            self._at_goal = False  # its heading is that of the goal at the end only
+        self.progress.check(pose, now, self._at_goal, self.distance_to_goal, self._yields)
+        if limits.turning_radius:
+            self._circles.check(pose.yaw, self.distance_to_goal)
+        if self._at_goal:
+            angle = wrap(self._goal.yaw - pose.yaw)
+            if abs(angle) <= limits.yaw_tolerance:
+                self._drive.command = STOP
+                return None
+            if limits.turning_radius:
+                raise NavigationError(
+                    'NO_VALID_CONTROL',
+                    f'the robot is at the goal, {math.degrees(abs(angle)):.0f} degrees off its heading, and cannot '
+                    'turn on the spot: give a goal with another heading, or a greater yaw_goal_tolerance',
+                )
+            is_beside = pose.distance(self._goal) > least
+            # Who had no room for it has to have room for all of it, so as not to go to and fro.
+            velocity = self._last_turn(angle, pose, now, is_beside and self._no_room_since < math.inf)
+            if velocity is None and is_beside:
+                # There may be room at the goal itself: soon nothing less will do.
+                self._no_room_since = min(self._no_room_since, now)
+                self._at_goal = False
+                velocity = self._pursue(pose, now)
+        elif self._is_close and len(self._legs) == 1 and left <= END_OF_LEG:
+            raise NavigationError(
+                'NO_VALID_CONTROL',
+                f'the robot is at the end of its path, {pose.distance(self._goal):.2f} m beside the goal, and cannot '
+                'move aside: plan a path from here, or give a greater xy_goal_tolerance',
+            )
+        else:
+            velocity = self._pursue(pose, now)
+        self._yields = velocity is None and self._apart.has_company(now)
+        if self._yields:
+            velocity = self._give_way(pose)
+        if velocity is None:
+            velocity = self._wait_for_way(now)
+        else:
+            self._blocked_since = None
+        self._drive.command = velocity
+        return velocity
+
+    def _last_turn(self, angle: float, pose: Pose, now: float, is_whole: bool) -> Velocity | None:
+        """To the heading of the goal; None where that would collide, soon or, if ``is_whole``, at any time."""
+        turn = self._turn_by(angle)
+        seconds = abs(angle / turn.angular)
+        if not is_whole:
+            seconds = min(self._limits.collision_time, seconds)
+        if self._collides(pose, turn, seconds):
+            return None
+        return self._apart.limited(self._costmap, pose, turn)
+
+    def _move(self, drifted: Pose) -> None:
+        if drifted != self._drifted:
+            goal, legs = self._given
+            left = [replace(leg, track=leg.track.moved(drifted)) for leg in legs[-len(self._legs) :]]
+            self._goal, self._legs, self._drifted = compose(drifted, goal), left, drifted
+
+    def _nearest(self, pose: Pose) -> float:
+        """Where on the path the robot is: not much farther than it was, unless this is its first step on the path."""
+        track = self._track
+        near = track.nearest(pose, self._at, self._at + SEARCH_DISTANCE)
+        if not self._has_begun:
+            # It was planned from where the robot was, which may have driven on for long meanwhile.
+            self._has_begun = True
+            anywhere = track.nearest(pose, 0.0, track.length)
+            gaps = [math.dist(track.point(at), pose[:2]) for at in (near, anywhere)]
+            if gaps[1] < gaps[0] - JOIN_DISTANCE:
+                return anywhere
+        return near
+
+    def place(self, pose: Pose) -> PlaceOnPath:
+        """How the robot, at ``pose``, is on the path, after its last step."""
+        leg, before = self._legs[0], self._given[1][: -len(self._legs)]
+        x, y = leg.track.point(self._at)
+        heading = leg.track.heading(self._at)
+        return PlaceOnPath(
+            left=math.cos(heading) * (pose.y - y) - math.sin(heading) * (pose.x - x),
+            turned=wrap(pose.yaw - heading - (math.pi if leg.backward else 0.0)),
+            passed=sum(one.track.index(math.inf) for one in before) + leg.track.index(self._at),
+            to_goal=pose.distance(self._goal),
+        )
+
+    def update(self, costmap: Costmap) -> None:
+        """See :class:`Motion`."""
+        self._costmap = costmap
+
+    def _pursue(self, pose: Pose, now: float) -> Velocity | None:
+        """Towards a point ahead on the path; where only the short cut to that is blocked, towards a nearer one."""
+        limits = self._limits
+        if self._is_close:
+            return self._pursue_closely(pose, now)
+        reach = min(limits.lookahead_max, max(limits.lookahead_min, self.speed * limits.lookahead_time))
+        reach = max(reach, limits.turning_radius)
+        end = self._at + reach
+        while reach >= NEAREST_LOOKAHEAD:
+            carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
+            velocity = self._towards(pose, carrot)
+            if not self._is_blocked(pose, carrot, velocity):
+                return self._apart.limited(self._costmap, pose, velocity)
+            if not self._is_free_until(end):
+                return None
+            reach /= 2.0
+        return None
+
+    def _pursue_closely(self, pose: Pose, now: float) -> Velocity | None:
+        """Along a path that the robot can drive, and on straight beyond its end; slower where something is ahead."""
+        limits, track, backward = self._limits, self._track, self._legs[0].backward
+        heading = track.heading(self._at) + (math.pi if backward else 0.0)
+        beside = math.dist(pose[:2], track.point(self._at)) + limits.turning_radius * abs(wrap(heading - pose.yaw))
+        # Who is not on the path, as where it was planned from another heading, gets there in a wide bend.
+        reach = max(CLOSE * limits.turning_radius, CLOSE_TIME * abs(self.speed), min(limits.turning_radius, beside))
+        beyond = max(0.0, self._at + reach - track.length)
+        heading = track.heading(track.length)
+        x, y = track.ahead(pose, self._at, reach) if not beyond else track.point(track.length)
+        carrot = Pose(x + beyond * math.cos(heading), y + beyond * math.sin(heading), 0.0)
+        velocity = self._led(pose, carrot, backward)
+        while self._collides(pose, velocity, limits.collision_time):
+            if abs(velocity.linear) <= limits.approach_speed or not self._is_free_until(self._at + reach):
+                return None
+            share = max(0.5, limits.approach_speed / abs(velocity.linear))
+            velocity = Velocity(velocity.linear * share, velocity.angular * share)
+        return self._apart.limited(self._costmap, pose, velocity)
+
+    def _is_free_until(self, end: float) -> bool:
+        """Whether the path itself is free for so far, m from its beginning."""
+        track, turn = self._track, math.pi if self._legs[0].backward else 0.0
+        places = numpy.arange(self._at, min(end, track.length), self._costmap.world.resolution)
+        poses = (Pose(*track.point(at), track.heading(at) + turn) for at in places)
+        return not any(map(self._costmap.in_collision, poses))
+
+    def _led(self, pose: Pose, carrot: Pose, backward: bool) -> Velocity:
+        """Towards a point, with the front or with the back."""
+        if not backward:
+            return self._towards(pose, carrot)
+        velocity = self._towards(pose._replace(yaw=wrap(pose.yaw + math.pi)), carrot)
+        return Velocity(-velocity.linear, velocity.angular)
+
+    def _towards(self, pose: Pose, carrot: Pose) -> Velocity:
+        limits = self._limits
+        bearing = pose.bearing(carrot.x, carrot.y)
+        at_rest = abs(self.speed) < 0.01
+        if not limits.turning_radius and abs(bearing) > limits.rotate_angle / (3.0 if at_rest else 1.0):
+            return self._turn_by(bearing)
+        curvature = 2.0 * math.sin(bearing) / max(pose.distance(carrot), 0.05)
+        if limits.turning_radius:
+            sharpest = 1.0 / limits.turning_radius
+            is_behind = abs(bearing) > math.pi / 2.0
+            curvature = math.copysign(sharpest, bearing) if is_behind else max(-sharpest, min(sharpest, curvature))
+        top = min(limits.speed, self.speed_limit)
+        bend = abs(curvature) * limits.curvature_radius
+        near = self._costmap.known_distance(pose.x, pose.y) / limits.proximity_distance
+        speed = min(top, max(limits.curve_speed, top * min(1.0, 1.0 / bend if bend else 1.0, near)))
+        if self._left < limits.approach_distance:
+            speed = max(limits.approach_speed, speed * self._left / limits.approach_distance)
+        if limits.turning_radius and abs(speed * curvature) > limits.angular_speed:
+            speed = limits.angular_speed / abs(curvature)  # the bend stays as wide as it is
+        angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))
+        return Velocity(speed, angular)
+
+    def _turn_by(self, angle: float) -> Velocity:
+        return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))
+
+    def _is_blocked(self, pose: Pose, carrot: Pose, velocity: Velocity) -> bool:
+        """By an obstacle before the carrot, where the way bends, as in Nav2. For a turn so does the way after it."""
+        limits = self._limits
+        if velocity.linear:
+            return self._collides(pose, velocity, min(limits.collision_time, pose.distance(carrot) / velocity.linear))
+        bearing = pose.bearing(carrot.x, carrot.y)
+        if self._collides(pose, velocity, min(limits.collision_time, abs(bearing / velocity.angular))):
+            return True
+        seconds = min(limits.collision_time, pose.distance(carrot) / limits.speed)
+        return collides(self._costmap, pose._replace(yaw=pose.yaw + bearing), Velocity(limits.speed, 0.0), seconds)
+
+    def _collides(self, pose: Pose, velocity: Velocity, seconds: float) -> bool:
+        """On the way from where the robot is when this takes effect."""
+        coming, inertia = self._drive.foreseen(pose)
+        return collides(self._costmap, coming, velocity, seconds, inertia)
+
+    def _give_way(self, pose: Pose) -> Velocity:
+        """To somebody who is in the way: to where the gap to them grows most, if that leads away from them, or wait."""
+        costmap = self._costmap
+        ways = (pose.yaw, pose.yaw + math.pi, *ASIDE)
+        places = [drive(pose._replace(yaw=way), PERSONAL_SPACE, 0.0, 1.0)._replace(yaw=pose.yaw) for way in ways]
+        free = [place for place in places if not costmap.in_collision(place)]
+        for place in sorted(free, key=lambda place: costmap.gap_seen(place, 2.0 * PERSONAL_SPACE), reverse=True):
+            velocity = self._led(pose, place, abs(pose.bearing(place.x, place.y)) > math.pi / 2.0)
+            is_free = not self._collides(pose, velocity, self._limits.collision_time)
+            if is_free and self._apart.leaves(costmap, pose, velocity):
+                self._at_goal = False
+                return velocity
+        return STOP
+
+    def _wait_for_way(self, now: float) -> Velocity:
+        patience = self._limits.patience
+        if self._blocked_since is None or not self._drive.is_at_rest:
+            self._blocked_since = now  # it may be its own turn that is in the way, until it has braked
+        if patience <= 0.0:
+            raise NavigationError('NO_VALID_CONTROL', 'an obstacle is ahead on the path')
+        if now - self._blocked_since > patience:
+            raise NavigationError('PATIENCE_EXCEEDED', f'an obstacle has been ahead on the path for {patience:g} s')
+        return STOP

@@ -1,0 +1,381 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a robot gets onto a dock and off again: its motions, and the control law that they steer by. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Final
+
+from flexbt_navigation.controller.motions import STOP, Motion, TurnLimits, Velocity
+from flexbt_navigation.costmaps.costmap import Costmap
+from flexbt_navigation.errors import NavigationError
+from flexbt_sim.world.plane.geometry import Pose, compose, drive, inverse, wrap
+
+
+@dataclass(frozen=True)
+class ControlLaw:
+    """Gains and bounds, with the defaults of Nav2's docking server. Speeds in m/s and rad/s, the radius in m.
+
+    ``slow_gain`` is k1 of the paper (k_phi), ``fast_gain`` k2 (k_delta); ``beta`` and ``exponent`` (lambda) slow the
+    robot down where the path bends. Within ``slowdown_radius`` of the pose it gets slower. No bend is narrower than
+    ``turning_radius``, which is 0 for a robot that turns on the spot.
+    """
+
+    slow_gain: float = 3.0
+    fast_gain: float = 2.0
+    beta: float = 0.4
+    exponent: float = 2.0
+    least_speed: float = 0.1
+    speed: float = 0.25
+    angular_speed: float = 0.75
+    slowdown_radius: float = 0.25
+    turning_radius: float = 0.0
+
+
+_SMALLEST: Final = 1e-6
+
+
+def velocity_to(target: Pose, pose: Pose, law: ControlLaw, *, backward: bool = False) -> Velocity:
+    """The velocity that leads from a pose to another one, forward or backward; at the other one it is arbitrary."""
+    dx, dy = target.x - pose.x, target.y - pose.y
+    distance = max(math.hypot(dx, dy), _SMALLEST)
+    # Backward, it is the way of a robot that looks the other way.
+    flip = math.pi if backward else 0.0
+    sight = math.atan2(dy, dx)
+    heading = wrap(pose.yaw + flip - sight)
+    goal = wrap(target.yaw + flip - sight)
+    wanted = math.atan(-law.slow_gain * goal)
+    curvature = (
+        -(
+            law.fast_gain * (heading - wanted)
+            + (1.0 + law.slow_gain / (1.0 + (law.slow_gain * goal) ** 2)) * math.sin(heading)
+        )
+        / distance
+    )
+    sharpest = 1.0 / law.turning_radius if law.turning_radius else math.inf
+    curvature = max(-sharpest, min(sharpest, curvature))
+    speed = law.speed / (1.0 + law.beta * abs(curvature) ** law.exponent)
+    speed = max(law.least_speed, min(speed, law.speed * distance / law.slowdown_radius))
+    angular = max(-law.angular_speed, min(law.angular_speed, speed * curvature))
+    if abs(curvature) > _SMALLEST:
+        speed = angular / curvature
+    return Velocity(-speed if backward else speed, angular)
+
+
+# Getting onto a dock and off again, as motions that drive the robot.
+
+BEYOND: Final = 0.25
+"""How far beyond the dock the control law is directed, m: at its very target it is arbitrary."""
+
+FARTHEST_STAGING: Final = -10.0
+"""From a dock to its staging pose at most, m."""
+
+RETRIES: Final = 6
+WAIT_DURATION: Final = 5.0
+"""How often the way to a staging pose is planned again, and how long the robot waits before, s: number_of_retries and
+wait_duration of Nav2's default tree, by which its docking server has the robot driven there."""
+
+STEP: Final = 0.2
+"""Time from one collision check to the next, s."""
+
+
+class DockState(Enum):
+    """What a robot that docks does just now; the values are those of the feedback of dock_robot."""
+
+    NONE = 0
+    NAV_TO_STAGING_POSE = 1
+    INITIAL_PERCEPTION = 2
+    CONTROLLING = 3
+    WAIT_FOR_CHARGE = 4
+    RETRY = 5
+
+
+@dataclass(frozen=True)
+class DockingLimits:
+    """Parameters, with the defaults of Nav2's docking server; m, rad and s.
+
+    ``staging_offset``: from the dock to the staging pose, along the heading of the dock. ``docked_within`` is the
+    docking_threshold of Nav2's SimpleChargingDock. A robot whose ``law`` has a turning radius turns nowhere on the
+    spot: it needs a ``staging_yaw_offset`` of 0.
+    """
+
+    staging_offset: float = -0.7
+    staging_yaw_offset: float = 0.0
+    docked_within: float = 0.05
+    prestaging_tolerance: float = 0.5
+    perception_seconds: float = 5.0
+    approach_seconds: float = 30.0
+    charge_seconds: float = 5.0
+    retries: int = 3
+    linear_tolerance: float = 0.05
+    angular_tolerance: float = 0.05
+    projection_seconds: float = 5.0
+    collision_threshold: float = 0.3
+    law: ControlLaw = field(default_factory=ControlLaw)
+
+    @classmethod
+    def of(cls, turning_radius: float) -> DockingLimits:
+        """For a robot. One that steers as a car does begins a turning radius before the dock, but no more than 10 m: on
+        the way it gets beside where it was by a quarter of that. It has twice the time that this takes.
+        """
+        law = ControlLaw(turning_radius=turning_radius)
+        offset = min(cls.staging_offset, max(-turning_radius, FARTHEST_STAGING))
+        return cls(
+            staging_offset=offset, approach_seconds=max(cls.approach_seconds, -2.0 * offset / law.speed), law=law
+        )
+
+    def staging_pose(self, dock: Pose) -> Pose:
+        """From where a dock is approached."""
+        x, y, _ = drive(dock, self.staging_offset, 0.0, 1.0)
+        return Pose(x, y, wrap(dock.yaw + self.staging_yaw_offset))
+
+
+@dataclass(frozen=True)
+class Senses:
+    """What the robot knows of the dock: whether it is charged, and where the dock is seen, if it is."""
+
+    is_charging: Callable[[], bool]
+    seen_dock: Callable[[], Pose | None]
+
+
+class StagingMotion:
+    """Drives to the staging pose by a motion that follows a path there.
+
+    When that fails the robot stands for WAIT_DURATION, and ``plan_again()`` is called; :meth:`go_on` or :meth:`fail` is
+    what comes of it. So it is RETRIES times.
+
+    Raises, when stepped:
+        NavigationError: FAILED_TO_STAGE.
+    """
+
+    def __init__(self, follow: Motion, seconds: float, plan_again: Callable[[], object]) -> None:
+        self._follow: Motion | None = follow
+        self._seconds = seconds
+        self._plan_again = plan_again
+        self._plan_at = math.inf
+        self._failure = ''
+        self._tries = 0
+        self._began: float | None = None
+
+    def go_on(self, follow: Motion) -> None:
+        """Drive there by another motion."""
+        self._follow = follow
+
+    def fail(self, why: str) -> None:
+        """There is no way there now."""
+        self._failure = why
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        self._began = now if self._began is None else self._began
+        if now - self._began > self._seconds:
+            raise NavigationError('FAILED_TO_STAGE', f'the staging pose is not reached within {self._seconds:g} s')
+        if now >= self._plan_at:
+            self._plan_at = math.inf
+            self._plan_again()
+        try:
+            if not self._failure:
+                return STOP if self._follow is None else self._follow.step(pose, now)
+        except NavigationError as error:
+            self._failure = str(error)
+        if self._tries == RETRIES:
+            raise NavigationError('FAILED_TO_STAGE', f'the staging pose is not reached: {self._failure}')
+        self._tries += 1
+        self._failure, self._follow, self._plan_at = '', None, now + WAIT_DURATION
+        return STOP
+
+    def update(self, costmap: Costmap) -> None:
+        if self._follow is not None:
+            self._follow.update(costmap)
+
+
+class DockMotion:
+    """Gets from the staging pose onto a dock and waits for the charge; when that fails it goes back and tries again.
+
+    ``state`` and ``retries`` are what the feedback tells.
+    """
+
+    def __init__(
+        self,
+        dock: Pose,
+        senses: Senses,
+        limits: DockingLimits,
+        costmap: Costmap,
+        *,
+        charges: bool,
+        staging: StagingMotion | None = None,
+    ) -> None:
+        """``dock``: where it should be. ``staging`` drives to the staging pose first, where that is wanted."""
+        self._dock = dock
+        self._senses = senses
+        self._limits = limits
+        self._costmap = costmap
+        self._charges = charges
+        self._staging = staging
+        self._phase_began: float | None = None
+        self.retries = 0
+        self.state = DockState.INITIAL_PERCEPTION if staging is None else DockState.NAV_TO_STAGING_POSE
+
+    def update(self, costmap: Costmap) -> None:
+        self._costmap = costmap
+        if self._staging is not None:
+            self._staging.update(costmap)
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """See :class:`Motion`.
+
+        Raises:
+            NavigationError: FAILED_TO_STAGE, FAILED_TO_DETECT_DOCK, FAILED_TO_CONTROL or FAILED_TO_CHARGE; the last
+                three when all retries are used.
+        """
+        if self._phase_began is None:
+            self._phase_began = now
+        spent = now - self._phase_began
+        if self.state is DockState.NAV_TO_STAGING_POSE:
+            assert self._staging is not None
+            return self._staging.step(pose, now) or self._enter(DockState.INITIAL_PERCEPTION, now)
+        if self.state is DockState.INITIAL_PERCEPTION:
+            return self._perceive(spent, now)
+        try:
+            if self.state is DockState.CONTROLLING:
+                return self._approach(pose, spent, now)
+            if self.state is DockState.WAIT_FOR_CHARGE:
+                return self._wait(spent)
+        except NavigationError:
+            if self.retries >= self._limits.retries:
+                raise
+            self.retries += 1
+            return self._enter(DockState.RETRY, now)
+        return self._go_back(pose, spent, now)
+
+    def _enter(self, state: DockState, now: float) -> Velocity:
+        self.state, self._phase_began = state, now
+        return STOP
+
+    def _perceive(self, spent: float, now: float) -> Velocity:
+        seen = self._senses.seen_dock()
+        if seen is not None:
+            self._dock = seen
+            return self._enter(DockState.CONTROLLING, now)
+        if spent > self._limits.perception_seconds:
+            raise NavigationError('FAILED_TO_DETECT_DOCK', f'the dock was not seen within {spent:.1f} s')
+        return STOP
+
+    def _approach(self, pose: Pose, spent: float, now: float) -> Velocity | None:
+        limits = self._limits
+        seen = self._senses.seen_dock()
+        if seen is None:
+            raise NavigationError('FAILED_TO_DETECT_DOCK', 'the dock is not seen any more')
+        self._dock = seen
+        is_charged = self._charges and self._senses.is_charging()
+        if is_charged or pose.distance(seen) < limits.docked_within:
+            return self._enter(DockState.WAIT_FOR_CHARGE, now)
+        if _ahead(seen, pose) < -limits.docked_within:
+            raise NavigationError(
+                'FAILED_TO_CONTROL',
+                f'the robot has come past the dock, {pose.distance(seen):.2f} m beside it: approach it from farther '
+                'away (staging_x_offset), or give a greater docking_threshold',
+            )
+        if spent > limits.approach_seconds:
+            raise NavigationError('FAILED_TO_CONTROL', f'the dock is not reached within {limits.approach_seconds:g} s')
+        target = drive(seen, BEYOND, 0.0, 1.0)
+        if _collides(self._costmap, pose, target, limits, backward=False, apart_from=target):
+            raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is on the way to the dock')
+        return velocity_to(target, pose, limits.law)
+
+    def _wait(self, spent: float) -> Velocity | None:
+        if not self._charges or self._senses.is_charging():
+            return None
+        if spent > self._limits.charge_seconds:
+            raise NavigationError('FAILED_TO_CHARGE', f'the robot is docked, and not charged within {spent:.1f} s')
+        return STOP
+
+    def _go_back(self, pose: Pose, spent: float, now: float) -> Velocity:
+        velocity = _back(self._costmap, pose, self._limits.staging_pose(self._dock), self._limits, spent)
+        return velocity or self._enter(DockState.INITIAL_PERCEPTION, now)
+
+
+class UndockMotion:
+    """Drives back from a dock to its staging pose, as far as the robot's own pose is that of the dock."""
+
+    def __init__(
+        self,
+        senses: Senses,
+        limits: DockingLimits,
+        costmap: Costmap,
+        *,
+        charges: bool,
+        seconds: float,
+    ) -> None:
+        """``seconds``: how long it may take."""
+        self._senses = senses
+        self._limits = limits
+        self._costmap = costmap
+        self._charges = charges
+        self._seconds = seconds
+        self._began: float | None = None
+        self._staging: Pose | None = None
+
+    def update(self, costmap: Costmap) -> None:
+        self._costmap = costmap
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """See :class:`Motion`.
+
+        Raises:
+            NavigationError: FAILED_TO_CONTROL.
+        """
+        if self._began is None or self._staging is None:
+            self._began, self._staging = now, self._limits.staging_pose(pose)
+        spent = now - self._began
+        if spent > self._seconds:
+            raise NavigationError('FAILED_TO_CONTROL', f'the robot has not left the dock within {self._seconds:g} s')
+        velocity = _back(self._costmap, pose, self._staging, self._limits, spent)
+        if velocity is None and self._charges and self._senses.is_charging():
+            return STOP  # until it is told that the charge has ended
+        return velocity
+
+
+def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, spent: float) -> Velocity | None:
+    """The velocity until the robot is as far back as a staging pose, and for a turn there; None when it is done.
+
+    Raises:
+        NavigationError: FAILED_TO_CONTROL.
+    """
+    turn = wrap(staging.yaw - pose.yaw)
+    if _is_at(staging, pose, limits, backward=True):
+        if abs(turn) < limits.angular_tolerance or limits.law.turning_radius:
+            return None
+        return Velocity(0.0, math.copysign(TurnLimits().speed(turn), turn))
+    if spent > limits.approach_seconds:
+        raise NavigationError('FAILED_TO_CONTROL', f'the staging pose is not reached within {spent:.1f} s')
+    if _collides(costmap, pose, staging, limits, backward=True, apart_from=pose):
+        raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is on the way back from the dock')
+    return velocity_to(staging, pose, limits.law, backward=True)
+
+
+def _ahead(target: Pose, pose: Pose) -> float:
+    """How far, m, the robot is before a pose, as that heads; negative beyond it."""
+    return -compose(inverse(target), pose).x
+
+
+def _is_at(target: Pose, pose: Pose, limits: DockingLimits, *, backward: bool) -> bool:
+    """Whether the robot is as far as a pose, to one side of it or not: the control law leads no nearer from there."""
+    left = _ahead(target, pose)
+    return (-left if backward else left) <= limits.linear_tolerance
+
+
+def _collides(
+    costmap: Costmap, pose: Pose, target: Pose, limits: DockingLimits, *, backward: bool, apart_from: Pose
+) -> bool:
+    """Whether the control law leads into an obstacle that is farther than the threshold from the place of the dock."""
+    here = pose
+    for _ in range(math.ceil(limits.projection_seconds / STEP)):
+        here = drive(here, *velocity_to(target, here, limits.law, backward=backward), STEP)
+        if _is_at(target, here, limits, backward=backward):
+            return False
+        if here.distance(apart_from) > limits.collision_threshold and costmap.in_collision(here):
+            return True
+    return False

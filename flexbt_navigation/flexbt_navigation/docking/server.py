@@ -1,0 +1,439 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The actions dock_robot and undock_robot, the service that reads the database of docks anew, and the parameters of
+both with Nav2's names.
+
+battery_state reports that the robot is charged; detected_dock_pose where a dock is seen, when that is used.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+from nav2_msgs.action import DockRobot, UndockRobot
+from nav2_msgs.srv import ReloadDockDatabase
+from sensor_msgs.msg import BatteryState
+
+from flexbt_common import names
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
+from flexbt_common.errors import UnfitParameterError
+from flexbt_common.files import resolve_file
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_common.values.message_fields import duration_message
+from flexbt_core.errors import FlexbtError
+from flexbt_core.values.text import short_repr
+from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, end_by, finish
+from flexbt_navigation.common.requests import asked_pose
+from flexbt_navigation.controller.motion_server import MotionArbiter, RunningMotion
+from flexbt_navigation.controller.motions import STOP, Velocity
+from flexbt_navigation.controller.path_follower import PathFollower
+from flexbt_navigation.controller.server import ControllerParameters
+from flexbt_navigation.costmaps.costmap import Costmap
+from flexbt_navigation.errors import NavigationError
+from flexbt_navigation.planner.grid_planner import StopFlag
+from flexbt_navigation.planner.hybrid_planner import planner_for
+from flexbt_sim.messages import stamped
+from flexbt_sim.world.plane.geometry import Pose, wrap
+
+from .dock_database import Dock, DockType, load_docks
+from .motions import FARTHEST_STAGING, DockingLimits, DockMotion, DockState, Senses, StagingMotion, UndockMotion
+
+# The actions dock_robot and undock_robot, and the service that reads the database of docks anew.
+#
+# That the robot is charged is told by battery_state; where a dock is seen, when that is used, by detected_dock_pose.
+
+CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
+CHARGING_CURRENT: Final = 0.5
+"""A, from which on a battery is charged whatever its status: Nav2's charging_threshold."""
+
+LONGEST: Final = 1e6
+"""s; longer ones are for ever."""
+
+
+class DockingServer:
+    """On the executor thread."""
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        parameters: DockingParameters,
+        controller: ControllerParameters,
+        arbiter: MotionArbiter,
+    ) -> None:
+        """Raises DockError: the parameter ``dock_database`` names no database."""
+        self.runtime = runtime
+        self.parameters = parameters
+        self.controller = controller
+        self.arbiter = arbiter
+        self.computation = Computation(runtime, 'the planner of docking')
+        self._types = {
+            **{name: DockType(name, charges=False) for name in parameters.other_types},
+            **{name: DockType(name, charges=True) for name in parameters.charging_types},
+        }
+        self._docks = load_docks(Path(parameters.database)) if parameters.database else {}
+        self._is_charging = False
+        self._seen: tuple[float, Pose] | None = None
+        self._docked: tuple[DockType, Pose] | None = None
+        node = runtime.node
+        node.create_subscription(BatteryState, names.BATTERY_STATE, self._on_battery, 1)
+        if parameters.uses_detection:
+            node.create_subscription(PoseStamped, names.DETECTED_DOCK_POSE, self._on_detection, 1)
+        self._dock_poses = node.create_publisher(PoseStamped, names.DOCK_POSE, 1)
+        self._staging_poses = node.create_publisher(PoseStamped, names.STAGING_POSE, 1)
+        node.create_service(ReloadDockDatabase, names.RELOAD_DOCKS, self._reload)
+        for action_type, name, serve in (
+            (DockRobot, names.DOCK_ROBOT, self._dock),
+            (UndockRobot, names.UNDOCK_ROBOT, self._undock),
+        ):
+            GoalServer(runtime, action_type, name, serve, arbiter.cancel, partial(_refused, action_type))
+
+    def show(self, dock: Pose, staging: Pose) -> None:
+        """Publish both, for display."""
+        frame, stamp = self.arbiter.robot.parameters.map_frame, self.runtime.clock.stamp()
+        self._dock_poses.publish(stamped(dock, frame, stamp))
+        self._staging_poses.publish(stamped(staging, frame, stamp))
+
+    # -- what is known -----------------------------------------------------------------------------------------------
+
+    def _on_battery(self, message: BatteryState) -> None:
+        self._is_charging = message.power_supply_status in CHARGING or message.current > CHARGING_CURRENT
+
+    def _on_detection(self, message: PoseStamped) -> None:
+        def on_poses(poses: list[Pose]) -> None:
+            self._seen = self.runtime.clock.now(), poses[0]
+
+        def on_error(error: Exception) -> None:
+            self.runtime.node.get_logger().warning(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+
+        asked = asked_pose(message, 'the detected dock', 'TF_ERROR')
+        self.arbiter.robot.map_frame.poses([asked], on_poses, on_error)
+
+    def senses(self, dock: Pose) -> Senses:
+        """Without detection a dock is where it should be."""
+
+        def seen_dock() -> Pose | None:
+            if not self.parameters.uses_detection:
+                return dock
+            age = self.runtime.clock.now() - self._seen[0] if self._seen is not None else math.inf
+            return self._seen[1] if self._seen and age <= self.parameters.detection_seconds else None
+
+        return Senses(lambda: self._is_charging, seen_dock)
+
+    def _reload(self, request: Any, response: Any) -> Any:
+        logger = self.runtime.node.get_logger()
+        try:
+            self._docks = load_docks(resolve_file(request.filepath, self.arbiter.robot.parameters.allowed_directories))
+        except FlexbtError as error:
+            logger.error(f'the docks stay as they are: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+            return response
+        logger.info(f'{len(self._docks)} docks', throttle_duration_sec=COMPLAINT_SECONDS)
+        response.success = True
+        return response
+
+    def dock(self, request: Any) -> tuple[Dock, DockType]:
+        """What a request means; without an id it says itself where the dock is.
+
+        Raises:
+            NavigationError: DOCK_NOT_IN_DB or DOCK_NOT_VALID.
+        """
+        if not request.use_dock_id:
+            return Dock('', Pose(0.0, 0.0, 0.0), type=request.dock_type), self._type(request.dock_type)
+        if request.dock_id not in self._docks:
+            known = ', '.join(sorted(self._docks)[:20]) or 'none; set the parameter dock_database'
+            raise NavigationError('DOCK_NOT_IN_DB', f'there is no dock {short_repr(request.dock_id)}; known: {known}')
+        dock = self._docks[request.dock_id]
+        return dock, self._type(dock.type)
+
+    def _type(self, name: str) -> DockType:
+        """Without a name the first one of those that charge. Raises NavigationError DOCK_NOT_VALID."""
+        docking = self.parameters
+        kind = self._types.get(name or next(iter((*docking.charging_types, *docking.other_types)), ''))
+        if kind is None:
+            raise NavigationError(
+                'DOCK_NOT_VALID', f'there is no type of docks {short_repr(name)}; known: {", ".join(self._types)}'
+            )
+        return kind
+
+    # -- goals -------------------------------------------------------------------------------------------------------
+
+    def _dock(self, goal: ServedGoal) -> None:
+        DockGoal(self, goal).begin()
+
+    def docked(self, kind: DockType, pose: Pose) -> None:
+        """The robot is on a dock."""
+        self._docked = kind, pose
+
+    def is_docked(self, dock: Pose) -> bool:
+        """Whether the robot is charged, or stands on the dock. Raises NavigationError, as the pose of the robot."""
+        near = self.arbiter.robot.pose.distance(dock) < self.parameters.limits.docked_within
+        return near or self._is_charging
+
+    def _undock(self, goal: ServedGoal) -> None:
+        self.arbiter.robot.when_known(goal, lambda: self._leave(goal))
+
+    def _leave(self, goal: ServedGoal) -> None:
+        def on_end(end: GoalEnd, seconds: float = 0.0) -> None:
+            if end.succeeded:
+                self._docked = None
+            finish(goal, UndockRobot.Result(success=end.succeeded), end)
+
+        request = goal.request
+        if goal.cancel_requested:
+            on_end(CANCELED)
+            return
+        try:
+            here = self.arbiter.robot.pose
+            kind, place = self._docked or (self._type(request.dock_type), here)
+            if request.dock_type:
+                kind = self._type(request.dock_type)
+            if kind.charges and not self._is_charging and (self._docked is None or not self.is_docked(place)):
+                on_end(GoalEnd(message='the robot is on no dock: there is nothing to leave'))
+                return
+            motion = UndockMotion(
+                self.senses(here),
+                self.parameters.limits,
+                self.arbiter.robot.costmaps.local,
+                charges=kind.charges,
+                seconds=limited(request.max_undocking_time),
+            )
+        except Exception as error:
+            on_end(end_by(self.runtime, error, 'a goal of undock_robot'))
+            return
+        self.arbiter.start(RunningMotion(goal, motion, lambda _motion: UndockRobot.Feedback(), on_end))
+
+
+class DockGoal:
+    """A goal of dock_robot: a motion that keeps the robot at rest until the way to the dock is known, then docks."""
+
+    def __init__(self, server: DockingServer, goal: ServedGoal) -> None:
+        self._server = server
+        self._goal = goal
+        self._motion: DockMotion | None = None
+        self._staging: StagingMotion | None = None
+        self._began = server.runtime.clock.now()
+        self._pose = Pose(0.0, 0.0, 0.0)
+        self._stop = StopFlag()
+
+    def begin(self) -> None:
+        """Take the robot from whatever drives it, and find the dock."""
+        server, request = self._server, self._goal.request
+        try:
+            dock, self._kind = server.dock(request)
+            message = stamped(dock.pose, dock.frame, server.runtime.clock.stamp())
+        except Exception as error:
+            self._fail(error)
+            return
+        server.arbiter.start(RunningMotion(self._goal, self, lambda _motion: self._feedback(), self._on_end))
+        asked = asked_pose(message if request.use_dock_id else request.dock_pose, 'the dock', 'DOCK_NOT_VALID')
+        server.arbiter.robot.map_frame.poses([asked], self._on_place, self._fail)
+
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        """See :class:`Motion`."""
+        return STOP if self._motion is None else self._motion.step(pose, now)
+
+    def update(self, costmap: Costmap) -> None:
+        """See :class:`Motion`."""
+        if self._motion is not None:
+            self._motion.update(costmap)
+
+    def _on_end(self, end: GoalEnd, seconds: float = 0.0) -> None:
+        self._stop.set()  # the next goal does not wait for a search that nobody wants any more
+        if end.succeeded:
+            self._server.docked(self._kind, self._pose)
+        retries = self._motion.retries if self._motion is not None else 0
+        finish(self._goal, DockRobot.Result(success=end.succeeded, num_retries=retries), end)
+
+    def _end(self, end: GoalEnd) -> None:
+        """End the goal, which the arbiter does as long as it has it."""
+        running = self._server.arbiter.running
+        if running is not None and running.goal is self._goal:
+            self._server.arbiter.end(end)
+        elif self._goal.active:
+            self._on_end(end)
+
+    def _fail(self, error: Exception) -> None:
+        self._end(end_by(self._server.runtime, error, 'a goal of dock_robot'))
+
+    def _on_place(self, poses: list[Pose]) -> None:
+        self._pose = poses[0]
+        self._server.arbiter.robot.when_known(self._goal, self._on_robot)
+
+    def _on_robot(self) -> None:
+        if not self._goal.active:
+            return
+        try:
+            if self._kind.charges and self._server.is_docked(self._pose):
+                self._end(SUCCEEDED)
+            else:
+                self._stage()
+        except Exception as error:
+            self._fail(error)
+
+    def _stage(self) -> None:
+        """Plan a path to the staging pose, unless the robot is there."""
+        server, robot = self._server, self._server.arbiter.robot
+        limits = server.parameters.limits
+        staging = limits.staging_pose(self._pose)
+        server.show(self._pose, staging)
+        away = math.hypot(robot.pose.distance(staging), wrap(staging.yaw - robot.pose.yaw))
+        if not self._goal.request.navigate_to_staging_pose or away < limits.prestaging_tolerance:
+            self._drive(None)
+            return
+        planner = planner_for(robot.costmaps.shared, server.controller.follower.steering)
+        start, stop = robot.pose, self._stop
+        server.computation.run(self._goal, lambda: planner.plan(start, staging, stop), self._on_path, self._on_no_path)
+
+    def _on_no_path(self, end: GoalEnd) -> None:
+        if self._staging is not None and not end.canceled:
+            self._staging.fail(end.message)
+        else:
+            self._end(end if end.canceled else GoalEnd(code='FAILED_TO_STAGE', message=end.message))
+
+    def _on_path(self, path: list[Pose]) -> None:
+        if not self._goal.active:
+            return
+        try:
+            follower = PathFollower(path, self._server.arbiter.robot.costmaps.local, self._server.controller.follower)
+            if self._staging is None:
+                self._staging = StagingMotion(follower, limited(self._goal.request.max_staging_time), self._stage)
+                self._drive(self._staging)
+            else:
+                self._staging.go_on(follower)
+        except Exception as error:
+            self._fail(error)
+
+    def _drive(self, staging: StagingMotion | None) -> None:
+        server = self._server
+        self._motion = DockMotion(
+            self._pose,
+            server.senses(self._pose),
+            server.parameters.limits,
+            server.arbiter.robot.costmaps.local,
+            charges=self._kind.charges,
+            staging=staging,
+        )
+
+    def _feedback(self) -> DockRobot.Feedback:
+        state, retries = DockState.NAV_TO_STAGING_POSE, 0
+        if self._motion is not None:
+            state, retries = self._motion.state, self._motion.retries
+        spent = max(0.0, self._server.runtime.clock.now() - self._began)
+        return DockRobot.Feedback(state=state.value, docking_time=duration_message(spent), num_retries=retries)
+
+
+def limited(seconds: float) -> float:
+    """As it is, or for ever; a number that is none is no time at all."""
+    return min(seconds, LONGEST) if seconds > 0.0 else 0.0
+
+
+def _refused(action_type: Any, why: str) -> Any:
+    result = action_type.Result(success=False, error_code=action_type.Result.UNKNOWN)
+    result.error_msg = why
+    return result
+
+
+# The parameters of the docking server, with Nav2's names.
+
+
+@dataclass(frozen=True)
+class DockingParameters:
+    """Values of the parameters; see :func:`declare_docking_parameters` for meaning and unit."""
+
+    database: str
+    charging_types: tuple[str, ...]
+    other_types: tuple[str, ...]
+    uses_detection: bool
+    detection_seconds: float
+    limits: DockingLimits
+
+
+def declare_docking_parameters(declare: ParameterDeclarer, turning_radius: float) -> DockingParameters:
+    """Declare the parameters and read them. ``turning_radius`` is that of the robot, m, 0 for none.
+
+    Raises:
+        UnfitParameterError: a value that cannot work.
+    """
+    limits = DockingLimits.of(turning_radius)
+    docking = DockingParameters(
+        database=declare.text(
+            'dock_database',
+            '',
+            'YAML file with docks:, or a world file, whose stations are docks; none if empty',
+        ),
+        charging_types=declare.texts(
+            'charging_docks', ['simple_charging_dock'], 'types of docks that charge; the first one is that of stations'
+        ),
+        other_types=declare.texts(
+            'non_charging_docks', ['simple_non_charging_dock'], 'types of docks without a charge'
+        ),
+        uses_detection=declare.flag(
+            'use_external_detection_pose', False, 'whether docks are where detected_dock_pose says, not the database'
+        ),
+        detection_seconds=declare.real(
+            'external_detection_timeout', 1.0, 0.01, 60.0, 'for how long a detected pose counts, s'
+        ),
+        limits=replace(
+            limits,
+            staging_offset=declare.real(
+                'staging_x_offset', limits.staging_offset, FARTHEST_STAGING, 0.0, 'from a dock to its staging pose, m'
+            ),
+            staging_yaw_offset=declare.real('staging_yaw_offset', 0.0, -3.2, 3.2, 'the same for the heading, rad'),
+            docked_within=declare.real(
+                'docking_threshold', limits.docked_within, 0.005, 1.0, 'how near to its dock the robot is docked, m'
+            ),
+            prestaging_tolerance=declare.real(
+                'dock_prestaging_tolerance',
+                limits.prestaging_tolerance,
+                0.0,
+                10.0,
+                'so near to the staging pose nothing is driven to get there, m and rad',
+            ),
+            perception_seconds=declare.real(
+                'initial_perception_timeout', limits.perception_seconds, 0.1, 100.0, 'how long a dock is looked for, s'
+            ),
+            approach_seconds=declare.real(
+                'dock_approach_timeout', limits.approach_seconds, 0.1, 1000.0, 'how long an approach may take, s'
+            ),
+            charge_seconds=declare.real(
+                'wait_charge_timeout', limits.charge_seconds, 0.1, 1000.0, 'how long a charge is waited for, s'
+            ),
+            retries=declare.integer('max_retries', limits.retries, 0, 100, 'how often docking is tried again'),
+            linear_tolerance=declare.real(
+                'undock_linear_tolerance',
+                limits.linear_tolerance,
+                0.01,
+                1.0,
+                'how near to it a staging pose is reached, m',
+            ),
+            angular_tolerance=declare.real(
+                'undock_angular_tolerance', limits.angular_tolerance, 0.01, 3.2, 'the same for the heading, rad'
+            ),
+            projection_seconds=declare.real(
+                'dock_projection_time',
+                limits.projection_seconds,
+                0.0,
+                30.0,
+                'how far ahead obstacles count, s',
+            ),
+            collision_threshold=declare.real(
+                'dock_collision_threshold',
+                limits.collision_threshold,
+                0.0,
+                10.0,
+                'so near to a dock nothing counts as an obstacle, m',
+            ),
+        ),
+    )
+    if turning_radius and docking.limits.staging_yaw_offset:
+        raise UnfitParameterError(
+            'staging_yaw_offset',
+            f'{docking.limits.staging_yaw_offset:g} rad: a robot with a minimum_turning_radius ({turning_radius:g} m) '
+            'cannot turn on the spot at the staging pose; give 0',
+        )
+    return docking

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nav2's navigation servers as managed nodes, for those who look for them. Each has some of the actions of one node,
+and those of its parameters that can be set while it works."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final
+
+from flexbt_common import names
+from flexbt_common.calls.goal_server import GoalAdmission, goal_servers
+from flexbt_common.interfaces import SETTABLE_SERVERS
+from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_navigation.common.goals import GoalEnd, finish
+from flexbt_navigation.controller.server import ControllerParameters
+from flexbt_navigation.planner.server import PlannerParameters
+
+CONTROLLER: Final = {
+    'desired_linear_vel': 'speed',
+    'cost_scaling_dist': 'proximity_distance',
+    'allow_reversing': 'reverses',
+}
+GOAL_CHECKER: Final = {'xy_goal_tolerance': 'xy_tolerance', 'yaw_goal_tolerance': 'yaw_tolerance'}
+PROGRESS_CHECKER: Final = {'required_movement_radius': 'progress_distance', 'movement_time_allowance': 'progress_time'}
+"""Parameters of plug-ins of controller_server, and what they are of FollowerLimits."""
+
+
+def manage_servers(runtime: NodeRuntime, controller: ControllerParameters, planner: PlannerParameters) -> None:
+    """Have a lifecycle manager decide for each of them whether it works, when all actions are served. One that is not
+    active rejects goals; those that it works on are aborted. On the executor thread.
+
+    What is set of a controller counts from the next path on, of a progress checker for a goal that replaces none, and
+    of a planner from the next plan on. The parameters of ``runtime`` tell what all of them are at the start.
+    """
+    parts = {name: _manage(runtime, name, actions) for name, actions in names.ACTIONS_OF_SERVERS.items()}
+
+    def declare(server: str, plugin: str, name: str, on_set: Callable[[Any], object]) -> None:
+        descriptor = runtime.node.describe_parameter(name)
+        descriptor.read_only = False
+        parts[server].declare(f'{plugin}{name}', runtime.node.get_parameter(name).value, descriptor, on_set)
+
+    def set_follower(field: str, value: Any) -> None:
+        controller.follower = replace(controller.follower, **{field: value})
+
+    def set_tolerance(value: float) -> None:
+        planner.tolerance = value
+
+    of_plugins: tuple[tuple[tuple[str, ...], Mapping[str, str]], ...] = (
+        (controller.controller_ids, CONTROLLER),
+        (controller.goal_checker_ids, GOAL_CHECKER),
+        (controller.progress_checker_ids, PROGRESS_CHECKER),
+    )
+    for ids, fields in of_plugins:
+        for plugin in ids[:1]:
+            for name, field in fields.items():
+                declare('controller_server', f'{plugin}.', name, partial(set_follower, field))
+    declare('controller_server', '', 'failure_tolerance', partial(set_follower, 'patience'))
+    for plugin in planner.planner_ids[:1]:
+        declare('planner_server', f'{plugin}.', 'tolerance', set_tolerance)
+
+
+def _manage(runtime: NodeRuntime, name: str, actions: tuple[str, ...]) -> LifecycleSubnode:
+    admission = GoalAdmission(name)
+    servers = [goal_servers(runtime)[action] for action in actions]
+    for server in servers:
+        server.admission = admission
+
+    def on_change(is_active: bool) -> None:
+        if is_active:
+            admission.open()
+            return
+        admission.close('is inactive')
+        for server in servers:
+            server.end_all(partial(finish, end=GoalEnd(code='UNKNOWN', message=f'{name} was deactivated')))
+
+    return LifecycleSubnode(runtime, name, on_change, has_parameters=name in SETTABLE_SERVERS)

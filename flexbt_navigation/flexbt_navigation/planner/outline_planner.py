@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plans paths for a robot that turns on the spot and is no circle: where its outline has no room as it would come along
+the path of a circle, over places and headings, as Nav2's SmacPlannerLattice with the primitives of such a robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
+from itertools import product
+from typing import Any, Final, NamedTuple
+
+import numpy
+from numpy.typing import NDArray
+
+from flexbt_navigation.costmaps.costmap import INSCRIBED, LETHAL, Position, loops
+from flexbt_navigation.errors import NavigationError
+from flexbt_sim.world.plane.geometry import Pose
+from flexbt_sim.world.plane.loops import compiled
+
+from . import hybrid_kernels
+from .grid_planner import WEIGHTS, Cell, GridPlanner, StopFlag
+from .hybrid_kernels import outline_search
+
+MOST_DISCS: Final = 20
+"""By which a robot is looked at first, before its outline is."""
+
+MOST_OUTLINES: Final = (20_000, 150_000, 1_000_000)
+"""How many places and headings are looked at from either end, by turns, until the search is given up: five seconds."""
+
+USUAL_REACH: Final = 10.0
+"""How far a robot reaches, in cells, for which these are so many; for a larger one fewer, as each takes longer."""
+
+MOST_INTERPRETED: Final = (1_000, 4_000)
+"""The same where nothing is compiled."""
+
+ROUND_OUTLINE: Final = 1.0
+"""How much more room than the robot reaches, in cells, the middle of a cell has where it can turn anywhere in it."""
+
+OUTLINE_MARGIN: Final = 0.05
+"""Distance to obstacles, m, within which the way costs more."""
+
+SAME_PLACE: Final = 1e-6
+"""Distance, in cells, that leads nowhere."""
+
+ON_PATH: Final = 0.1
+"""How far from a path, m, the robot is still on it."""
+
+
+class OutlineLoops(NamedTuple):
+    """The functions of :mod:`.hybrid_kernels`. Only compiled ones are fast enough where it is narrow."""
+
+    ways: Callable[..., Any]
+    hybrid_search: Callable[..., Any]
+    curves: Callable[..., Any]
+    room: Callable[..., Any]
+    moved: Callable[..., Any]
+    room_along: Callable[..., Any]
+    room_on_way: Callable[..., Any]
+    outline_search: Callable[..., Any]
+
+
+@cache
+def outline_loops() -> OutlineLoops:
+    """The compiled functions, or where there is no compiler the same ones as they are written."""
+    functions = [getattr(hybrid_kernels, name) for name in OutlineLoops._fields]
+    return OutlineLoops(*(compiled(one) or one for one in functions))
+
+
+class OutlinePlanner(GridPlanner):
+    """Plans on one costmap for a robot whose footprint is a polygon.
+
+    The plan is that of a circle as large as fits into the footprint, if the outline has room all along it, where the
+    robot turns and for the headings of start and goal. Otherwise it is searched for by place and heading, from either
+    end by turns, since one may be hard to get away from. NavigationError NO_VALID_PATH is raised when all was looked at
+    and there is no way for the outline; when the search is given up before, the plan is that of the circle all the
+    same, as from a start where the robot overlaps an obstacle.
+
+    Of a path ``before`` to the same goal, the rest is the plan where the circle's is none, as long as the outline has
+    room on it and the robot is on it.
+    """
+
+    def _way(
+        self,
+        start: Pose,
+        source: Cell,
+        goal: Pose,
+        target: Cell,
+        stop: StopFlag,
+        before: Sequence[Sequence[Pose]],
+    ) -> list[Pose]:
+        path = super()._way(start, source, goal, target, stop, before)
+        if self._costmap.in_collision(start) or self._is_drivable(path, start.yaw):
+            return path
+        if rest := self._rest(before, start, goal):
+            return rest
+        way = self._outline_way(start, source, goal, target, stop)
+        return path if way is None else self._along(start, self._straightened(way, stop), goal)
+
+    def _is_drivable(self, path: Sequence[Pose], yaw: float) -> bool:
+        """Whether the outline has room along a path; ``yaw`` is the heading at its beginning."""
+        world = self._costmap.world
+        x, y, yaws = numpy.array(path).T
+        way = (x - world.origin.x + 1j * (y - world.origin.y)) * numpy.exp(-1j * world.origin.yaw) / world.resolution
+        points = numpy.stack([way.real, way.imag], axis=1)
+        ends = yaw - world.origin.yaw, float(yaws[-1]) - world.origin.yaw
+        return bool(outline_loops().room_on_way(*self.shape, points, *ends) >= 0.0)
+
+    def _rest(self, paths: Sequence[Sequence[Pose]], start: Pose, goal: Pose) -> list[Pose]:
+        """What is left of the first path that leads to the goal, has room, and has the robot on it; [] without one."""
+        for path in paths:
+            if path and path[-1] == goal:
+                beside = [self._beside(start, pose) for pose in path]
+                rest = path[beside.index(min(beside)) :]
+                if min(beside) <= self._on_path and self._is_free(rest, start.yaw):
+                    return list(rest)
+        return []
+
+    @property
+    def _on_path(self) -> float:
+        """How far beside a path, m, the robot is still on it."""
+        return ON_PATH
+
+    def _beside(self, start: Pose, pose: Pose) -> float:
+        """How far, m, a robot is from a pose of a path."""
+        return start.distance(pose)
+
+    def _is_free(self, path: Sequence[Pose], yaw: float) -> bool:
+        """Whether the rest of a path before has room."""
+        return self._is_drivable(path, yaw)
+
+    def _outline_way(
+        self, start: Pose, source: Cell, goal: Pose, target: Cell, stop: StopFlag
+    ) -> NDArray[numpy.float64] | None:
+        """Points of a way that the outline has room on, shape (n, 2), in cells; None when the search is given up."""
+        begin, end = self.on_grid(start), self.on_grid(goal)
+        margin = max(1.0, OUTLINE_MARGIN / self._costmap.world.resolution)
+
+        @cache
+        def problem(turned: bool) -> tuple[Any, ...]:
+            there = self._costs_to(source if turned else target, stop)
+            ends = (turned_round(end), turned_round(begin)) if turned else (begin, end)
+            shape = self.shape_turned if turned else self.shape
+            return *shape, margin, self._costmap.costs, WEIGHTS, self._is_roomy, there, *ends
+
+        search = outline_loops().outline_search
+        looked, share = 0, min(1.0, USUAL_REACH * self._costmap.world.resolution / self._costmap.inflation.outer_radius)
+        for limit, turned in product(MOST_INTERPRETED if search is outline_search else MOST_OUTLINES, (False, True)):
+            most = math.ceil(share * limit)
+            way, states = search(*problem(turned), most, stop.cell)
+            stop.check()
+            if len(way):
+                points: NDArray[numpy.float64] = way[::-1] if turned else way
+                return points
+            looked += states
+            if states < most:
+                raise NavigationError(
+                    'NO_VALID_PATH',
+                    f'no way with room for the outline of the robot leads to the goal ({goal.x:.2f}, {goal.y:.2f}), '
+                    f'of {looked} places and headings that were looked at',
+                )
+        return None
+
+    def _costs_to(self, cell: Cell, stop: StopFlag) -> NDArray[numpy.float32]:
+        """What the way to a cell costs from each other one, infinite without a way."""
+        costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
+        number = (cell[0] + 1) * costs.shape[1] + cell[1] + 1
+        _, spent = loops().search(costs, WEIGHTS, number, 0, stop.cell)
+        stop.check()
+        return numpy.ascontiguousarray(spent.reshape(costs.shape)[1:-1, 1:-1])
+
+    @cached_property
+    def _is_roomy(self) -> NDArray[numpy.bool_]:
+        """The cells in which the robot can turn anywhere."""
+        costmap = self._costmap
+        needed = 2.0 * (costmap.inflation.outer_radius / costmap.world.resolution + ROUND_OUTLINE)
+        return (costmap.squares >= needed**2) & (costmap.costs < INSCRIBED)
+
+    def _straightened(self, way: NDArray[numpy.float64], stop: StopFlag) -> list[Position]:
+        """Corners of a way: straight lines between places where the robot can turn, where its outline has room."""
+        way = way[numpy.append(True, numpy.hypot(*numpy.diff(way, axis=0).T) > SAME_PLACE)]
+        cells = numpy.floor(way).astype(int)
+        is_roomy = self._is_roomy[cells[:, 1], cells[:, 0]].tolist()
+
+        def fits(i: int, j: int) -> bool:
+            (x, y), (right, up) = way[i].tolist(), (way[j] - way[i]).tolist()
+            pose = x, y, math.atan2(up, right)
+            return is_roomy[i] and is_roomy[j] and outline_loops().room_along(*self.shape, pose, right, up, 0.0) >= 0.0
+
+        return self._pull_straight([(y, x) for x, y in way.tolist()], stop, fits)
+
+    @cached_property
+    def shape(self) -> tuple[Any, ...]:
+        """Obstacles and robot as :func:`.hybrid_kernels.room` has them, in cells."""
+        costmap, cell = self._costmap, self._costmap.world.resolution
+        corners = numpy.array(costmap.inflation.corners, numpy.float64).reshape(-1, 2) / cell
+        reach = costmap.inflation.outer_radius / cell
+        return costmap.obstacles, costmap.squares, corners, _discs(corners, reach), reach
+
+    @property
+    def shape_turned(self) -> tuple[Any, ...]:
+        """With the robot the other way round: on the way back it drives as this one does on the way there."""
+        obstacles, squares, corners, discs, reach = self.shape
+        return obstacles, squares, -corners, discs * (-1.0, -1.0, 1.0), reach
+
+    def on_grid(self, pose: Pose) -> tuple[float, float, float]:
+        """A pose in cells, as the loops have it."""
+        world = self._costmap.world
+        row, column = world.grid_position(pose.x, pose.y)
+        return column, row, float(pose.yaw - world.origin.yaw)
+
+
+def turned_round(pose: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A pose with the opposite heading."""
+    x, y, yaw = pose
+    return x, y, yaw + math.pi
+
+
+def _discs(corners: NDArray[numpy.float64], reach: float) -> NDArray[numpy.float64]:
+    """Centres and radii, shape (n, 3), of circles that have all of a robot within them: along its longer side, those
+    round rectangles that are half as long as wide.
+    """
+    if not len(corners):
+        return numpy.array([[0.0, 0.0, reach]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    along = int((high - low).argmax())
+    count = min(MOST_DISCS, math.ceil(2.0 * (high - low).max() / (high - low).min()))
+    side = (high - low) / numpy.where(numpy.arange(2) == along, count, 1)
+    discs = numpy.empty((count, 3))
+    discs[:, :2], discs[:, 2] = (low + high) / 2.0, math.hypot(*side) / 2.0
+    discs[:, along] = low[along] + side[along] * (numpy.arange(count) + 0.5)
+    return discs

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the navigation servers have of the robot: its pose, its costmaps, and a way to drive."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import OccupancyGrid
+from rclpy.qos import QoSProfile
+
+from flexbt_common import names
+from flexbt_common.calls.goal_server import ServedGoal
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import seconds_of
+from flexbt_core.errors import FlexbtError
+from flexbt_navigation.common.demand import Demand
+from flexbt_navigation.common.goals import CANCELED, GoalEnd, end_by
+from flexbt_navigation.common.parameters import RobotParameters
+from flexbt_navigation.common.requests import Asked, MapFrame, check_frame, finite_pose
+from flexbt_navigation.costmaps.parameters import CostmapParameters
+from flexbt_navigation.costmaps.server import CostmapServer, KeepoutFilter
+from flexbt_sim.intra_process import IntraProcessTopics
+from flexbt_sim.messages import map_of
+from flexbt_sim.world.plane.geometry import Pose
+from flexbt_sim.world.plane.occupancy_map import OccupancyMap
+
+from .errors import NavigationError
+
+CHECK_SECONDS: Final = 0.1
+"""From one look whether poses still come to the next, at least, s of wall time."""
+
+RETURN_SECONDS: Final = 3.0
+"""For so long at least goals wait for the pose of a robot that was gone, s of wall time: a process that takes the place
+of one that was killed may be out of reach for 2.5 s, and others know of it before (:mod:`flexbt_common.lifecycle`)."""
+
+
+class PoseWatch:
+    """Looks whether poses still come, until there has been none for ``timeout`` seconds, or :meth:`cancel`.
+
+    ``silence()`` is the time since the last one; ``on_lost`` gets the end of the goal that needs them, once.
+    """
+
+    def __init__(
+        self, runtime: NodeRuntime, timeout: float, silence: Callable[[], float], on_lost: Callable[[GoalEnd], None]
+    ) -> None:
+        self._runtime = runtime
+        self._timeout = timeout
+        self._silence = silence
+        self._on_lost = on_lost
+        self._look_after(timeout)
+
+    def cancel(self) -> None:
+        """No pose is needed any more."""
+        self._timer.cancel()
+
+    def _look_after(self, seconds: float) -> None:
+        # On the wall's clock, by which a pose has to be old, too: a timer of simulated time would wake the node for
+        # each message of /clock. Under a clock that stands still it comes again and again.
+        self._timer = self._runtime.post_in(max(seconds, CHECK_SECONDS), self._look)
+
+    def _look(self) -> None:
+        silence = self._silence()
+        if silence < self._timeout:
+            self._look_after(self._timeout - silence)
+        else:
+            self._on_lost(GoalEnd(code='TF_ERROR', message=f'no pose of the robot for {silence:.1f} s'))
+
+
+class RobotInterface:
+    """On the executor thread.
+
+    Each of ``on_pose`` is called for each new pose with it and its time, s. ``on_map()`` is called for each
+    new map.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        parameters: RobotParameters,
+        costmaps: CostmapParameters,
+        in_process: IntraProcessTopics | None = None,
+    ) -> None:
+        """``in_process``: the topics of a robot that is simulated in this process."""
+        in_process = in_process or IntraProcessTopics()
+        self._runtime = runtime
+        self.parameters = parameters
+        self.on_pose: list[Callable[[Pose, float], None]] = []
+        self.on_map: Callable[[], None] = lambda: None
+        self._pose: Pose | None = None
+        self._pose_heard = self._taken = -math.inf
+        self._was_gone = False
+        self._is_moving = False
+        self._map: OccupancyMap | None = None
+        self._mask: OccupancyMap | None = None
+        self._waiting: list[Callable[[], None]] = []
+        node = runtime.node
+        self._demand = demand = Demand(runtime, in_process)
+        demand.reasons.append(lambda: self._is_moving)  # somebody else drives: what is seen on the way is to be kept
+        demand.subscribe(PoseStamped, parameters.pose_topic, QoSProfile(depth=1), self._receive_pose)
+        node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.transient_local_qos())
+        KeepoutFilter(runtime, costmaps, parameters.map_frame, self._receive_mask)
+        self.map_frame = MapFrame(runtime, parameters)
+        self.costmaps = CostmapServer(runtime, costmaps, parameters, self.map_frame, lambda: self.pose, demand)
+        command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
+        self._commands = in_process.publisher(node.create_publisher(command_type, parameters.cmd_vel_topic, 1))
+
+    def when_known(self, goal: ServedGoal, go_on: Callable[[], None]) -> None:
+        """Go on with a goal when pose and map are known, or after the pose timeout, of wall time: a server that has
+        just started has neither, and as in Nav2 that is a reason to wait for a moment, not to fail; so is a robot that
+        was gone, and may be there again. A goal that is to be canceled waits for nothing.
+        """
+        if self._is_known:
+            go_on()
+            return
+        self._waiting.append(go_on)
+        goal.on_cancel(lambda: self._waited_enough(go_on))
+        seconds = max(self.parameters.pose_timeout, RETURN_SECONDS if self._was_gone else 0.0)
+        self._runtime.post_in(seconds, lambda: self._waited_enough(go_on))
+
+    def with_poses(
+        self,
+        goal: ServedGoal,
+        asked: Callable[[Any], Sequence[Asked]],
+        go_on: Callable[[list[Pose]], None],
+        on_end: Callable[[GoalEnd], None],
+        what: str,
+    ) -> None:
+        """Go on with a goal, as :meth:`when_known`, and with the poses of its request in the frame of the map, which
+        ``asked(request)`` names.
+
+        ``on_end`` instead, when the goal is canceled meanwhile, a pose is not known, or one of the two functions
+        raises; a fault of ours is reported as one of ``what``.
+        """
+
+        def fail(error: Exception) -> None:
+            on_end(end_by(self._runtime, error, what))
+
+        def attempt(step: Callable[[], None]) -> None:
+            if goal.cancel_requested:
+                on_end(CANCELED)
+                return
+            try:
+                step()
+            except Exception as error:
+                fail(error)
+
+        def look_up() -> None:
+            self.map_frame.poses(asked(goal.request), lambda poses: attempt(lambda: go_on(poses)), fail)
+
+        self.when_known(goal, lambda: attempt(look_up))
+
+    def _waited_enough(self, go_on: Callable[[], None]) -> None:
+        if go_on in self._waiting:
+            self._waiting.remove(go_on)
+            go_on()
+
+    @property
+    def _is_known(self) -> bool:
+        return self.silence < self.parameters.pose_timeout and self._map is not None
+
+    def _tell_waiting(self) -> None:
+        if self._waiting and self._is_known:
+            waiting, self._waiting = self._waiting, []
+            for go_on in waiting:
+                go_on()
+
+    def check_pose(self) -> None:
+        """Raises NavigationError, as :attr:`pose`."""
+        _ = self.pose
+
+    @property
+    def pose(self) -> Pose:
+        """The robot's pose. Raises NavigationError TF_ERROR while it is not known, or out of date."""
+        silence = self.silence
+        if self._pose is None or silence >= self.parameters.pose_timeout:
+            since = '' if self._pose is None else f' for {silence:.1f} s'
+            raise NavigationError(
+                'TF_ERROR', f'the pose of the robot is not known: nothing on {self.parameters.pose_topic}{since}'
+            )
+        return self._pose
+
+    @property
+    def silence(self) -> float:
+        """For how long nobody has sent a pose, s of ``NodeRuntime.listening_time``; infinite before the first."""
+        self._demand.take()
+        return self._runtime.listening_time.handled - self._pose_heard
+
+    def watch_pose(self, on_lost: Callable[[GoalEnd], None]) -> PoseWatch:
+        """Have ``on_lost`` called when no pose has come for the pose timeout, from now on."""
+        return PoseWatch(self._runtime, self.parameters.pose_timeout, lambda: self.silence, on_lost)
+
+    def forget_pose(self) -> None:
+        """What told the pose is gone."""
+        self._demand.take_all()  # nothing that it has said before is news
+        self._pose, self._pose_heard, self._was_gone = None, -math.inf, True
+
+    def drive(self, linear: float, angular: float) -> None:
+        """Send a velocity command, m/s and rad/s."""
+        command = Twist()
+        command.linear.x, command.angular.z = float(linear), float(angular)
+        if self.parameters.stamped_cmd_vel:
+            message = TwistStamped(twist=command)
+            message.header.stamp = self._runtime.clock.stamp()
+            self._commands.publish(message)
+        else:
+            self._commands.publish(command)
+
+    def _receive_pose(self, received: Received) -> None:
+        before = self._pose
+        looked = self._runtime.listening_time.looked
+        # It may have lain with the middleware for a while (demand.py), though it has come since the one before was
+        # taken; which holds, too, where the clock of the sender is another one. One that was waited for has lain there
+        # because this node was held up, which is not the sender's silence.
+        lain = 0.0 if self._demand.is_there else max(0.0, time.time() - received.sent)
+        age = min(lain, looked - self._taken)
+        self._taken = looked
+        try:
+            message = received.unpack(PoseStamped)
+            check_limits(message)
+            check_frame(message.header.frame_id, self.parameters.map_frame, 'the pose of the robot')
+            self._pose = finite_pose(message.pose, 'the pose of the robot', 'TF_ERROR')
+        except (FlexbtError, ValueError) as error:
+            # They come at a high rate.
+            self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+            return
+        self._pose_heard, self._was_gone = looked - age, False
+        self._is_moving = self._pose != before
+        stamp = seconds_of(message.header.stamp)
+        self.costmaps.add_pose(stamp, self._pose)
+        self._tell_waiting()
+        pose = self._pose
+        for tell in tuple(self.on_pose):
+            tell(pose, stamp)
+
+    def _receive_map(self, grid: OccupancyGrid) -> None:
+        try:
+            check_limits(grid)
+            check_frame(grid.header.frame_id, self.parameters.map_frame, 'the map')
+            self._map = map_of(grid)
+        except FlexbtError as error:
+            self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+            return
+        self._use_map(self._map)
+        self._tell_waiting()
+
+    def _receive_mask(self, mask: OccupancyMap) -> None:
+        self._mask = mask
+        if self._map is not None:
+            self._use_map(self._map)
+
+    def _use_map(self, world: OccupancyMap) -> None:
+        self.costmaps.set_map(world if self._mask is None else world.masked(self._mask))
+        self.on_map()

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What edges cost: the edge cost functions of Nav2's route server, with its default weights.
+
+A scorer gives the costs of all edges of a graph, infinite for those that must not be used. Those of several are added
+up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+import numpy
+from numpy.typing import NDArray
+
+from flexbt_navigation.costmaps.costmap import INSCRIBED, Costmap
+from flexbt_navigation.errors import NavigationError
+from flexbt_sim.world.plane.geometry import Pose, wrap
+
+from .graph import RouteEdge, RouteGraph, RouteNode, number, speed_limit
+from .lines import greatest_costs
+
+GREATEST_SPEED: Final = 0.5
+"""m/s, where no speed is given: max_vel of Nav2's TimeScorer."""
+
+
+@dataclass(frozen=True)
+class RouteRequest:
+    """Between which nodes a route is wanted; poses are given when the request has them."""
+
+    start: RouteNode
+    goal: RouteNode
+    start_pose: Pose | None = None
+    goal_pose: Pose | None = None
+    costmap: Costmap | None = None
+
+
+Costs = NDArray[numpy.float64]
+"""Of the edges of a graph, in their order; infinite for one that must not be used."""
+
+
+class Scorer(Protocol):
+    """What the edges of a graph cost for a request."""
+
+    def __call__(self, graph: RouteGraph, request: RouteRequest, /) -> Costs:
+        """Raises NavigationError INVALID_EDGE_SCORER_USE."""
+
+
+@dataclass
+class DynamicEdges:
+    """Edges that were closed, or made dearer, at run time: Nav2's DynamicEdgesScorer.
+
+    They may be adjusted while another thread scores: what that has begun with is replaced, not changed.
+    """
+
+    closed: frozenset[int] = frozenset()
+    costs: Mapping[int, float] = field(default_factory=dict)
+
+    def adjust(self, closed: Iterable[int], opened: Iterable[int], costs: Mapping[int, float]) -> None:
+        """Close edges, open edges, and give edges costs that are added to what they cost."""
+        self.closed = self.closed.union(closed).difference(opened)
+        self.costs = {**self.costs, **costs}
+
+    def __call__(self, graph: RouteGraph, _request: RouteRequest) -> Costs:
+        ids = graph.links.edge_ids
+        costs = numpy.zeros(len(ids))
+        for id, cost in self.costs.items():
+            costs[ids == id] = cost
+        costs[numpy.isin(ids, list(self.closed))] = numpy.inf
+        return costs
+
+
+def _distance(graph: RouteGraph, _request: RouteRequest) -> Costs:
+    return graph.of_edges(_length)
+
+
+def _time(graph: RouteGraph, _request: RouteRequest) -> Costs:
+    return numpy.array([_seconds(edge) for edge in graph.edges], float)
+
+
+def _penalty(graph: RouteGraph, _request: RouteRequest) -> Costs:
+    return graph.of_edges(_penalty_of)
+
+
+def _length(edge: RouteEdge) -> float:
+    """Length, m, longer where the speed is limited."""
+    return edge.length / speed_limit(edge)
+
+
+def _seconds(edge: RouteEdge) -> float:
+    """Those that it took the last time, or those at the speed that is given, or at the greatest one."""
+    taken, speed = number(edge, 'abs_time_taken'), number(edge, 'abs_speed_limit')
+    if taken is not None and taken > 0.0:
+        return taken
+    return edge.length / (speed if speed is not None and speed > 0.0 else GREATEST_SPEED)
+
+
+def _penalty_of(edge: RouteEdge) -> float:
+    return number(edge, 'penalty') or 0.0
+
+
+def _costmap(graph: RouteGraph, request: RouteRequest) -> Costs:
+    """The greatest cost on an edge as a part of that of a collision; none in a collision, or beside the map."""
+    if request.costmap is None:
+        return numpy.full(len(graph.edges), numpy.inf)
+    greatest, is_on_map = greatest_costs(
+        request.costmap,
+        numpy.array([edge.start.point for edge in graph.edges], float).reshape(-1, 2),
+        numpy.array([edge.end.point for edge in graph.edges], float).reshape(-1, 2),
+    )
+    return numpy.where(is_on_map & (greatest < INSCRIBED), greatest / INSCRIBED, numpy.inf)
+
+
+def _start_orientation(graph: RouteGraph, request: RouteRequest) -> Costs:
+    """How much the first edge turns away from the heading of the start, rad."""
+    return _turns(graph, _given(request.start_pose, 'StartPoseOrientationScorer'), graph.links.starts, request.start)
+
+
+def _goal_orientation(graph: RouteGraph, request: RouteRequest) -> Costs:
+    """How much the last edge turns away from the heading of the goal, rad."""
+    return _turns(graph, _given(request.goal_pose, 'GoalPoseOrientationScorer'), graph.links.ends, request.goal)
+
+
+def _given(pose: Pose | None, scorer: str) -> Pose:
+    if pose is None:
+        raise NavigationError('INVALID_EDGE_SCORER_USE', f'{scorer} needs poses; the request has node ids')
+    return pose
+
+
+def _turns(graph: RouteGraph, pose: Pose, nodes: NDArray[numpy.int64], node: RouteNode) -> Costs:
+    """Of the edges whose node is this one; 0 for others."""
+    costs = numpy.zeros(len(graph.edges))
+    for index in numpy.flatnonzero(nodes == graph.links.index[node.id]):
+        costs[index] = abs(wrap(graph.edges[index].heading - pose.yaw))
+    return costs
+
+
+SCORERS: Final[Mapping[str, Scorer]] = {
+    'DistanceScorer': _distance,
+    'TimeScorer': _time,
+    'PenaltyScorer': _penalty,
+    'CostmapScorer': _costmap,
+    'StartPoseOrientationScorer': _start_orientation,
+    'GoalPoseOrientationScorer': _goal_orientation,
+}
+"""By Nav2's names; beside them there is the DynamicEdgesScorer, :class:`DynamicEdges`."""
+
+
+def edge_scorer(scorers: Iterable[Scorer]) -> Scorer:
+    """What edges cost by several scorers, never less than 0; NaN for an edge with a cost of its own, which nothing
+    overrides, that is not positive.
+    """
+    scorers = tuple(scorers)
+
+    def score(graph: RouteGraph, request: RouteRequest) -> Costs:
+        own = graph.of_edges(_own_cost)
+        if not scorers:
+            return numpy.where(own > 0.0, own, numpy.nan)
+        total = numpy.sum([scorer(graph, request) for scorer in scorers], axis=0)
+        is_fixed = graph.of_edges(_is_fixed) > 0.0
+        return numpy.where(is_fixed, numpy.where(own > 0.0, own, numpy.nan), numpy.maximum(0.0, total))
+
+    return score
+
+
+def _own_cost(edge: RouteEdge) -> float:
+    return edge.cost
+
+
+def _is_fixed(edge: RouteEdge) -> float:
+    return not edge.overridable

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The actions compute_route and compute_and_track_route, and the graph that they plan on.
+
+Services replace the graph, close and open edges and make them dearer. The graph is shown on the latched topic
+route_graph, the path of the last route on plan.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+from nav2_msgs.action import ComputeAndTrackRoute, ComputeRoute
+from nav2_msgs.srv import DynamicEdges as DynamicEdgesService
+from nav2_msgs.srv import SetRouteGraph
+from nav_msgs.msg import Path
+from rclpy.task import Future
+from visualization_msgs.msg import MarkerArray
+
+from flexbt_common import names
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
+from flexbt_common.files import resolve_file
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import duration_message
+from flexbt_core.errors import FlexbtError
+from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, finish
+from flexbt_navigation.common.requests import Asked, asked_pose
+from flexbt_navigation.errors import NavigationError
+from flexbt_navigation.robot_interface import RobotInterface
+from flexbt_sim.messages import path_message
+from flexbt_sim.world.plane.geometry import Pose
+
+from .edge_scorers import SCORERS, DynamicEdges, edge_scorer
+from .graph import RouteGraph, load_graph
+from .messages import graph_markers, route_message
+from .parameters import DYNAMIC_EDGES, RouteParameters
+from .route_planner import Ends, PlannedRoute, RoutePlanner, RouteProgress
+from .tracking import RouteOperations, RouteTracking
+
+HIGHEST_COST: Final = 1e6
+"""Of an edge, by the service."""
+
+GRAPH_TIMEOUT: Final = 5.0
+"""How long transforms of a graph are waited for, s of wall time: at the start nobody may have told them yet."""
+
+NO_PLACE: Final = 'INDETERMINANT_NODES_ON_GRAPH'
+
+
+class RouteServer:
+    """On the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: RouteParameters, robot: RobotInterface) -> None:
+        """Raises GraphError: the parameter ``graph_filepath`` names no graph."""
+        self._runtime = runtime
+        self._parameters = parameters
+        self._robot = robot
+        self._graph: RouteGraph | None = None
+        self._edges = DynamicEdges()
+        scorers = {**SCORERS, DYNAMIC_EDGES: self._edges}
+        self._score = edge_scorer(scorers[name] for name in parameters.edge_scorers)
+        self._computation = Computation(runtime, 'the route planner')
+        self._operations = RouteOperations(runtime, parameters, robot)
+        self._tracking: RouteTracking | None = None
+        node = runtime.node
+        self._plan = node.create_publisher(Path, names.PLAN, 1)
+        self._markers = node.create_publisher(MarkerArray, names.ROUTE_GRAPH, names.transient_local_qos())
+        node.create_service(SetRouteGraph, names.SET_ROUTE_GRAPH, self._set_graph)
+        node.create_service(DynamicEdgesService, names.ADJUST_EDGES, self._adjust_edges)
+        if parameters.graph_file:
+            self._take_graph(load_graph(FilePath(parameters.graph_file)), self._report_graph)
+        actions = (
+            (ComputeRoute, names.COMPUTE_ROUTE, self._serve, None),
+            (ComputeAndTrackRoute, names.COMPUTE_AND_TRACK_ROUTE, self._track, self._cancel_tracking),
+        )
+        for action_type, name, serve, cancel in actions:
+            GoalServer(runtime, action_type, name, serve, cancel)
+
+    def end_all(self, end: GoalEnd) -> None:
+        """End what goes on."""
+        if self._tracking is not None:
+            self._tracking.end(end)
+
+    # -- the graph ---------------------------------------------------------------------------------------------------
+
+    async def _set_graph(self, request: Any, response: Any) -> Any:
+        done = Future(executor=self._runtime.node.executor)
+
+        def on_taken(error: Exception | None) -> None:
+            self._report_graph(error)
+            response.success = error is None
+            done.set_result(None)
+
+        def on_loaded(graph: RouteGraph | None, error: Exception | None) -> None:
+            if graph is None:
+                on_taken(error)
+            else:
+                self._take_graph(graph, on_taken)
+
+        allowed = self._robot.parameters.allowed_directories
+        self._computation.ask(lambda: load_graph(resolve_file(request.graph_filepath, allowed)), on_loaded)
+        await done
+        return response
+
+    def _take_graph(self, graph: RouteGraph, on_taken: Callable[[Exception | None], None]) -> None:
+        """Use a graph when all of it is known in the frame of the map; the one before it stays when that fails."""
+        frame = self._robot.parameters.map_frame
+        frames = sorted(graph.frames - {frame})
+
+        def take(origins: list[Pose]) -> None:
+            self._graph = graph.moved(frame, dict(zip(frames, origins, strict=True)))
+            self._markers.publish(graph_markers(self._graph, frame, self._runtime.clock.stamp()))
+            on_taken(None)
+
+        origins = [PoseStamped() for _ in frames]
+        for origin, name in zip(origins, frames, strict=True):
+            origin.header.frame_id = name
+        asked = [asked_pose(origin, 'the graph', 'TF_ERROR') for origin in origins]
+        self._robot.map_frame.poses(asked, take, on_taken, GRAPH_TIMEOUT)
+
+    def _report_graph(self, error: Exception | None) -> None:
+        logger = self._runtime.node.get_logger()
+        if error is None:
+            assert self._graph is not None
+            logger.info(f'graph of routes with {len(self._graph.nodes)} nodes and {len(self._graph.edges)} edges')
+        elif isinstance(error, FlexbtError):
+            logger.error(f'no new graph of routes: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+        else:
+            self._runtime.report_fault(error, 'a graph of routes')
+
+    def _adjust_edges(self, request: Any, response: Any) -> Any:
+        try:
+            check_limits(request)
+            self._check_edges(request)
+        except FlexbtError as error:
+            self._runtime.node.get_logger().warning(
+                f'{names.ADJUST_EDGES}: nothing was changed: {error}', throttle_duration_sec=COMPLAINT_SECONDS
+            )
+            return response
+        costs = {edge.edgeid: float(edge.cost) for edge in request.adjust_edges}
+        self._edges.adjust(request.closed_edges, request.opened_edges, costs)
+        response.success = True
+        return response
+
+    def _check_edges(self, request: Any) -> None:
+        graph = self._graph
+        if graph is None:
+            raise NavigationError('NO_VALID_GRAPH', 'there is no graph')
+        named = {*request.closed_edges, *request.opened_edges, *(edge.edgeid for edge in request.adjust_edges)}
+        if unknown := sorted(int(id) for id in named - {edge.id for edge in graph.edges}):
+            raise NavigationError('NO_VALID_GRAPH', f'the graph has no edges {unknown[:10]}')
+        for edge in request.adjust_edges:
+            if not (math.isfinite(edge.cost) and abs(edge.cost) <= HIGHEST_COST):
+                raise NavigationError(
+                    'NO_VALID_GRAPH', f'edge {edge.edgeid} cannot cost {edge.cost:g}; give a number within ±1e6'
+                )
+
+    # -- routes ------------------------------------------------------------------------------------------------------
+
+    def _serve(self, goal: ServedGoal) -> None:
+        began = self._runtime.steady.now()
+
+        def on_end(end: GoalEnd) -> None:
+            result = ComputeRoute.Result(planning_time=duration_message(self._runtime.steady.now() - began))
+            self._finish(goal, result, end)
+
+        def on_planned(planned: PlannedRoute) -> None:
+            stamp = self._runtime.clock.stamp()
+            path = path_message(planned.path, self._robot.parameters.map_frame, stamp)
+            self._plan.publish(path)
+            result = ComputeRoute.Result(
+                planning_time=duration_message(self._runtime.steady.now() - began),
+                route=route_message(planned.route, self._robot.parameters.map_frame, stamp),
+                path=path,
+            )
+            self._finish(goal, result, SUCCEEDED)
+
+        self.plan(goal, None, on_planned, on_end)
+
+    def _track(self, goal: ServedGoal) -> None:
+        """The newest goal is the one that is tracked."""
+        self.end_all(GoalEnd(message='a newer goal has taken over'))
+
+        def on_end(end: GoalEnd, seconds: float) -> None:
+            self._finish(goal, ComputeAndTrackRoute.Result(execution_duration=duration_message(seconds)), end)
+
+        self._tracking = RouteTracking(
+            self._runtime,
+            self._parameters,
+            self._robot,
+            self._operations,
+            goal,
+            self.plan,
+            self._plan.publish,
+            on_end,
+        )
+
+    def _cancel_tracking(self, goal: ServedGoal) -> None:
+        if self._tracking is not None and self._tracking.goal is goal:
+            self._tracking.end(CANCELED)
+
+    def _finish(self, goal: ServedGoal, result: Any, end: GoalEnd) -> None:
+        if end.code != 'NONE':  # the result has no room for it
+            self._runtime.node.get_logger().warning(
+                f'no route: {end.code}: {end.message}', throttle_duration_sec=COMPLAINT_SECONDS
+            )
+        finish(goal, result, end)
+
+    def plan(
+        self,
+        goal: ServedGoal,
+        progress: RouteProgress | None,
+        on_planned: Callable[[PlannedRoute], None],
+        on_end: Callable[[GoalEnd], None],
+    ) -> None:
+        """Plan what a goal of one of the actions asks for: ``on_planned``, or ``on_end`` when there is no route."""
+
+        def search(poses: list[Pose]) -> None:
+            start, last = self._ends(goal.request, poses)
+            planner, check_time = self._planner(goal.request), self._limit(goal)
+            self._computation.run(goal, lambda: planner.plan(start, last, progress, check_time), on_planned, on_end)
+
+        self._robot.with_poses(goal, _asked, search, on_end, 'the route planner')
+
+    def _ends(self, request: Any, poses: list[Pose]) -> tuple[Ends, Ends]:
+        if not request.use_poses:
+            return Ends(request.start_id), Ends(request.goal_id)
+        return Ends(pose=poses[1] if request.use_start else self._robot.pose), Ends(pose=poses[0])
+
+    def _planner(self, request: Any) -> RoutePlanner:
+        if self._graph is None:
+            raise NavigationError(
+                'NO_VALID_GRAPH',
+                f'there is no graph: set the parameter graph_filepath, or call {names.SET_ROUTE_GRAPH}',
+            )
+        needs_costmap = request.use_poses or 'CostmapScorer' in self._parameters.edge_scorers
+        costmap = self._robot.costmaps.shared if needs_costmap else None
+        return RoutePlanner(self._graph, self._score, self._parameters.shape, costmap)
+
+    def _limit(self, goal: ServedGoal) -> Callable[[], None]:
+        steady, seconds = self._runtime.steady, self._parameters.planning_seconds
+        end = steady.now() + seconds
+
+        def check_time() -> None:
+            if goal.cancel_requested or steady.now() > end:
+                raise NavigationError('TIMEOUT', f'no route was found within {seconds:g} s')
+
+        return check_time
+
+
+def _asked(request: Any) -> list[Asked]:
+    """The goal, and the start behind it if there is one."""
+    if not request.use_poses:
+        return []
+    goal = asked_pose(request.goal, 'the goal', NO_PLACE)
+    return [goal, asked_pose(request.start, 'the start', NO_PLACE)] if request.use_start else [goal]

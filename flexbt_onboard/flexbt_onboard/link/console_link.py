@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executive's side of the operator link: topics to the consoles, and a bounded intake of commands from anybody."""
+
+from __future__ import annotations
+
+import functools
+import math
+import threading
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from flexbt_common import names
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages, writer_name
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.sender_rates import SenderRates
+from flexbt_common.values.limits import LONG_TEXT, sanitize_message
+from flexbt_core.values.places import Place
+from flexbt_core.values.text import one_line, sanitize_for_message
+from flexbt_msgs.msg import (
+    BehaviorList,
+    BehaviorStructure,
+    DecisionSubjects,
+    ExecutiveCommand,
+    ExecutiveLog,
+    ExecutiveStatus,
+    PlaceList,
+)
+from flexbt_msgs.msg import Place as PlaceMessage
+
+# The executive's side of the operator link: topics to the consoles, and commands from them.
+#
+# Whoever joins late, and whoever has lost messages, has the whole picture with the next message: status, structure and
+# behaviors are complete and latched.
+
+PING_BYTES: Final = 1_000
+"""Bytes of a ping, at most; a larger one is not echoed."""
+
+PING_RATE: Final = 50.0
+PING_BURST: Final = 100
+"""Pings of one process that are echoed: a second, and at once."""
+
+
+class ConsoleLink:
+    """The topics of one executive; nothing is heard before :meth:`listen`."""
+
+    def __init__(self, runtime: NodeRuntime, executive_id: str, heartbeat_period: float) -> None:
+        self._runtime = runtime
+        self._executive_id = executive_id
+        self._heartbeat_period = heartbeat_period
+        self._status_sequence = 0
+        self._log_sequence = 0
+        self._log_lock = threading.Lock()
+        node = runtime.node
+        self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos())
+        self._subjects = node.create_publisher(DecisionSubjects, names.EXECUTIVE_SUBJECTS, names.transient_local_qos())
+        self._subjects_sent: list[tuple[str, int]] | None = None
+        self._structure = node.create_publisher(
+            BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.transient_local_qos()
+        )
+        self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.transient_local_qos())
+        self._places = node.create_publisher(PlaceList, names.PLACES, names.transient_local_qos())
+        self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.transient_local_qos(names.LOG_DEPTH))
+        # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
+        self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.best_effort_qos())
+        self._ping_rates = SenderRates(PING_RATE, PING_BURST, runtime.steady.now)
+        self._pings = ReceivedMessages(
+            node,
+            Header,
+            names.EXECUTIVE_PING,
+            names.best_effort_qos(),
+            self._on_ping,
+            PING_BYTES,
+            on_ignored=functools.partial(self.log, ExecutiveLog.WARN),
+        )
+
+    def _on_ping(self, ping: Received) -> None:
+        if not self._ping_rates.allows(ping.process):
+            self._pings.blame(ping)
+            return
+        try:
+            self._echo.publish(ping.unpack(Header))
+        except ValueError as error:
+            logger = self._runtime.node.get_logger()
+            logger.error(
+                f'{names.EXECUTIVE_PING}: left aside: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS
+            )
+
+    def listen(self, on_command: OnCommand) -> None:
+        """Take commands from now on; ``on_command`` is called on the executor thread."""
+        CommandIntake(self._runtime, on_command, self.log)
+
+    def node_of(self, participant: bytes) -> str:
+        """The node of a participant that can command; '' when there is none (any more)."""
+        return writer_name(self._runtime.node, names.EXECUTIVE_COMMAND, participant)
+
+    def publish_status(self, status: ExecutiveStatus) -> None:
+        """Send a status; fills in sender, sequence, time and heartbeat period. On the executor thread."""
+        self._status_sequence += 1
+        status.stamp = self._runtime.clock.stamp()
+        status.executive_id = self._executive_id
+        status.sequence = self._status_sequence
+        status.heartbeat_period = self._heartbeat_period
+        sanitize_message(status)
+        self._status.publish(status)
+
+    def publish_subjects(self, subjects: DecisionSubjects) -> bool:
+        """Send what the decisions of the next status are about, if it has changed; whether it has. On the executor
+        thread."""
+        sent = [(subject.id, subject.number) for subject in subjects.subjects]
+        if sent == self._subjects_sent:
+            return False
+        self._subjects_sent = sent
+        subjects.executive_id = self._executive_id
+        sanitize_message(subjects)
+        self._subjects.publish(subjects)
+        return True
+
+    def publish_structure(self, structure: BehaviorStructure) -> None:
+        """Send the structure of a run, before the run's first status."""
+        sanitize_message(structure)
+        self._structure.publish(structure)
+
+    def publish_behaviors(self, behaviors: BehaviorList) -> None:
+        """Send the list of behaviors."""
+        behaviors.executive_id = self._executive_id
+        sanitize_message(behaviors)
+        self._behaviors.publish(behaviors)
+
+    def publish_places(self, places: Mapping[str, Place]) -> None:
+        """Send the places that the robot knows by name."""
+        message = PlaceList(
+            places=[PlaceMessage(name=name, pose=_pose(place)) for name, place in sorted(places.items())]
+        )
+        sanitize_message(message)
+        self._places.publish(message)
+
+    def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
+        """Tell the operator a line, and the node's own log as well; from any thread."""
+        text = sanitize_for_message(text, LONG_TEXT)
+        stamp = self._runtime.clock.stamp()  # without the lock: to ask for the time may call others
+        try:
+            with self._log_lock:  # numbers are published in their order
+                self._log_sequence += 1
+                message = ExecutiveLog(
+                    stamp=stamp,
+                    sequence=self._log_sequence,
+                    executive_id=self._executive_id,
+                    run_id=run_id,
+                    severity=severity,
+                    path=path,
+                    text=text,
+                )
+                sanitize_message(message)
+                self._log.publish(message)
+        except InvalidHandle:
+            return  # the executive has ended; a run was left behind
+        _log_to_node(self._runtime.node, severity, f'{path}: {text}' if path else text)
+
+
+def _pose(place: Place) -> PoseStamped:
+    pose = PoseStamped()
+    pose.header.frame_id = place.frame
+    pose.pose.position.x, pose.pose.position.y = place.x, place.y
+    pose.pose.orientation.z, pose.pose.orientation.w = math.sin(place.yaw / 2.0), math.cos(place.yaw / 2.0)
+    return pose
+
+
+def _log_to_node(node: Node, severity: int, line: str) -> None:
+    logger = node.get_logger()
+    # rclpy's logger refuses two severities from one place of the code.
+    if severity >= ExecutiveLog.ERROR:
+        logger.error(line)
+    elif severity == ExecutiveLog.WARN:
+        logger.warning(line)
+    elif severity == ExecutiveLog.DEBUG:
+        logger.debug(line)
+    else:
+        logger.info(line)
+
+
+# Commands as they come in: from anybody, as many as anybody sends, and of any size.
+#
+# A stop comes on a topic of its own as well, so that no flood of commands drives it out of a queue. All that has come
+# is taken at once, and what one process sends above a rate, however many participants it has, or is too large, is
+# dropped before it is unpacked: so the operators' commands are found among any number of others, and cost and memory
+# stay bounded. Who goes on with that is ignored by the middleware. A console sends a command again until it is
+# answered.
+
+COMMAND_RATE: Final = 50.0
+"""Commands a second that are taken from one process on average, and as many stops."""
+
+COMMAND_BURST: Final = 100
+"""Commands that are taken from one process at once after a quiet time."""
+
+COMMAND_BYTES: Final = 2_000_000
+"""Bytes of a command, at most."""
+
+_PROCESSES: Final = 256
+_TELL_SECONDS: Final = 10.0
+
+OnCommand = Callable[[ExecutiveCommand, bytes], object]
+"""Takes a command and the participant that has sent it; b'' when the middleware does not tell."""
+
+
+class CommandIntake:
+    """Takes commands, or ``only_stops``. Made and used on the executor thread; ``tell`` gets a severity and a line for
+    the operators."""
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        on_command: OnCommand,
+        tell: Callable[[int, str], None],
+        *,
+        only_stops: bool = False,
+    ) -> None:
+        self._runtime = runtime
+        self._on_command = on_command
+        self._tell = tell
+        self._messages: dict[str, ReceivedMessages] = {}
+        self._told: dict[bytes, float] = {}  # processes, and until when nothing more is told of each
+        commands = () if only_stops else ((names.EXECUTIVE_COMMAND, names.command_qos()),)
+        for topic, qos in ((names.EXECUTIVE_STOP, names.stop_qos()), *commands):
+            rates = SenderRates(COMMAND_RATE, COMMAND_BURST, runtime.steady.now)
+            receive = functools.partial(self._receive, topic, rates)
+            self._messages[topic] = ReceivedMessages(
+                runtime.node,
+                ExecutiveCommand,
+                topic,
+                qos,
+                receive,
+                COMMAND_BYTES,
+                on_ignored=functools.partial(tell, ExecutiveLog.WARN),
+            )
+
+    def _receive(self, topic: str, rates: SenderRates, received: Received) -> None:
+        if not rates.allows(received.process):
+            self._messages[topic].blame(received)
+            self._drop(topic, received, f'it sends more than {COMMAND_RATE:g} a second')
+            return
+        if received.data is None:
+            self._drop(topic, received, f'a command has at most {COMMAND_BYTES} bytes')
+            return
+        try:
+            command = received.unpack(ExecutiveCommand)
+        except ValueError as error:
+            self._drop(topic, received, f'what it sends is no command: {error}')
+            return
+        if topic == names.EXECUTIVE_COMMAND or command.kind == ExecutiveCommand.STOP:
+            self._on_command(command, received.participant)
+        else:
+            self._drop(topic, received, f'kind {command.kind} is no STOP, and belongs on {names.EXECUTIVE_COMMAND}')
+
+    def _drop(self, topic: str, received: Received, why: str) -> None:
+        """Tell it, once in a while."""
+        now, process = self._runtime.steady.now(), received.process
+        if now < self._told.get(process, now):
+            return
+        self._told = {key: until for key, until in self._told.items() if now < until}
+        if len(self._told) >= _PROCESSES:
+            return
+        self._told[process] = now + _TELL_SECONDS
+        who = writer_name(self._runtime.node, topic, received.participant) if process else 'somebody'
+        self._tell(ExecutiveLog.WARN, f'commands of {who or "a node that is gone"} were dropped: {why}')

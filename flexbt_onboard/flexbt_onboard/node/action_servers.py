@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Actions for programs: ``execute_behavior`` runs a behavior, ``get_userdata`` reads the userdata of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from flexbt_common import names
+from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.entries import Encoding, to_entry
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED
+from flexbt_core.values.text import short_repr
+from flexbt_msgs.action import BtExecute, ExecuteBehavior, GetUserdata
+from flexbt_msgs.msg import BlackboardEntry, UserdataScope
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.run_building import run_request
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.runs.behavior_run import BehaviorRun
+from flexbt_onboard.runs.run_snapshot import RunEnd
+from flexbt_onboard.runs.run_supervisor import RunSupervisor
+
+# Behaviors for programs: the action ``execute_behavior`` runs one, with parameters and inputs, and gives its outputs.
+#
+# By it a behavior is a leaf of a behavior tree, or a state of another executive's behavior. Operators see and supervise
+# such a run as any other.
+
+ExecuteBehaviorResult = ExecuteBehavior.Result
+
+_GOAL_SERVICE: Final = f'{names.EXECUTE_BEHAVIOR}/_action/send_goal'
+
+
+@dataclass(eq=False)
+class _Goal:
+    """The goal whose behavior runs."""
+
+    served: ServedGoal
+    run: BehaviorRun | None = None
+    shown: list[str] = field(default_factory=list)
+    had_client: bool = False
+
+
+class BehaviorActionServer:
+    """Serves ExecuteBehavior. Used on the executor thread only.
+
+    A goal is accepted always, and ends as FAILURE with the reason when the behavior cannot be started: the executive
+    runs one behavior at a time. The run is stopped when the goal is canceled, and when no client is left that could do
+    so.
+    """
+
+    def __init__(
+        self, runtime: NodeRuntime, library: BehaviorLibrary, runs: RunSupervisor, admission: GoalAdmission
+    ) -> None:
+        """``admission``: whether goals are taken at all."""
+        self._library = library
+        self._runs = runs
+        self._node = runtime.node
+        self._goal: _Goal | None = None
+        self._server = GoalServer(
+            runtime,
+            ExecuteBehavior,
+            names.EXECUTE_BEHAVIOR,
+            self._serve,
+            self._cancel,
+            refused=_refused_behavior,
+            admission=admission,
+        )
+
+    def refresh(self) -> None:
+        """Send feedback when other states are active, and look for the client; called with each status."""
+        goal = self._goal
+        if goal is None or goal.run is None:
+            return
+        paths = [leaf.path for leaf in goal.run.snapshot.active]
+        if paths != goal.shown:
+            goal.shown = paths
+            goal.served.publish_feedback(ExecuteBehavior.Feedback(active_states=paths))
+        if self._node.count_clients(_GOAL_SERVICE):
+            goal.had_client = True
+        elif goal.had_client:
+            goal.run.stop('the client of the goal is gone')
+
+    def _serve(self, served: ServedGoal) -> None:
+        goal = _Goal(served)
+        try:
+            self._start(goal)
+        except CommandRefusedError as error:
+            served.abort(_refused_behavior(str(error)))
+
+    def _finish(self, goal: _Goal, result: Any) -> None:
+        if self._goal is goal:
+            self._goal = None
+        if result.code == ExecuteBehaviorResult.SUCCESS:
+            goal.served.succeed(result)
+        else:
+            goal.served.canceled(result)  # whatever it was that the canceled run came to
+
+    def _start(self, goal: _Goal) -> None:
+        """Start the behavior of a goal.
+
+        Raises:
+            CommandRefusedError: it cannot be started.
+        """
+        wanted = goal.served.request
+        request = run_request(
+            self._library,
+            wanted.behavior,
+            [(argument.name, argument.value) for argument in wanted.arguments],
+            wanted.inputs,
+            wanted.autonomy,
+            f'action {names.EXECUTE_BEHAVIOR}',
+            is_durable=False,  # after a crash, the client does not wait for it any more
+        )
+
+        def built(reason: str | None) -> None:
+            if reason is not None:
+                is_stopped = goal.run is not None and goal.run.snapshot.is_stopping
+                code = ExecuteBehaviorResult.CANCELED if is_stopped else ExecuteBehaviorResult.FAILURE
+                self._finish(goal, ExecuteBehaviorResult(code=code, message=reason))
+
+        def ended(end: RunEnd) -> None:
+            self._finish(goal, _result(end, wanted.output_encoding))
+
+        goal.run = self._runs.start(request, built, ended)
+        self._goal = goal
+
+    def _cancel(self, served: ServedGoal) -> None:
+        goal = self._goal
+        if goal is not None and goal.run is not None and goal.served is served:
+            goal.run.stop('the goal was canceled')
+
+
+def _result(end: RunEnd, encoding: int) -> Any:
+    """The result of a run that was built."""
+    if end.outcome == PREEMPTED:
+        return ExecuteBehaviorResult(code=ExecuteBehaviorResult.CANCELED, message=end.message)
+    if end.outcome == ERROR:
+        return ExecuteBehaviorResult(code=ExecuteBehaviorResult.ERROR, message=end.message)
+    form = Encoding.BINARY if encoding == BtExecute.Goal.BINARY else Encoding.TEXT
+    try:
+        outputs = [to_entry(key, value, None, form) for key, value in end.outputs.items()]
+    except FlexbtError as error:
+        return ExecuteBehaviorResult(
+            code=ExecuteBehaviorResult.ERROR,
+            message=f'it ended with {end.outcome!r}, but an output cannot be sent: {error}',
+        )
+    return ExecuteBehaviorResult(code=ExecuteBehaviorResult.SUCCESS, outcome=end.outcome, outputs=outputs)
+
+
+def _refused_behavior(why: str) -> Any:
+    return ExecuteBehaviorResult(code=ExecuteBehaviorResult.FAILURE, message=why)
+
+
+# The action ``get_userdata``: what the states of the run have handed to each other, for who looks for a fault.
+
+GetUserdataResult = GetUserdata.Result
+
+
+class UserdataServer:
+    """Serves GetUserdata. Used on the executor thread only; the values are written down on the thread of the run."""
+
+    def __init__(self, runtime: NodeRuntime, runs: RunSupervisor) -> None:
+        self._runtime = runtime
+        self._runs = runs
+        GoalServer(runtime, GetUserdata, names.GET_USERDATA, self._serve, _cancel, refused=_refused_userdata)
+
+    def _serve(self, goal: ServedGoal) -> None:
+        run = self._runs.run
+        if run is None:
+            goal.abort(_refused_userdata('no behavior is running'))
+            return
+        result = GetUserdataResult(code=GetUserdataResult.SUCCESS, run_id=run.run_id)
+
+        def see(userdata: Mapping[str, Mapping[str, Any]]) -> None:
+            _fill(result, goal.request, userdata)
+
+        def answer(reason: str | None) -> None:
+            if reason is not None:
+                result.code, result.message = GetUserdataResult.FAILURE, reason
+            self._runtime.post(end)
+
+        def end() -> None:
+            (goal.succeed if result.code == GetUserdataResult.SUCCESS else goal.abort)(result)
+
+        run.command(lambda machine, once: machine.inspect(see, once), answer)
+
+
+def _refused_userdata(why: str) -> Any:
+    return GetUserdataResult(code=GetUserdataResult.FAILURE, message=why)
+
+
+def _cancel(goal: ServedGoal) -> None:
+    goal.canceled(
+        GetUserdataResult(
+            code=GetUserdataResult.CANCELED, message='canceled before the states of the run came to their next step'
+        )
+    )
+
+
+def _fill(result: Any, request: Any, userdata: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write what is asked for into the result."""
+    encoding = Encoding.BINARY if request.encoding == GetUserdata.Goal.BINARY else Encoding.TEXT
+    chosen = {path: values for path, values in userdata.items() if request.path in ('', path)}
+    found = {key for values in chosen.values() for key in values}
+    missing = [key for key in request.keys if key not in found]
+    if not chosen:
+        active = ', '.join(userdata)
+        result.code, result.message = (
+            GetUserdataResult.FAILURE,
+            f'{request.path!r} is no active machine; these are: {active}',
+        )
+    elif missing:
+        who = f'machine {request.path} has no' if request.path else 'no active machine has a'
+        names_of_keys = ', '.join(sorted(found)) or 'none'
+        result.code = GetUserdataResult.FAILURE
+        result.message = f'{who} value for {", ".join(map(repr, missing))}; there are: {names_of_keys}'
+    for path, values in chosen.items():
+        keys = [key for key in sorted(values) if not request.keys or key in request.keys]
+        if keys:
+            entries = [_entry(key, values[key], encoding) for key in keys]
+            result.scopes.append(UserdataScope(path=path, entries=entries))
+
+
+def _entry(key: str, value: Any, encoding: Encoding) -> BlackboardEntry:
+    try:
+        return to_entry(key, value, None, encoding)
+    except Exception:  # it has no type of ROS, or its own code raises
+        return BlackboardEntry(key=key, text=short_repr(value))

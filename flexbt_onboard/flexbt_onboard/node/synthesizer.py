@@ -1,0 +1,408 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From a request to a behavior of the library: one search at a time, in a process of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from importlib.metadata import entry_points
+from typing import Any, Final
+
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.values.text import one_line
+from flexbt_msgs.msg import ExecutiveLog
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.machine_behavior import MACHINE_LENGTH, MachineStore, check_name, machine_entry
+from flexbt_onboard.errors import BehaviorError, CommandRefusedError, OnboardError
+from flexbt_onboard.persistence.reporter import Reporter
+
+SEARCH_GROUP: Final = 'flexbt.synthesis'
+"""Entry point group of the module that searches, as a program of its own: see flexbt_formal.requests.search."""
+
+DEFAULT_SECONDS: Final = 60.0
+MOST_SECONDS: Final = 3600.0
+
+
+class SynthesisVerdict(Enum):
+    """What came of a search; the values are those of the process that searches."""
+
+    MADE = 'made'
+    UNREALIZABLE = 'unrealizable'
+    WRONG = 'wrong'
+    CANCELED = 'canceled'
+    FAULT = 'fault'
+
+
+@dataclass(frozen=True)
+class SynthesisAnswer:
+    """``message`` says why there is no machine. ``states`` are the fields of FlexBE's StateInstantiation."""
+
+    verdict: SynthesisVerdict
+    message: str = ''
+    behavior: str = ''
+    machine: str = ''
+    notes: Sequence[str] = ()
+    explanation: Sequence[str] = ()
+    states: Sequence[Mapping[str, Any]] = ()
+
+
+@dataclass(frozen=True)
+class SearchRequest:
+    """What is asked for; see SynthesizeBehavior. Without ``is_kept`` no behavior is made of the machine, and ``name``
+    is only what it is called."""
+
+    system: str = ''
+    capabilities: str = ''
+    specification: str = ''
+    goals: Sequence[str] = ()
+    initial_conditions: Sequence[str] = ()
+    outcomes: Sequence[str] = ()
+    liveness: str = 'fair'
+    retries: int | None = None
+    name: str = ''
+    seconds: float = 0.0
+    by: str = ''
+    is_kept: bool = True
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Where capability files are, and how many bytes of memory a search may have."""
+
+    directories: Sequence[str] = ()
+    memory: int = 4_000_000_000
+
+
+@dataclass(eq=False)
+class RunningSearch:
+    """A search that goes on. ``on_progress`` and ``on_end`` are called on the executor thread, the latter once."""
+
+    request: SearchRequest
+    on_progress: Callable[[str, float], None]
+    on_end: Callable[[SynthesisAnswer], None]
+    began: float
+    name: str = ''
+    process: SearchProcess | None = field(default=None)
+    why_canceled: str = 'it was canceled'
+
+    def cancel(self, why: str = '') -> None:
+        """End it, as canceled; ``why`` is told."""
+        self.why_canceled = why or self.why_canceled
+        if self.process is not None:
+            self.process.cancel()
+
+
+class Synthesizer:
+    """Makes behaviors. Used on the executor thread.
+
+    ``in_use`` gives the names of behaviors that run or were interrupted, ``changed`` is told that the library is
+    another one.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        library: BehaviorLibrary,
+        store: MachineStore,
+        report: Reporter,
+        in_use: Callable[[], set[str]],
+        changed: Callable[[], None],
+        settings: SearchSettings,
+        command: Sequence[str] | None = None,
+    ) -> None:
+        """``command`` is the program that searches, by default the installed one."""
+        self._runtime = runtime
+        self._library = library
+        self._store = store
+        self._report = report
+        self._in_use = in_use
+        self._changed = changed
+        self._settings = settings
+        self._command = command
+        self._search: RunningSearch | None = None
+        runtime.on_close(self._close)
+        self._restore()
+
+    def _restore(self) -> None:
+        """Have the behaviors again that were made before."""
+        problems: list[str] = []
+        try:
+            entries, problems = self._store.entries()
+            for entry in entries:
+                try:
+                    self._library.add(entry)
+                except BehaviorError as error:
+                    problems.append(f'synthesized behavior {entry.name!r}: {error}')
+        except OSError as error:
+            problems.append(f'the synthesized behaviors cannot be read: {error}')
+        for problem in problems:
+            self._report.log(ExecutiveLog.WARN, problem)
+
+    def begin(
+        self,
+        request: SearchRequest,
+        on_progress: Callable[[str, float], None],
+        on_end: Callable[[SynthesisAnswer], None],
+    ) -> RunningSearch:
+        """Begin a search.
+
+        Raises:
+            CommandRefusedError: it cannot be begun; says why.
+        """
+        if self._search is not None:
+            raise CommandRefusedError(
+                f'another synthesis is under way, of {self._search.name!r}{_by(self._search.request)}; cancel it '
+                '(synthesize --cancel), or wait for its end'
+            )
+        if bool(request.system) == bool(request.capabilities):
+            raise CommandRefusedError('say either which system it is, or give the text of its capabilities')
+        if not (math.isfinite(request.seconds) and 0.0 <= request.seconds <= MOST_SECONDS):
+            raise CommandRefusedError(f'time_limit has to be 0 to {MOST_SECONDS:g} s, not {request.seconds:g}')
+        name = request.name or request.system.rpartition('/')[2].partition('.')[0] or 'Synthesized'
+        if request.is_kept:
+            self._check_name(name)
+        seconds = request.seconds or DEFAULT_SECONDS
+        search = RunningSearch(request, on_progress, on_end, self._runtime.steady.now(), name)
+        asked = {
+            'system': request.system,
+            'capabilities': request.capabilities,
+            'specification': request.specification,
+            'goals': list(request.goals),
+            'initial_conditions': list(request.initial_conditions),
+            'outcomes': list(request.outcomes),
+            'liveness': request.liveness,
+            'retries': request.retries,
+            'name': name,
+            'seconds': seconds,
+            'directories': list(self._settings.directories),
+            'memory': self._settings.memory,
+            'with_states': not request.is_kept,
+        }
+        search.process = SearchProcess(
+            self._command or _installed_command(),
+            asked,
+            seconds,
+            lambda message: self._runtime.post(lambda: self._tell(search, message)),
+            lambda answer, why: self._finish(search, answer, why),
+        )
+        self._search = search
+        what = one_line(', '.join(request.goals) or 'what its specification says', 200)
+        self._report.log(ExecutiveLog.INFO, f'synthesis of {name!r} for {what}{_by(request)}')
+        return search
+
+    def _check_name(self, name: str) -> None:
+        try:
+            check_name(name)
+            self._library.check_free(name)
+        except OnboardError as error:
+            raise CommandRefusedError(str(error)) from error
+        if name in self._in_use():
+            raise CommandRefusedError(f'behavior {name!r} runs, or was interrupted: give another name')
+
+    def _close(self) -> None:
+        search = self._search
+        if search is not None:
+            search.cancel()
+
+    def _tell(self, search: RunningSearch, message: SearchMessage) -> None:
+        if self._search is search:
+            search.on_progress(one_line(str(message.get('doing', '')), 200), self._runtime.steady.now() - search.began)
+
+    # -- the end -----------------------------------------------------------------------------------------------------
+
+    def _finish(self, search: RunningSearch, message: SearchMessage | None, why: str) -> None:
+        """On the thread of the search: a disk that takes its time holds up nobody else."""
+        answer = _answer(message, why, search)
+        gone: list[str] = []
+        problem = ''
+        if answer.verdict is SynthesisVerdict.MADE and search.request.is_kept:
+            try:
+                in_use = self._runtime.call(lambda: self._add(search.name, answer.machine))
+                gone = self._store.keep(search.name, answer.machine, in_use)
+            except OnboardError as error:
+                answer = SynthesisAnswer(SynthesisVerdict.WRONG, str(error))
+            except (OSError, RuntimeError) as error:
+                problem = f'behavior {search.name!r} will not outlast the executive: {error}'
+        self._runtime.post(lambda: self._end(search, answer, gone, problem))
+
+    def _add(self, name: str, machine: str) -> set[str]:
+        """Have it in the library before it is kept: who starts it from now on starts what is kept. The names in use.
+
+        Raises:
+            OnboardError: it was started meanwhile, or an installed behavior has its name.
+        """
+        in_use = self._in_use()
+        if name in in_use:
+            raise CommandRefusedError(f'behavior {name!r} was started meanwhile: give another name')
+        self._library.add(machine_entry(name, machine))
+        return in_use
+
+    def _end(self, search: RunningSearch, answer: SynthesisAnswer, gone: Sequence[str], problem: str) -> None:
+        self._search = None
+        if answer.verdict is SynthesisVerdict.MADE and search.request.is_kept:
+            for name in gone:
+                self._library.remove(name)
+            self._changed()
+        if problem:
+            self._report.log(ExecutiveLog.WARN, problem)
+        self._report.log(*_said(search.name, answer))
+        self._report.event(
+            'synthesis',
+            name=search.name,
+            goals=list(search.request.goals),
+            operator=search.request.by,
+            outcome=answer.verdict.value,
+            message=answer.message,
+            seconds=round(self._runtime.steady.now() - search.began, 3),
+        )
+        search.on_end(answer)
+
+
+def _answer(message: SearchMessage | None, why: str, search: RunningSearch) -> SynthesisAnswer:
+    if message is None:
+        return (
+            SynthesisAnswer(SynthesisVerdict.FAULT, why)
+            if why
+            else SynthesisAnswer(SynthesisVerdict.CANCELED, search.why_canceled)
+        )
+    machine = str(message.get('machine', ''))
+    if len(machine) > MACHINE_LENGTH:
+        return SynthesisAnswer(
+            SynthesisVerdict.WRONG, f'the machine has {len(machine)} characters; at most {MACHINE_LENGTH} are taken'
+        )
+    return SynthesisAnswer(
+        SynthesisVerdict(message['code']),
+        str(message.get('message', '')),
+        search.name if machine else '',
+        machine,
+        [str(note) for note in message.get('notes', ())],
+        [str(line) for line in message.get('explanation', ())],
+        message.get('states', ()),
+    )
+
+
+def _said(name: str, answer: SynthesisAnswer) -> tuple[int, str]:
+    if answer.verdict is SynthesisVerdict.MADE:
+        return ExecutiveLog.INFO, f'synthesis of {name!r}: there is a machine'
+    severity = ExecutiveLog.ERROR if answer.verdict is SynthesisVerdict.FAULT else ExecutiveLog.INFO
+    return severity, one_line(f'synthesis of {name!r}: {answer.message}', 500)
+
+
+def _by(request: SearchRequest) -> str:
+    return one_line(f', by operator {request.by}', 200) if request.by else ''
+
+
+def _installed_command() -> Sequence[str]:
+    """The program that searches. Raises CommandRefusedError when none is installed."""
+    points = sorted(entry_points(group=SEARCH_GROUP), key=lambda point: point.name)
+    if not points:
+        raise CommandRefusedError('nothing is installed that synthesizes: install the package flexbt_formal here')
+    return [sys.executable, '-m', points[0].module]
+
+
+# A search in a process of its own: however much it takes, the executive and its threads are spared.
+#
+# The process is told the request by a line of JSON, and tells by lines of JSON what it does, and in the end its answer.
+# It ends when its standard input does, so none is left behind when the executive is gone.
+
+_LINE: Final = 16_000_000
+"""Bytes of a line of the process, at most."""
+
+_GRACE: Final = 5.0
+"""Seconds beyond its time limit that a process may take: it keeps the limit by itself, where it comes to look."""
+
+SearchMessage = Mapping[str, Any]
+
+
+class SearchProcess:
+    """Runs a search. The callbacks are called on a thread of their own: ``on_progress`` with each line before the last,
+    ``on_end`` exactly once, with the answer, or with None and why there is none ('' when it was canceled)."""
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        request: Mapping[str, Any],
+        seconds: float,
+        on_progress: Callable[[SearchMessage], None],
+        on_end: Callable[[SearchMessage | None, str], None],
+    ) -> None:
+        """``seconds`` of wall time are the limit of the search, without the start of the process."""
+        self._command = command
+        self._request = request
+        self._seconds = seconds
+        self._on_progress = on_progress
+        self._on_end = on_end
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._is_canceled = False
+        self._is_late = False
+        self._thread = threading.Thread(target=self._run, name='synthesis', daemon=True)
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """End it. From any thread."""
+        with self._lock:
+            self._is_canceled = True
+            self._kill()
+
+    def _kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+
+    def _run(self) -> None:
+        answer: SearchMessage | None = None
+        why = ''
+        try:
+            answer, why = self._searched()
+        except (OSError, ValueError, RuntimeError) as error:  # the last: no thread is left for the timer
+            why = f'the search cannot be run: {error}'
+        if self._is_canceled:
+            answer, why = None, ''
+        self._on_end(answer, why)
+
+    def _searched(self) -> tuple[SearchMessage | None, str]:
+        # Without the lock: to start a process can take long, and the executor cancels.
+        process = subprocess.Popen(  # noqa: S603 - the command is that of an installed package
+            [*self._command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        with self._lock:
+            self._process = process
+            if self._is_canceled:
+                self._kill()
+        limit = threading.Timer(self._seconds + _GRACE, self._too_late)
+        answer: SearchMessage | None = None
+        try:
+            limit.start()
+            with contextlib.suppress(BrokenPipeError), process:
+                assert process.stdin is not None and process.stdout is not None
+                process.stdin.write(json.dumps(self._request).encode() + b'\n')
+                process.stdin.flush()
+                while answer is None and (line := process.stdout.readline(_LINE)):
+                    told = json.loads(line)
+                    if 'code' in told:
+                        answer = told
+                    else:
+                        self._on_progress(told)
+                self._kill()  # it has said all that is of use
+        finally:
+            limit.cancel()
+            self._kill()
+        return answer, '' if answer is not None else self._end_of(process.wait())
+
+    def _too_late(self) -> None:
+        self._is_late = True
+        self._kill()
+
+    def _end_of(self, code: int) -> str:
+        if self._is_late:
+            return f'no answer within {self._seconds:g} s; give it more time, or ask for less'
+        how = f'was ended by {signal.Signals(-code).name}' if code < 0 else f'ended with exit code {code}'
+        return f'the search {how} without an answer; was there too little memory? The log of the executive may say more'

@@ -1,0 +1,606 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The journal and its line format: what the executive must know after a crash, on disk before others learn of it."""
+
+from __future__ import annotations
+
+import base64
+import fcntl
+import json
+import os
+import threading
+import zlib
+from collections import OrderedDict, deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+from weakref import WeakSet, WeakValueDictionary
+
+from flexbt_core.clock.clock import Clock
+from flexbt_core.clock.work_thread import watchdog
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.values.text import short_repr
+from flexbt_core.values.text_files import open_private
+from flexbt_msgs.msg import CommandResult
+from flexbt_onboard.errors import OnboardError
+
+# The journal: what the executive has to know after a crash, on the disk before anybody is told of it.
+#
+# The file ``<node>.journal`` holds lines that are only appended (:mod:`.journal_format`). It is written anew, beside
+# the old one and then in its place, when it has grown, when it was moved or removed, and after the disk has failed. Of
+# what a crash has cut off at the end the whole lines count. A file that is corrupt in another way is kept aside, as
+# ``<node>.<time>.corrupt``, and what can be read of it counts.
+#
+# A thread of its own writes, so that a disk that takes its time, or hangs, holds up nobody but those who wait for what
+# they have written to be durable (:meth:`Journal.when_durable`).
+
+REMEMBERED_COMMANDS: Final = 4096
+"""Commands that are remembered, so that a resend after a restart is not applied again."""
+
+STUCK_SECONDS: Final = 2.0
+"""A disk that takes longer than this for what waits is told, and not waited for."""
+
+RETRY_SECONDS: Final = 0.5
+"""From one attempt to write to a disk that has failed to the next."""
+
+_LARGEST: Final = 1_000_000
+"""Bytes after which the file is written anew, unless what it has to hold is larger."""
+
+_MOST_WAITING: Final = 1000
+"""Lines that wait for the disk, at most. More of them are as well written as the state that they lead to."""
+
+_CLOSE_SECONDS: Final = 0.3
+_OPEN_SECONDS: Final = 5.0
+
+JournaledResult = tuple[str, int, str]
+"""Id, code (CommandResult) and reason of a command."""
+
+Callback = Callable[[], object]
+
+
+@dataclass
+class JournalState:
+    """What the lines say: the run that has begun and not ended, where it was, the level for the next one if an operator
+    has set it, and the commands that were decided."""
+
+    begin: dict[str, Any] | None = None
+    position: Any = None
+    autonomy: int | None = None
+    commands: OrderedDict[str, tuple[int, str]] = field(default_factory=OrderedDict)
+
+    def apply(self, line: JournalLine) -> None:
+        """Take in a line."""
+        # A line of a run that has ended counts no more: it was told to stop while it moved, or switched, on its thread.
+        is_of_run = self.begin is not None and line.get('run') == self.begin['run']
+        if 'begin' in line and (is_of_run or 'run' not in line):
+            self.begin, self.position = line['begin'], None
+        if is_of_run and 'position' in line:
+            self.position = line['position']
+        if is_of_run and 'end' in line:
+            self.begin = self.position = None
+        if 'autonomy' in line:
+            self.autonomy = line['autonomy']
+        for command_id, code, reason in line.get('commands', ()):
+            self.commands[command_id] = (code, reason)
+            self.commands.move_to_end(command_id)
+        while len(self.commands) > REMEMBERED_COMMANDS:
+            self.commands.popitem(last=False)
+
+    def lines(self) -> list[JournalLine]:
+        """The fewest lines that say the same."""
+        commands = [[command_id, code, reason] for command_id, (code, reason) in self.commands.items()]
+        lines: list[JournalLine] = [{'commands': commands}] if commands else []
+        if self.autonomy is not None:
+            lines.append({'autonomy': self.autonomy})
+        if self.begin is not None:
+            lines.append({'begin': self.begin})
+            if self.position is not None:
+                lines.append({'run': self.begin['run'], 'position': self.position})
+        return lines
+
+
+_closing: WeakValueDictionary[Path, threading.Thread] = WeakValueDictionary()
+"""The threads of closed journals of this process, which keep them as long as a slow disk has not answered."""
+
+
+def await_closed(file: Path) -> None:
+    """Wait for a limited time until the disk has taken what was written last to a closed journal of this process.
+
+    Raises:
+        OnboardError: it has not.
+    """
+    if (before := _closing.get(file)) is not None:
+        before.join(_OPEN_SECONDS)
+        if before.is_alive():
+            raise _unusable(
+                file,
+                'the disk still holds up the last write of the journal before this one; wait for it, or name a '
+                'directory on another disk',
+            )
+
+
+_held: Final[WeakSet[Journal]] = WeakSet()
+
+
+def _release_in_child() -> None:
+    """A process that a state has forked must not keep the journal from the next executive when ours is killed."""
+    for journal in tuple(_held):
+        journal.release_files()
+
+
+os.register_at_fork(after_in_child=_release_in_child)
+
+
+class Journal:
+    """The journal of one executive, held by one process at a time. From any thread.
+
+    ``on_problem`` is told when it cannot be written any more, each reason once, and '' when it can be again: the
+    executive goes on, but would not know after a crash what happened from there on. It is told before anybody is told
+    what is not written.
+    """
+
+    def __init__(self, file: Path, on_problem: Callable[[str], None], clock: Clock) -> None:
+        """Open the journal; ``clock`` is that of the wall, for how long the disk takes.
+
+        Raises:
+            OnboardError: the directory cannot be used, the file cannot be read, or another process has the journal.
+        """
+        self.file = file
+        self.state = JournalState()
+        self.corruption = ''
+        """What the operator has to know of the file that was found; '' when all is well."""
+        self.torn = ''
+        """What the operator may want to know of it: what the crash has cut off; '' for nothing."""
+        self._on_problem = on_problem
+        self._clock = clock
+        self._changed = threading.Condition()
+        self._lines: list[JournalLine] = []
+        self._appended, self._durable = 1, 0  # lines so far; to write the file that was found anew counts as one
+        self._waiting: deque[tuple[int, Callback]] = deque()  # and how many lines have to be durable for it
+        self._is_anew = True  # the file has to be written anew
+        self._problems: set[object] = set()  # kinds of those that were told since it was written last
+        self._is_closed = False
+        self._count = self._size = self._least_size = 0
+        self._descriptor = self._guard = -1
+        await_closed(file)
+        try:
+            self._take_guard()
+            if file.exists():
+                with open(file, 'rb', opener=open_private) as content:
+                    self._read(content.read())
+        except OSError as error:
+            self.release_files()
+            raise _unusable(file, error) from error
+        self._thread = threading.Thread(target=self._write_all, name='journal', daemon=True)
+        self._thread.start()
+
+    def append(self, commands: Sequence[JournaledResult] = (), **line: Any) -> None:
+        """Have a line with the given parts written. After :meth:`close` nothing is written."""
+        if commands:
+            line['commands'] = [list(command) for command in commands]
+        with self._changed:
+            if self._is_closed:
+                return  # a run that was left behind at the end of the process
+            self.state.apply(line)
+            self._lines.append(line)
+            self._appended += 1
+            if len(self._lines) > _MOST_WAITING:
+                self._lines.clear()
+                self._is_anew = True
+            self._changed.notify()
+
+    def when_durable(self, then: Callback) -> None:
+        """Have ``then`` called when what was appended before survives a crash and a loss of power.
+
+        It is called at once when that is so, and later on the thread that writes; also when the journal cannot be
+        written, after this was told.
+        """
+        with self._changed:
+            if self._durable < self._appended and not self._problems and not self._is_closed:
+                self._waiting.append((self._appended, then))
+                return
+        then()
+
+    def sync(self, within: float) -> bool:
+        """Wait until :meth:`when_durable` calls, for that many seconds at most; whether it did."""
+        done = threading.Event()
+        self.when_durable(done.set)
+        return done.wait(within)
+
+    def close(self) -> None:
+        """Have what waits written, and give the journal up to another process; waits for a limited time."""
+        _closing[self.file] = self._thread
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify()
+        self._thread.join(_CLOSE_SECONDS)
+
+    def _read(self, data: bytes) -> None:
+        found = read_journal(data)
+        for line in found.lines:
+            self.state.apply(line)
+        if found.torn:
+            self.torn = (
+                f'the last line of the journal {self.file} was cut off when the executive ended ({found.torn} bytes): '
+                'what it said had not been told to anybody'
+            )
+        if found.corruption:
+            aside = self.file.with_suffix(f'.{datetime.now(UTC):%Y%m%dT%H%M%S%f}.corrupt')
+            try:
+                os.link(self.file, aside)  # where nothing is lost when the process ends now; needs no space
+            except OSError:
+                self.file.replace(aside)  # not every file system has links
+            self.corruption = (
+                f'the journal {self.file} is corrupt: {found.corruption}. It is kept as {aside}; {len(found.lines)} '
+                'lines of it count: a run that was interrupted may not be known, or be known at an earlier state'
+            )
+
+    # -- the thread that writes ---------------------------------------------------------------------------------------
+
+    def _write_all(self) -> None:
+        try:
+            self._write_until_closed()
+        finally:
+            self.release_files()
+
+    def _write_until_closed(self) -> None:
+        while True:
+            with self._changed:
+                if self._problems:
+                    self._changed.wait_for(lambda: self._is_closed, RETRY_SECONDS)
+                self._changed.wait_for(lambda: self._durable < self._appended or self._is_closed)
+                if self._durable == self._appended:
+                    return
+                lines, self._lines = self._lines, []
+                appended, is_anew = self._appended, self._is_anew or self._size > max(_LARGEST, 4 * self._least_size)
+                if is_anew:
+                    lines = self.state.lines()
+                self._is_anew = False
+            problem, kind = '', None
+            try:
+                with watchdog(self._clock, STUCK_SECONDS, self._tell_stuck):
+                    if is_anew:
+                        self._write_anew(lines)
+                    else:
+                        self._write(lines)
+            except Exception as error:
+                # Whatever it is: a thread that ends here would leave all waiting who have something to tell.
+                name = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
+                problem = f'the journal {self.file} cannot be written: {name}{error}; a crash now would lose the run'
+                kind = type(error), getattr(error, 'errno', None)
+            self._tell(kind, problem)
+            with self._changed:
+                if not problem:
+                    self._durable = appended
+                else:
+                    self._is_anew = True
+                    if self._is_closed:
+                        return
+            self._release()
+
+    def _tell_stuck(self) -> None:
+        self._tell(
+            TimeoutError,
+            f'the journal {self.file} has not been written for {STUCK_SECONDS:g} s, the disk does not answer; what is '
+            'shown from now on would be lost in a crash',
+        )
+        self._release()
+
+    def _tell(self, kind: object, problem: str) -> None:
+        """Tell a kind of problem once; None, and '', when there is none any more."""
+        told = {kind} | self._problems if problem else set()
+        if told != self._problems:
+            self._on_problem(problem)
+            with self._changed:
+                self._problems = told
+
+    def _release(self) -> None:
+        """Call those who wait for what is durable; all of them when they have been told that nothing is."""
+        while True:
+            with self._changed:
+                if not self._waiting or (self._waiting[0][0] > self._durable and not self._problems):
+                    return
+                _, then = self._waiting.popleft()
+            then()
+
+    def _write(self, lines: Sequence[JournalLine]) -> None:
+        try:
+            is_there = os.path.samestat(os.stat(self.file), os.fstat(self._descriptor))  # noqa: PTH116
+        except FileNotFoundError:
+            is_there = False
+        if not is_there:
+            raise OSError('the file was moved or removed')
+        data = b''.join(encode_line(self._count + number, line) for number, line in enumerate(lines))
+        _write_whole(self._descriptor, data)
+        os.fdatasync(self._descriptor)
+        self._count += len(lines)
+        self._size += len(data)
+
+    def _write_anew(self, lines: Sequence[JournalLine]) -> None:
+        """Replace the file by one that says the same: as a whole, or not at all."""
+        self._take_guard()
+        data = b''.join([encode_head(), *(encode_line(number, line) for number, line in enumerate(lines, 1))])
+        fresh = self.file.with_suffix('.fresh')
+        fresh.unlink(missing_ok=True)  # of a process that was killed; or a link to what must not be written
+        descriptor = open_private(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND)
+        try:
+            _write_whole(descriptor, data)
+            os.fsync(descriptor)
+            fresh.replace(self.file)
+        except OSError:
+            os.close(descriptor)
+            raise
+        directory = os.open(self.file.parent, os.O_RDONLY)
+        try:
+            os.fsync(directory)
+        finally:
+            os.close(directory)
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+        self._descriptor, self._count, self._size, self._least_size = descriptor, len(lines) + 1, len(data), len(data)
+
+    def _take_guard(self) -> None:
+        """Keep other processes off the journal; the directory may have been removed since."""
+        guard = self.file.with_suffix('.lock')
+        if self._guard >= 0 and guard.exists() and os.path.samestat(guard.stat(), os.fstat(self._guard)):
+            return
+        guard.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        descriptor = open_private(guard, os.O_RDWR | os.O_CREAT)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            if not isinstance(error, BlockingIOError):  # a file system without locks, for one
+                raise
+            raise OSError(
+                'it is in use by another executive of the same name; give them directories of their own, or names'
+            ) from None
+        if self._guard >= 0:
+            os.close(self._guard)
+        self._guard = descriptor
+        _held.add(self)
+
+    def release_files(self) -> None:
+        """Close the files without a word to the disk: so others may have the journal."""
+        for descriptor in (self._descriptor, self._guard):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._descriptor = self._guard = -1
+
+
+def _unusable(file: Path, why: object) -> OnboardError:
+    return OnboardError(f'parameter journal_directory: {file} cannot be used: {why}')
+
+
+def _write_whole(descriptor: int, data: bytes) -> None:
+    """Raises OSError when not all of it fits onto the disk."""
+    written = os.write(descriptor, data)
+    if written != len(data):
+        raise OSError(f'{written} of {len(data)} bytes fit onto the disk')
+
+
+# The lines of a journal: how they are written, and what can be read of a file that is corrupt.
+#
+# A line is the CRC-32 of its rest as eight hexadecimal digits, its number, and an object of JSON, with a space between
+# them. The first line, number 0, is the head, ``{"format": 2}``; the others have some of these:
+#
+# ========
+# ============================================================================================================== begin
+# a run has begun, or goes on with another behavior: its request, as the executive gave it position  of the run that
+# ``run`` names: what the machine needs to go on from there end       the run that ``run`` names has ended, or will not
+# go on: why autonomy  the level for the next run, as an operator set it; null for that of the parameter commands  lists
+# of id, code and reason: commands that were decided with what else is in the line ========
+# ==============================================================================================================
+#
+# Each line says by itself what it is about, so that those after a corrupt one are of use.
+
+FORMAT: Final = 2
+"""The version of the format; the one before had neither head nor numbers."""
+
+JournalLine = dict[str, Any]
+
+_MOST_TOLD: Final = 5
+"""Problems of a file that are told one by one."""
+
+_MOST_PROBLEMS: Final = 10_000
+"""Lines that are corrupt, after which nothing more is read: the start of an executive waits for it."""
+
+_LONGEST_NAME: Final = 4096
+_LONGEST_TEXT: Final = 2_000_000
+"""Characters of what is shown of a run, and of what it was given: no command can have more."""
+
+_MOST_PATHS: Final = 10_000
+"""Paths of a position."""
+
+
+@dataclass(frozen=True)
+class FoundJournal:
+    """What a file says: the content of its lines, and what is wrong with it."""
+
+    lines: Sequence[JournalLine] = ()
+    corruption: str = ''
+    """What no crash leaves behind; '' for nothing."""
+    torn: int = 0
+    """Bytes of a last line that was not written to its end, as a crash leaves it."""
+
+
+def encode_line(number: int, content: JournalLine) -> bytes:
+    """A line of the file."""
+    text = b'%d %s' % (number, json.dumps(content, ensure_ascii=True, separators=(',', ':')).encode())
+    return b'%08x %s\n' % (zlib.crc32(text), text)
+
+
+def encode_head() -> bytes:
+    """The first line of a file."""
+    return encode_line(0, {'format': FORMAT})
+
+
+def read_journal(data: bytes) -> FoundJournal:
+    """Read a file. Never raises: every line that is whole counts, in the order of the numbers."""
+    *raw_lines, rest = data.split(b'\n')
+    found: dict[int, JournalLine] = {}
+    problems: list[str] = []
+    version: Any = None
+    expected = 0
+    for place, raw in enumerate(raw_lines, 1):
+        try:
+            number, content = _decode(raw)
+            if number == 0:
+                version = content.get('format')
+                if version != FORMAT:
+                    return FoundJournal(corruption=_of_format(version))
+            elif problem := _problem_of(content):
+                raise ValueError(problem)
+            if number in found:
+                raise ValueError(f'has the number {number}, as one before')
+        except ValueError as error:
+            problems.append(f'line {place} {error}')
+            if len(problems) >= _MOST_PROBLEMS:
+                problems.append(f'nothing was read after line {place}')
+                break
+            continue
+        if number != expected:
+            problems.append(f'line {place} has the number {number}, not {expected}')
+        found[number], expected = content, number + 1
+    if raw_lines and version is None:
+        if not found:
+            return FoundJournal(corruption=_of_format(1 if _is_of_format_1(raw_lines[0]) else None))
+        if not problems:
+            problems.append('it has no head')
+    elif not data:
+        problems.append('it is empty')
+    elif not raw_lines and not encode_head().startswith(data):  # as of zeros, after a loss of power
+        return FoundJournal(corruption=_of_format(None))
+    found.pop(0, None)
+    return FoundJournal([found[number] for number in sorted(found)], _told(problems), len(rest))
+
+
+def _decode(raw: bytes) -> tuple[int, JournalLine]:
+    """Number and content of a line; raises ValueError, whose text follows the place of the line."""
+    checksum, _, text = raw.partition(b' ')
+    if checksum != b'%08x' % zlib.crc32(text):
+        raise ValueError('does not have the checksum that it gives')
+    number, _, encoded = text.partition(b' ')
+    if not number.isdigit() or len(number) > len(str(2**63)):
+        raise ValueError('has no number')
+    try:
+        content = json.loads(encoded)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f'is no JSON: {error}') from None
+    if not isinstance(content, dict):
+        raise ValueError('is no object')
+    return int(number), content
+
+
+def _of_format(version: Any) -> str:
+    if version is None:
+        return 'it does not begin as a journal does'
+    return f'it is of format {short_repr(version)}, and this version of FlexBT reads format {FORMAT} only'
+
+
+def _is_of_format_1(raw: bytes) -> bool:
+    checksum, _, text = raw.partition(b' ')
+    return text.startswith(b'{') and checksum == b'%08x' % zlib.crc32(text)
+
+
+def _told(problems: Sequence[str]) -> str:
+    more = [f'{len(problems) - _MOST_TOLD} more', problems[-1]] if len(problems) > _MOST_TOLD else []
+    return '; '.join([*problems[:_MOST_TOLD], *more])
+
+
+def _problem_of(content: JournalLine) -> str:
+    """Why that is no line of a journal; '' when it is one."""
+    for name, value in content.items():
+        check = _CHECKS.get(name)
+        if check is None:
+            return f'has {short_repr(name)}, which is not known'
+        if not check(value):
+            return f'has a {name} that cannot be: {short_repr(value)}'
+    if 'run' not in content and not content.keys().isdisjoint({'position', 'end'}):
+        return 'does not say which run it is about'
+    return ''
+
+
+def _is_any_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_text(value: Any, longest: int = _LONGEST_TEXT) -> bool:
+    """Whether it is one that a message can have: JSON has lone surrogates, too."""
+    return isinstance(value, str) and len(value) <= longest and value.encode('utf-8', 'replace').decode() == value
+
+
+def _is_name(value: Any) -> bool:
+    return _is_text(value, _LONGEST_NAME)
+
+
+def _are_paths(value: Any) -> bool:
+    return isinstance(value, list | dict) and len(value) <= _MOST_PATHS and all(map(_is_name, value))
+
+
+def _is_level(value: Any) -> bool:
+    return type(value) is int and Autonomy.Off <= value <= Autonomy.Full
+
+
+def _is_list_of(*checks: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    """For lists of lists, each with one item for each check."""
+
+    def check(value: Any) -> bool:
+        return isinstance(value, list) and all(
+            isinstance(one, list)
+            and len(one) == len(checks)
+            and all(is_fit(item) for is_fit, item in zip(checks, one, strict=True))
+            for one in value
+        )
+
+    return check
+
+
+def _is_base64(value: Any) -> bool:
+    try:
+        base64.b64decode(value, validate=True)
+    except (TypeError, ValueError):
+        return False
+    return isinstance(value, str)
+
+
+def _is_object_with(parts: Mapping[str, Callable[[Any], bool]]) -> Callable[[Any], bool]:
+    """For objects that have these parts, and perhaps others."""
+    return lambda value: (
+        isinstance(value, dict) and all(name in value and is_fit(value[name]) for name, is_fit in parts.items())
+    )
+
+
+_CHECKS: Final[Mapping[str, Callable[[Any], bool]]] = {
+    'run': _is_name,
+    'begin': _is_object_with(
+        {
+            'run': _is_name,
+            'behavior': _is_name,
+            'arguments': _is_list_of(_is_name, _is_text),
+            'inputs': _is_list_of(_is_name, _is_name, _is_text, _is_base64),
+            'by': _is_name,
+            'autonomy': _is_level,
+        }
+    ),
+    # What is shown of a run before it goes on; all of it is checked when it does.
+    'position': _is_object_with(
+        {
+            'active': _are_paths,
+            'coming': _are_paths,
+            'levels': lambda value: (
+                isinstance(value, dict) and _are_paths(value) and all(map(_is_level, value.values()))
+            ),
+            'locked': _are_paths,
+            'breakpoints': _are_paths,
+        }
+    ),
+    'end': _is_any_text,
+    'autonomy': lambda value: value is None or _is_level(value),
+    'commands': _is_list_of(
+        _is_name,
+        lambda code: type(code) is int and code in (CommandResult.APPLIED, CommandResult.REFUSED),
+        _is_any_text,
+    ),
+}

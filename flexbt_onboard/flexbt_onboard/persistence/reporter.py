@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What happens on the robot, told in one place: lines for the operators, and events for the event log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+from flexbt_core.state_machine.model.definition import ERROR
+from flexbt_msgs.msg import ExecutiveLog
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
+from flexbt_onboard.behaviors.run_building import RunRequest
+
+from .event_log import EventLog
+
+
+class OperatorLog(Protocol):
+    """Tells every operator a line, and the node's own log as well; from any thread."""
+
+    def __call__(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
+        """``severity`` is one of ExecutiveLog, ``path`` that of the state that speaks."""
+
+
+class StorageProblems:
+    """What is wrong with the files that the executive writes: told when it begins and ends. From any thread.
+
+    ``texts`` has it by what the file is; '' for nothing. ``changed`` is told when there is another one.
+    """
+
+    def __init__(self, log: OperatorLog, changed: Callable[[], None] = lambda: None) -> None:
+        self.texts: dict[str, str] = {}
+        self._log = log
+        self._changed = changed
+
+    @property
+    def text(self) -> str:
+        """All that is wrong; '' for nothing."""
+        return '; '.join(filter(None, self.texts.values()))
+
+    def of(self, file: str, severity: int) -> Callable[[str], None]:
+        """Takes what is wrong with a file, such as 'event log'; '' when it can be written again."""
+
+        def tell(text: str) -> None:
+            self.texts[file] = text
+            self._log(severity if text else ExecutiveLog.INFO, text or f'the {file} is written again')
+            self._changed()
+
+        return tell
+
+
+class Reporter:
+    """Tells operators and event log what happens. From any thread.
+
+    ``log`` tells the operators a line that is no event. ``stream`` is told each event by its name and fields, and
+    sends the operators those that are for them.
+    """
+
+    def __init__(
+        self,
+        log: OperatorLog,
+        event_log: EventLog,
+        stream: Callable[[str, Mapping[str, Any]], None] = lambda event, fields: None,
+    ) -> None:
+        self.log = log
+        self._event_log = event_log
+        self._stream = stream
+
+    def event(self, event: str, **fields: Any) -> None:
+        """Write an event."""
+        self._event_log.add(event, **fields)
+        self._stream(event, fields)
+
+    # -- the executive ------------------------------------------------------------------------------------------------
+
+    def broken(self, entry: BehaviorEntry) -> None:
+        """An installed behavior cannot be run."""
+        self.log(ExecutiveLog.WARN, f'behavior {entry.name!r} of {entry.package} is broken: {entry.error}')
+
+    def interrupted(self, run_id: str, behavior: str, active: Sequence[str]) -> None:
+        """The executive has found a run that its end has interrupted."""
+        self.log(
+            ExecutiveLog.WARN,
+            f'behavior {behavior!r} was interrupted by the end of the executive in '
+            f'{", ".join(active) or "its beginning"}; an operator has to resume or abort it',
+            run_id=run_id,
+        )
+
+    def fault(self, error: BaseException) -> None:
+        """A callback of the executive let an exception escape."""
+        self.log(ExecutiveLog.ERROR, f'fault in the executive, which goes on: {type(error).__name__}: {error}')
+
+    # -- operators ----------------------------------------------------------------------------------------------------
+
+    def command(self, fields: Mapping[str, Any], effect: str, why: str = '') -> None:
+        """What became of a command: applied, refused or ignored."""
+        self.event('command', **fields, effect=effect, why=why)
+
+    def note(self, operator: str, text: str, run_id: str) -> None:
+        """A remark of an operator for the others; the event log has it as a command."""
+        self.log(ExecutiveLog.INFO, f'{operator or "an operator"} notes: {text}', run_id=run_id)
+
+    def authority(self, holder: str, requests: Sequence[str], text: str) -> None:
+        """Another operator has the authority to command, or asks for it."""
+        self.log(ExecutiveLog.INFO, text)
+        self.event('authority', holder=holder, requests=list(requests), text=text)
+
+    def operators(self, text: str, is_warning: bool) -> None:
+        """Consoles have come or gone, and what is done about it."""
+        self.log(ExecutiveLog.WARN if is_warning else ExecutiveLog.INFO, text)
+        self.event('operator', text=text)
+
+    # -- runs ---------------------------------------------------------------------------------------------------------
+
+    def run_started(self, run_id: str, request: RunRequest) -> None:
+        """A behavior is built and begins, or goes on after a restart of the executive."""
+        name = request.entry.name
+        self.event(
+            'started' if request.at is None else 'resumed',
+            run=run_id,
+            behavior=name,
+            arguments=dict(request.arguments),
+            inputs=[entry.key for entry in request.inputs],
+            autonomy=request.autonomy,
+            by=request.by,
+        )
+        what = 'started' if request.at is None else 'goes on; its active states are entered again'
+        self.log(ExecutiveLog.INFO, f'behavior {name!r} {what}', run_id=run_id)
+
+    def run_refused(self, run_id: str, behavior: str, reason: str) -> None:
+        """A behavior could not be built."""
+        self.event('refused', run=run_id, behavior=behavior, why=reason)
+        self.log(ExecutiveLog.ERROR, f'behavior {behavior!r} cannot start: {reason}', run_id=run_id)
+
+    def run_switched(self, run_id: str, request: RunRequest) -> None:
+        """A run goes on with another behavior."""
+        arguments = dict(request.arguments)
+        self.event('switched', run=run_id, behavior=request.entry.name, arguments=arguments, by=request.by)
+
+    def run_ended(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
+        """A run has ended, and everything has halted, or what ``message`` does not name."""
+        self.event('ended', run=run_id, behavior=behavior, outcome=outcome, message=message)
+        severity = ExecutiveLog.ERROR if outcome == ERROR else ExecutiveLog.INFO
+        text = f'behavior {behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')
+        self.log(severity, text, run_id=run_id)
+
+    def not_journaled(self, run_id: str, type_name: str) -> None:
+        """The userdata of a run has a value that the journal cannot hold."""
+        self.log(
+            ExecutiveLog.WARN,
+            f'the userdata has a {type_name}, which cannot be journaled: the run could not go on after a crash',
+            run_id=run_id,
+        )

@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The journal of an executive's runs: what is written of a run, in which form, and what is read after a crash."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rclpy.serialization import deserialize_message, serialize_message
+
+from flexbt_common.files import node_file
+from flexbt_common.values.value_types import message_type_name, resolve_type
+from flexbt_core.clock.clock import Clock
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine.resume import RunPosition
+from flexbt_core.state_machine.model.definition import ROOT_PATH
+from flexbt_core.state_machine.model.userdata import StateMachineError
+from flexbt_core.values.text import sanitize_for_message, short_repr
+from flexbt_msgs.msg import BlackboardEntry, CommandResult
+from flexbt_onboard.behaviors.run_building import RunRequest
+from flexbt_onboard.errors import CommandRefusedError
+
+from .journal import Journal, JournaledResult, await_closed
+
+# The journal of an executive's runs: what is written of a run, and what is made of it after a crash.
+#
+# A run that an operator has started goes on after a crash, when an operator wants it to. One that a program has started
+# does not: nobody waits for its result any more.
+
+REASON_LENGTH: Final = 2000
+"""Characters of the reason of a refusal; the middle of a longer one is left out."""
+
+Decided = tuple[CommandReply, 'str | None']
+"""An answer, and why the command was refused; None when it was applied."""
+
+
+@dataclass(frozen=True, eq=False)
+class CommandAnswer:
+    """An answer that knows which command it is for; ``tell`` is called on any thread."""
+
+    command_id: str
+    tell: CommandReply
+
+    def __call__(self, reason: str | None) -> None:
+        self.tell(reason)
+
+
+@dataclass(frozen=True)
+class InterruptedRun:
+    """A run that the end of the executive interrupted; everything as it was written."""
+
+    run_id: str
+    behavior: str
+    arguments: Sequence[tuple[str, str]]
+    inputs: Sequence[BlackboardEntry]
+    by: str
+    first_autonomy: int
+    plain_position: Any
+
+    @property
+    def active(self) -> list[str]:
+        """Paths of the states that were active, or were to be entered."""
+        paths: list[str] = [*self._part('active', []), *self._part('coming', [])]
+        around = {path[:place] for path in paths for place, sign in enumerate(path) if sign == '/'}
+        return [path for path in paths if path not in around]
+
+    @property
+    def is_paused(self) -> bool:
+        """Return whether it was paused, and so is again when it is resumed."""
+        return bool(self._part('is_paused', False))
+
+    @property
+    def levels(self) -> Mapping[str, int]:
+        """Levels of autonomy by path, that of the root included."""
+        return dict(self._part('levels', {}))
+
+    @property
+    def locked(self) -> list[str]:
+        """What was locked."""
+        return list(self._part('locked', []))
+
+    @property
+    def breakpoints(self) -> list[str]:
+        """What had a breakpoint."""
+        return list(self._part('breakpoints', []))
+
+    @property
+    def autonomy(self) -> int:
+        """The level of the run; that of its start as long as it had no other."""
+        return self.levels.get(ROOT_PATH, self.first_autonomy)
+
+    def position(self) -> RunPosition | None:
+        """Where the run goes on; None at its beginning.
+
+        Raises:
+            CommandRefusedError: what was written cannot be read again.
+        """
+        if self.plain_position is None:
+            return None
+        try:
+            return RunPosition.from_plain(from_plain_form(self.plain_position))
+        except (FlexbtError, StateMachineError) as error:
+            raise CommandRefusedError(
+                f'run {self.run_id} cannot go on where it was: {error}; abort it, and start the behavior anew'
+            ) from error
+
+    def _part(self, name: str, nothing: Any) -> Any:
+        return self.plain_position.get(name, nothing) if isinstance(self.plain_position, dict) else nothing
+
+
+class RunJournal:
+    """Writes what happens to a run, if there is a ``directory`` for it. From any thread."""
+
+    def __init__(self, directory: str, node_name: str, on_problem: Callable[[str], None], clock: Clock) -> None:
+        """Open the journal of a node (fully qualified name); see :class:`Journal`.
+
+        Raises:
+            OnboardError: it cannot be opened.
+        """
+        self._lost: set[str] = set()
+        file = _file(directory, node_name)
+        self._journal = Journal(file, on_problem, clock) if file is not None else None
+
+    @staticmethod
+    def await_closed(directory: str, node_name: str) -> None:
+        """Wait until the journal can be opened that was closed last, which a slow disk may hold up for some seconds.
+
+        Raises:
+            OnboardError: it takes longer.
+        """
+        if (file := _file(directory, node_name)) is not None:
+            await_closed(file)
+
+    @property
+    def corruption(self) -> str:
+        """What the operator has to know of the journal that was found; '' when all is well."""
+        return self._journal.corruption if self._journal is not None else ''
+
+    @property
+    def torn(self) -> str:
+        """What a crash has cut off from the journal that was found; '' for nothing."""
+        return self._journal.torn if self._journal is not None else ''
+
+    @property
+    def results(self) -> Sequence[CommandResult]:
+        """Results of the commands that were decided before, the oldest first."""
+        known = self._journal.state.commands if self._journal is not None else {}
+        return [
+            CommandResult(
+                command_id=command_id, code=code, reason=sanitize_for_message(reason)
+            )  # cut when it was written
+            for command_id, (code, reason) in known.items()
+        ]
+
+    @property
+    def interrupted(self) -> InterruptedRun | None:
+        """The run that has begun and not ended; to be asked while none runs."""
+        begin = self._journal.state.begin if self._journal is not None else None
+        if begin is None or self._journal is None:
+            return None
+        return InterruptedRun(
+            run_id=begin['run'],
+            behavior=begin['behavior'],
+            arguments=[(name, value) for name, value in begin['arguments']],
+            inputs=[
+                BlackboardEntry(key=key, type=type, text=text, data=base64.b64decode(data))
+                for key, type, text, data in begin['inputs']
+            ],
+            by=begin['by'],
+            first_autonomy=begin['autonomy'],
+            plain_position=self._journal.state.position,
+        )
+
+    def begin(self, run_id: str, request: RunRequest, answer: CommandReply) -> None:
+        """A run begins, or goes on; ``answer`` is that of the command for it."""
+        if self._journal is None or not request.is_durable:
+            return
+        if request.at is None:
+            self._journal.append(_results([(answer, None)]), begin=_begin(run_id, request))
+        else:
+            self._journal.append(_results([(answer, None)]))
+
+    def move(
+        self,
+        run_id: str,
+        position: Callable[[], RunPosition],
+        decided: Sequence[Decided],
+        switched_to: RunRequest | None = None,
+    ) -> Sequence[str]:
+        """The machine has moved to a position. What was decided with it is written in the same line.
+
+        Gives the types of values that could not be written, each once.
+        """
+        if self._journal is None or not self._has(run_id):
+            return ()
+        lost: set[str] = set()
+        line: dict[str, Any] = {'run': run_id, 'position': to_plain_form(position().to_plain(), lost.add)}
+        if switched_to is not None:
+            line['begin'] = _begin(run_id, switched_to)
+        self._journal.append(_results(decided), **line)
+        new = sorted(lost - self._lost)
+        self._lost |= lost
+        return new
+
+    def decide(self, command_id: str, reason: str | None) -> None:
+        """A command was decided, if that is not written yet."""
+        if self._journal is not None and command_id not in self._journal.state.commands:
+            self._journal.append([_result(command_id, reason)])
+
+    def end(self, run_id: str, why: str) -> None:
+        """The run has ended, or will not go on."""
+        if self._journal is not None and self._has(run_id):
+            self._journal.append(run=run_id, end=why)
+
+    @property
+    def next_autonomy(self) -> int | None:
+        """The level for the next run that an operator set before a crash; None if there is none."""
+        return self._journal.state.autonomy if self._journal is not None else None
+
+    def set_next_autonomy(self, level: int | None) -> None:
+        """The level for the next run has changed; None when the executive ends in order, and nobody has to know."""
+        if self._journal is not None and level != self._journal.state.autonomy:
+            self._journal.append(autonomy=level)
+
+    def when_durable(self, then: Callable[[], object]) -> None:
+        """Have ``then`` called when what was written before survives a crash; see :meth:`Journal.when_durable`."""
+        if self._journal is None:
+            then()
+        else:
+            self._journal.when_durable(then)
+
+    def sync(self, within: float) -> None:
+        """Wait for that, for that many seconds at most."""
+        if self._journal is not None:
+            self._journal.sync(within)
+
+    def close(self) -> None:
+        """Give the journal up to another process."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def _has(self, run_id: str) -> bool:
+        begin = self._journal.state.begin if self._journal is not None else None
+        return begin is not None and begin['run'] == run_id
+
+
+def _file(directory: str, node_name: str) -> Path | None:
+    return node_file(directory, node_name, '.journal')
+
+
+def _begin(run_id: str, request: RunRequest) -> dict[str, Any]:
+    return {
+        'run': run_id,
+        'behavior': request.entry.name,
+        'arguments': [list(argument) for argument in request.arguments],
+        'inputs': [
+            [entry.key, entry.type, entry.text, base64.b64encode(bytes(entry.data)).decode()]
+            for entry in request.inputs
+        ],
+        'by': request.by,
+        'autonomy': request.autonomy,
+    }
+
+
+def _results(decided: Sequence[Decided]) -> list[JournaledResult]:
+    return [_result(answer.command_id, reason) for answer, reason in decided if isinstance(answer, CommandAnswer)]
+
+
+def _result(command_id: str, reason: str | None) -> JournaledResult:
+    code = CommandResult.APPLIED if reason is None else CommandResult.REFUSED
+    return command_id, code, sanitize_for_message(reason or '', REASON_LENGTH)
+
+
+# Values of userdata as JSON and back, exactly: numbers, texts, bytes, containers of them, and ROS messages.
+#
+# Nothing is imported or called by what is read, apart from message types that are installed. A value that has no such
+# form is kept as the name of its type: reading it is an error that says what was lost.
+
+_MARK: Final = '$'
+"""An object with one key that begins with this is something else than a mapping with texts as keys."""
+
+_MOST_DEPTH: Final = 64
+
+_MOST_BITS: Final = 8192
+"""Of an integer. Python refuses to read or write one of more than 4300 digits."""
+
+
+def _ignore(_what: str) -> None:
+    """Nobody wants to know what is lost."""
+
+
+def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth: int = 0) -> Any:
+    """What ``json.dumps`` takes. Never raises: of what cannot be written the type is noted, and ``on_lost`` told."""
+    if value is None or type(value) in (bool, float, str):
+        return value
+    if type(value) is int:
+        return value if value.bit_length() <= _MOST_BITS else _lost(value, on_lost)
+    if depth > _MOST_DEPTH:
+        return _lost(value, on_lost)
+    if type(value) is list:
+        return [to_plain_form(item, on_lost, depth + 1) for item in value]
+    if type(value) is tuple:
+        return {'$tuple': [to_plain_form(item, on_lost, depth + 1) for item in value]}
+    if type(value) is dict:
+        if all(type(key) is str and not key.startswith(_MARK) for key in value):
+            return {key: to_plain_form(item, on_lost, depth + 1) for key, item in value.items()}
+        return {'$map': [[to_plain_form(part, on_lost, depth + 1) for part in item] for item in value.items()]}
+    if type(value) is bytes:
+        return {'$bytes': base64.b64encode(value).decode()}
+    if hasattr(type(value), 'get_fields_and_field_types'):
+        try:
+            data = base64.b64encode(bytes(serialize_message(value))).decode()
+            return {'$message': [message_type_name(type(value)), data]}
+        except Exception:  # fields of wrong types; whatever the middleware makes of them
+            return _lost(value, on_lost)
+    return _lost(value, on_lost)
+
+
+def from_plain_form(value: Any, depth: int = 0) -> Any:
+    """The value that was written.
+
+    Raises:
+        FlexbtError: it could not be written, or is nothing that :func:`to_plain_form` writes.
+    """
+    if depth > _MOST_DEPTH + 1:
+        raise FlexbtError(f'{short_repr(value)} is no value that was written here: it is in {depth} others')
+
+    def inner(item: Any) -> Any:
+        return from_plain_form(item, depth + 1)
+
+    if isinstance(value, list):
+        return [inner(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    mark = next(iter(value), '')
+    if len(value) != 1 or not mark.startswith(_MARK):
+        return {key: inner(item) for key, item in value.items()}
+    content = value[mark]
+    try:
+        if mark == '$tuple':
+            return tuple(inner(item) for item in content)
+        if mark == '$map':
+            return {inner(key): inner(item) for key, item in content}
+        if mark == '$bytes':
+            return base64.b64decode(content, validate=True)
+        if mark == '$message':
+            name, data = content
+            return deserialize_message(base64.b64decode(data, validate=True), resolve_type(name).message)
+    except FlexbtError:
+        raise
+    except Exception as error:
+        raise FlexbtError(f'{short_repr(value)} is no value that was written here: {error}') from error
+    if mark == '$lost':
+        raise FlexbtError(f'a value of type {content} could not be written')
+    raise FlexbtError(f'{short_repr(value)} is no value that was written here')
+
+
+def _lost(value: Any, on_lost: Callable[[str], object]) -> dict[str, str]:
+    name = f'{type(value).__module__}.{type(value).__qualname__}'
+    on_lost(name)
+    return {'$lost': name}

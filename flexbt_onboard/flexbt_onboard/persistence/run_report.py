@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``run_report``: figures of a run from the event log of its executive, as text, JSON, or a picture."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from flexbt_common.command_line import SuggestingArgumentParser, abandon_stdout, make_streams_safe, report_full_output
+from flexbt_common.files import USER_DIRECTORY, home_path
+from flexbt_core.values.text import one_line, xml_attribute, xml_text
+from flexbt_core.values.text_files import write_text
+
+from .event_log import newest_log, rotated
+from .run_metrics import ROOT, Intervention, RunMetrics, metrics_of, read_events
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the report; 0 when there is one, 1 when there is no such run, 2 for a file that cannot be read."""
+    make_streams_safe()
+    options = _parser().parse_args(arguments)
+    try:
+        runs = metrics_of(read_events(_files(options.files)), wall=options.wall)
+        chosen = [run for run in runs if run.run.startswith(options.run)] if options.run else runs[-1:]
+        if options.list:
+            print('\n'.join(_summary(run) for run in runs) or 'no runs')
+        elif len(chosen) != 1:
+            what = f'{len(chosen)} runs begin with {options.run!r}' if options.run else 'the event log has no run'
+            print(one_line(f'run_report: {what}; --list shows them'), file=sys.stderr)
+            return 1
+        elif options.svg:
+            write_text(options.svg, timeline(chosen[0]))
+            print(options.svg)
+        elif options.json:
+            print(json.dumps(as_json(chosen[0]), allow_nan=False))
+        else:
+            print('\n'.join(as_text(chosen[0])))
+        sys.stdout.flush()
+    except BrokenPipeError:
+        abandon_stdout()
+    except OSError as error:
+        if not report_full_output('run_report', error):
+            print(one_line(f'run_report: {error}'), file=sys.stderr)
+        return 2
+    return 0
+
+
+def as_json(run: RunMetrics) -> dict[str, object]:
+    """The figures and what they are made of, for programs. Times in seconds."""
+    return {
+        'run': run.run,
+        'behavior': run.behavior,
+        'by': run.by,
+        'begin': run.begin,
+        'duration': run.duration,
+        'waiting': run.waiting,
+        'wait_causes': run.wait_causes(),
+        'outcome': run.outcome,
+        'message': run.message,
+        'faults': run.faults,
+        'commands': run.commands(),
+        'states': [dataclasses.asdict(one) for one in run.paths()],
+        'visits': [dataclasses.asdict(one) for one in sorted(run.visits, key=lambda visit: visit.begin)],
+        'waits': [dataclasses.asdict(one) for one in run.waits],
+        'clock_set': run.clock_set,
+        'contradictions': [dataclasses.asdict(one) for one in run.contradictions],
+        'interventions': [dataclasses.asdict(one) for one in run.interventions],
+    }
+
+
+def as_text(run: RunMetrics) -> list[str]:
+    """The figures for a person."""
+    ended = one_line(run.outcome or 'no end') + (f' ({one_line(run.message)})' if run.message else '')
+    share = 100.0 * run.waiting / run.duration if run.duration else 0.0
+    shown = [
+        f'{one_line(run.behavior)}: {ended}',
+        f'run {one_line(run.run)}, started by {one_line(run.by) or "?"}, {run.duration:.1f} s',
+        f'waiting for the operator {run.waiting:.1f} s ({share:.0f} %), decisions {len(run.waits)}, '
+        f'faults {run.faults}',
+        'of it (wall time): ' + ', '.join(f'{cause} {seconds:.1f} s' for cause, seconds in run.wait_causes().items()),
+        *(f"the computer's clock was set by {by:+.1f} s, which no time here has" for by in run.clock_set),
+        '',
+        f'{"state":40} {"visits":>6} {"total s":>9} {"longest s":>9} {"waiting s":>9}  outcomes',
+    ]
+    for one in run.paths():
+        outcomes = ' '.join(f'{one_line(name)}:{number}' for name, number in one.outcomes.items())
+        shown.append(
+            f'{one_line(one.path):40} {one.visits:6} {one.total:9.2f} {one.longest:9.2f} {one.waiting:9.2f}  {outcomes}'
+        )
+    shown += ['', 'commands: ' + (', '.join(f'{name} {number}' for name, number in run.commands().items()) or 'none')]
+    for given in run.interventions:
+        what = ' '.join(filter(None, [given.command, one_line(given.text)]))
+        shown.append(f'  {given.time - run.begin:9.2f} s  {one_line(given.operator)}: {what} ({given.effect})')
+    if run.contradictions:
+        shown += ['', 'not as the skills of the states say:']
+    shown += [
+        f'  {told.time - run.begin:9.2f} s  {one_line(told.path)}: {one_line(told.text)}' for told in run.contradictions
+    ]
+    return shown
+
+
+def _summary(run: RunMetrics) -> str:
+    ended = one_line(run.outcome) or 'no end'
+    return f'{one_line(run.run)}  {run.duration:9.1f} s  {one_line(run.behavior)}: {ended}'
+
+
+def _files(given: Sequence[str]) -> list[Path]:
+    """The files of an event log, the oldest first: those that were rotated belong to it.
+
+    Raises FileNotFoundError when a directory has none.
+    """
+    if len(given) > 1:
+        return [Path(name) for name in given]
+    first = Path(given[0]) if given else home_path(USER_DIRECTORY)
+    if not given or first.is_dir():
+        newest = newest_log(first)
+        if newest is None:
+            raise FileNotFoundError(f'{first}: has no event log')
+        first = newest
+    number = 0
+    while rotated(first, number + 1).exists():
+        number += 1
+    return [rotated(first, age) for age in range(number, -1, -1)]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = SuggestingArgumentParser(
+        prog='run_report', description='Figures of a run from the event log of its executive: the last run, or --run.'
+    )
+    parser.add_argument(
+        'files',
+        nargs='*',
+        metavar='FILE',
+        help=f'event log of an executive, with those that were rotated; or a directory (default: {USER_DIRECTORY}), '
+        'for the one below it to which something was added last; or several files, the oldest first',
+    )
+    parser.add_argument('--run', metavar='ID', help='the run whose identifier begins so')
+    parser.add_argument('--list', action='store_true', help='list the runs')
+    parser.add_argument('--json', action='store_true', help='print JSON')
+    parser.add_argument('--svg', metavar='FILE', help='write a picture of the timeline')
+    parser.add_argument('--wall', action='store_true', help="wall time instead of the node's clock")
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())
+
+
+# The picture of a run: a row for each state and machine, a bar for each visit, waiting for the operator marked.
+
+_ROW: Final = 22
+_LEFT: Final = 260
+_WIDTH: Final = 900
+_TOP: Final = 64
+_TICKS: Final = 10
+_LEAST: Final = 0.8
+"""Pixels of the shortest bar, so that a state without duration is seen."""
+
+_STYLE: Final = (
+    'text{font:12px sans-serif;fill:#222}.time{fill:#666;font-size:11px}.back{fill:#fff}.machine{fill:#c9d6e8}'
+    '.state{fill:#4c78a8}.forced{fill:#b279a2}.open{fill:#9a9a9a}.wait{fill:#f2a13e}.grid{stroke:#e4e4e4}'
+    '.who{stroke:#c0392b}.refused{stroke:#c0392b;stroke-dasharray:2 3}'
+    '@media (prefers-color-scheme:dark){text{fill:#e8e8e8}.time{fill:#aaa}.back{fill:#1b1d21}.machine{fill:#3a4a61}'
+    '.state{fill:#6fa0d6}.forced{fill:#d09bc0}.open{fill:#777}.grid{stroke:#383c43}.who,.refused{stroke:#ff8a80}}'
+)
+
+_LEGEND: Final = {
+    'machine': 'machine',
+    'state': 'state',
+    'forced': 'left by force',
+    'open': 'not left by an outcome',
+    'wait': 'waits for the operator',
+    'who': 'command of an operator',
+    'refused': 'refused command',
+}
+"""What is seen, by its class; only what is in the picture is told."""
+
+
+def timeline(metrics: RunMetrics) -> str:
+    """An SVG document. Bars have tooltips; red lines are commands of operators, dashed when they were refused."""
+    rows = [one.path for one in metrics.paths()]
+    machines = {path for path in rows for other in rows if other != path and other.startswith(path.rstrip('/') + '/')}
+    bottom = _TOP + _ROW * max(1, len(rows)) + 40
+    height = bottom + _ROW
+    scale = _WIDTH / (metrics.duration or 1.0)
+
+    def x(time: float) -> float:
+        return _LEFT + (time - metrics.begin) * scale
+
+    def bar(kind: str, row: int, begin: float, end: float, told: str, inset: int) -> str:
+        width = max(_LEAST, (end - begin) * scale)
+        top = _TOP + _ROW * row + inset
+        return (
+            f'<rect class="{kind}" x="{x(begin):.2f}" y="{top}" width="{width:.2f}" height="{_ROW - 2 * inset}">'
+            f'<title>{xml_text(_plain(told))}</title></rect>'
+        )
+
+    title = f'{metrics.behavior}: {metrics.outcome or "no end"} after {metrics.duration:.1f} s'
+    shown = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_LEFT + _WIDTH + 30}" height="{height}">',
+        f'<style>{_STYLE}</style><rect class="back" width="100%" height="100%"/>',
+        f'<text x="10" y="20">{xml_text(_plain(title))}</text>',
+        f'<text class="time" x="10" y="38">run {xml_text(_plain(metrics.run))}, waiting for the operator '
+        f'{metrics.waiting:.1f} s</text>',
+    ]
+    for time in _ticks(metrics.duration):
+        at = x(metrics.begin + time)
+        shown.append(f'<line class="grid" x1="{at:.2f}" x2="{at:.2f}" y1="{_TOP - 6}" y2="{bottom - 30}"/>')
+        shown.append(f'<text class="time" x="{at:.2f}" y="{bottom - 14}" text-anchor="middle">{time:g} s</text>')
+    for row, path in enumerate(rows):
+        label = path if path == ROOT else '\u2003' * (path.count('/') - 1) + path.rsplit('/', 1)[-1]
+        shown.append(
+            f'<text x="10" y="{_TOP + _ROW * row + 15}" data-path={xml_attribute(_plain(path))}>'
+            f'{xml_text(_plain(label))}<title>{xml_text(_plain(path))}</title></text>'
+        )
+    for visit in metrics.visits:
+        if visit.path in rows:
+            forced = 'forced' if visit.reason == 'forced' else 'state'
+            kind = 'machine' if visit.path in machines else forced if visit.outcome else 'open'
+            told = f'{visit.path}: {visit.outcome or "not left by an outcome"}, {visit.end - visit.begin:.3f} s'
+            shown.append(bar(kind, rows.index(visit.path), visit.begin, visit.end, told, 3))
+    for wait in metrics.waits:
+        if wait.path in rows:
+            told = f'{wait.path} waited for the operator, {wait.end - wait.begin:.1f} s: {wait.outcome or wait.kind}'
+            shown.append(bar('wait', rows.index(wait.path), wait.begin, wait.end, told, 8))
+    shown += [_mark(x(one.time), bottom, one) for one in metrics.interventions]
+    shown += [*_legend('\n'.join(shown), bottom), '</svg>']
+    return '\n'.join(shown) + '\n'
+
+
+def _mark(at: float, bottom: int, one: Intervention) -> str:
+    kind = 'who' if one.effect == 'applied' else 'refused'
+    told = f'{one.operator}: {one.command} {one.text} ({one.effect})'
+    return (
+        f'<line class="{kind}" x1="{at:.2f}" x2="{at:.2f}" y1="{_TOP - 14}" y2="{bottom - 30}">'
+        f'<title>{xml_text(_plain(told))}</title></line>'
+    )
+
+
+def _legend(picture: str, top: int) -> list[str]:
+    """A sample and a text of each class that is in a picture."""
+    shown, x = [], 10.0
+    for kind, text in _LEGEND.items():
+        if f'<rect class="{kind}"' in picture:
+            shown.append(f'<rect class="{kind}" x="{x}" y="{top}" width="18" height="10"/>')
+        elif f'<line class="{kind}"' in picture:
+            shown.append(f'<line class="{kind}" x1="{x + 9}" x2="{x + 9}" y1="{top - 2}" y2="{top + 12}"/>')
+        else:
+            continue
+        shown.append(f'<text x="{x + 24}" y="{top + 9}">{text}</text>')
+        x += 44 + 7 * len(text)
+    return shown
+
+
+def _ticks(duration: float) -> list[float]:
+    """Round times, about ten of them."""
+    if duration <= 0.0:
+        return [0.0]
+    step = 10.0 ** math.floor(math.log10(duration / _TICKS))
+    step *= next(factor for factor in (1, 2, 5, 10, 20) if duration / (step * factor) <= _TICKS)
+    return [round(number * step, 9) for number in range(int(duration / step) + 1)]
+
+
+def _plain(text: str) -> str:
+    """Without characters that XML does not allow."""
+    return ''.join(character if character.isprintable() else ' ' for character in text)

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stops the robot without those who drive it: for a stop whose cancel nobody confirms.
+
+The servers that move the robot are asked to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id
+nor a time means all of them), and zero velocity is commanded until the robot stands still. A server may ignore that:
+what it says of its goals tells whether one goes on, as long as it is there: another one in its place says nothing
+before its first goal. An answer to a cancel of all goals does not tell: it names neither goals whose cancel is refused,
+nor those that are being canceled already.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+from typing import Any, Final
+
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from action_msgs.srv import CancelGoal
+from geometry_msgs.msg import Pose, PoseStamped, Twist, TwistStamped
+from rclpy.qos import qos_profile_action_status_default
+
+from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
+from flexbt_common.names import BT_EXECUTOR
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
+
+MOTION_ACTIONS: Final = (
+    BT_EXECUTOR,
+    'navigate_to_pose',
+    'navigate_through_poses',
+    'follow_path',
+    'follow_waypoints',
+    'spin',
+    'backup',
+    'drive_on_heading',
+    'assisted_teleop',
+    'dock_robot',
+    'undock_robot',
+)
+"""Actions that move the robot, by their default names: trees of the BT server, and those of Nav2."""
+
+_FRONT: Final = {
+    BT_EXECUTOR: 0,
+    'dock_robot': 1,
+    'undock_robot': 1,
+    'follow_waypoints': 2,
+    'navigate_to_pose': 3,
+    'navigate_through_poses': 3,
+}
+"""Those of them by which other programs send the robot somewhere, each through servers of those that follow. They are
+asked in this order, before the rest: one whose own goal was taken away by somebody else has failed, and was not
+canceled; opennav_docking then sends it once more."""
+
+_REST: Final = max(_FRONT.values()) + 1
+
+_STATUS_BYTES: Final = 1_000_000
+"""The goals of a server are told in at most so many bytes: 35,000 of them."""
+
+_PERIOD: Final = 0.05
+"""From one command of zero velocity to the next, s; Nav2's controller server sends its own as often."""
+
+_CANCEL_PERIODS: Final = 10
+"""From one cancel of all goals to the next, in these periods."""
+
+_FRONT_SECONDS: Final = 0.2
+"""For so long those that follow wait for the answers of those in front, in all; zero velocity is commanded meanwhile,
+where the robot is kept at rest."""
+
+_LEAST_SECONDS: Final = 1.0
+"""Zero velocity is commanded for so long at least, and again when the robot moves."""
+
+_BEGINS: Final = frozenset((GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING))
+_GOES_ON: Final = _BEGINS | {GoalStatus.STATUS_CANCELING}
+
+_REST_SECONDS: Final = 0.3
+_REST_METRES: Final = 0.01
+_REST_RADIANS: Final = 0.02
+"""A robot stands still whose pose has changed by less in this time; poses of a localization are noisy."""
+
+
+class MotionStop:
+    """Used on the executor thread only.
+
+    ``pose`` gives the robot's last known pose, with an empty frame while there is none; ``actions`` are the names of
+    the servers' actions, of which those count that exist; ``has_ended`` whether the process of a writer has ended for
+    certain, which the middleware tells only when the lease is over.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        services: ServiceLinks,
+        pose: Callable[[], PoseStamped],
+        actions: Sequence[str],
+        cmd_vel_topic: str,
+        has_ended: Callable[[bytes], bool] = lambda _writer: False,
+        *,
+        stamped: bool,
+    ) -> None:
+        self._runtime = runtime
+        self._services = services
+        self._pose = pose
+        self._actions = actions
+        self._has_ended = has_ended
+        self._stamped = stamped
+        message_type: Any = TwistStamped if stamped else Twist
+        self._commands = runtime.node.create_publisher(message_type, cmd_vel_topic, 1)
+        self._asked: dict[str, ServiceCall] = {}
+        self._busy: dict[str, set[bytes]] = {}  # by action: the writers who have told of a goal that goes on
+        self._timer: Timer | None = None
+        self._unasked: list[list[str]] = []  # actions of one rank each
+        self._patience: Timer | None = None
+        self._round = 0
+        self._zero_until = 0.0
+        self._seen = Pose()
+        self._seen_at = -math.inf
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether it stops the robot now."""
+        return self._timer is not None
+
+    def prepare(self) -> None:
+        """Know the servers already, so that a cancel need not wait for their discovery."""
+        for name in self._servers():
+            self._services.link(CancelGoal, f'{name}/_action/cancel_goal').is_ready()  # or is so in a moment
+            self._listen(name)
+
+    @property
+    def going_on(self) -> Mapping[tuple[str, bytes], str]:
+        """The actions of which a goal has not ended, by their writers, each with the node that serves it, as far as
+        servers that are there have told since :meth:`prepare` or :meth:`hold`. One that was killed is there until its
+        lease is over, if it is not known to have ended."""
+        node = self._runtime.node
+        return {
+            (name, writer): f'{name} (of {writer_name(node, _status_topic(name), writer) or "a node that is gone"})'
+            for name, busy in self._busy.items()
+            for writer in busy and busy & self._writers(name)
+            if not self._has_ended(writer)
+        }
+
+    def hold(self) -> None:
+        """Begin to keep the robot at rest, until :meth:`release`."""
+        if self._timer is None:
+            self._round = 0
+            self._zero_until = self._runtime.steady.now() + _LEAST_SECONDS
+            self._act()
+
+    def cancel_others(self) -> None:
+        """Cancel what other programs have sent the robot to do, once."""
+        if not self._unasked:
+            self._cancel_all_of([name for name in self._servers() if name in _FRONT])
+
+    def drop_cancels(self) -> None:
+        """Send no cancel any more that still waits for its server: it would end what is about to begin."""
+        self._unasked = []
+        for call in self._asked.values():
+            call.cancel()
+
+    def release(self) -> None:
+        """The robot may move again."""
+        self._unasked = []
+        for timer in (self._timer, self._patience):
+            if timer is not None:
+                timer.cancel()
+        self._timer = self._patience = None
+
+    def _act(self) -> None:
+        self._timer = self._runtime.post_in(_PERIOD, self._act)
+        if self._moves() or self._runtime.steady.now() < self._zero_until:
+            self._command_zero()
+        if self._round % _CANCEL_PERIODS == 0:
+            self._cancel_all_of(self._servers())
+        self._round += 1
+
+    def _servers(self) -> list[str]:
+        node = self._runtime.node
+        there = {name for name, _ in node.get_service_names_and_types()}
+        return [name for name in self._actions if node.resolve_service_name(f'{name}/_action/cancel_goal') in there]
+
+    def _listen(self, name: str) -> None:
+        if name in self._busy:
+            return
+        busy = self._busy[name] = set()
+
+        def told(received: Received) -> None:
+            try:
+                goals = received.unpack(GoalStatusArray).status_list
+            except ValueError:
+                return  # no word of a server
+            writers = self._writers(name) if received.writer == UNKNOWN_WRITER else {received.writer}
+            statuses = {goal.status for goal in goals}
+            if not _BEGINS.isdisjoint(statuses) and self.is_holding:
+                self._cancel_all(name)  # a goal that came meanwhile does not move the robot until the next round
+            if not _GOES_ON.isdisjoint(statuses):
+                busy.update(writers)
+            else:
+                busy.difference_update(writers)
+
+        qos = qos_profile_action_status_default
+        ReceivedMessages(self._runtime.node, GoalStatusArray, _status_topic(name), qos, told, _STATUS_BYTES)
+
+    def _writers(self, name: str) -> set[bytes]:
+        """Those who tell of the goals of an action, as :class:`Received` names them."""
+        node = self._runtime.node
+        endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(_status_topic(name)))
+        return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}
+
+    def _cancel_all_of(self, actions: Sequence[str]) -> None:
+        """Ask each when those in front of it have answered, or in a moment."""
+        unasked = self._unasked = [list(rank) for _, rank in groupby(sorted(actions, key=_rank), _rank)]
+        if self._patience is not None:
+            self._patience.cancel()
+
+        def lose_patience() -> None:
+            while unasked and unasked is self._unasked:
+                self._ask_next()
+
+        self._patience = self._runtime.post_in(_FRONT_SECONDS, lose_patience)
+        self._ask_answered()
+
+    def _ask_answered(self) -> None:
+        while self._unasked and all(_rank(name) >= _rank(self._unasked[0][0]) for name in self._asked):
+            self._ask_next()
+
+    def _ask_next(self) -> None:
+        for name in self._unasked.pop(0):
+            self._cancel_all(name)
+
+    def _cancel_all(self, name: str) -> None:
+        self._listen(name)
+        if name in self._asked:
+            return  # it has not answered yet
+        service = f'{name}/_action/cancel_goal'
+
+        def answered(_outcome: ServiceOutcome) -> None:
+            self._asked.pop(name, None)
+            self._ask_answered()
+
+        self._asked[name] = ServiceCall(
+            self._services.link(CancelGoal, service), CancelGoal.Request(), on_done=answered
+        )
+
+    def _moves(self) -> bool:
+        pose, now = self._pose().pose, self._runtime.steady.now()
+        if _differ(self._seen, pose):
+            self._seen, self._seen_at = pose, now
+        return now - self._seen_at < _REST_SECONDS
+
+    def _command_zero(self) -> None:
+        if self._stamped:
+            message = TwistStamped()
+            message.header.stamp = self._runtime.clock.stamp()
+            self._commands.publish(message)
+        else:
+            self._commands.publish(Twist())
+
+
+def _rank(action: str) -> int:
+    return _FRONT.get(action, _REST)
+
+
+def _status_topic(action: str) -> str:
+    return f'{action}/_action/status'
+
+
+def _differ(one: Pose, other: Pose) -> bool:
+    a, b = one.position, other.position
+    turned = abs(math.remainder(_yaw(one) - _yaw(other), math.tau))
+    return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) > _REST_METRES or turned > _REST_RADIANS
+
+
+def _yaw(pose: Pose) -> float:
+    q = pose.orientation
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is done about a run that was told to stop, until all of it is at rest.
+
+The run cancels what it has begun. When that is not confirmed within a moment, the robot is stopped by another way; the
+operator sees what has not stopped; and after a while the run is given up. A server that moves the robot may go on when
+whoever has sent it there has given it up: the robot is kept at rest as long as it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final, Protocol
+
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
+
+from .behavior_run import BehaviorRun
+
+MOTION_SECONDS: Final = 0.3
+"""A stop that is not confirmed within this time stops the robot by another way. A cancel that travels through a BT
+server and a navigation server takes a tenth of a second; and the robot has to be at rest within a second."""
+
+HALT_SECONDS: Final = 5.0
+"""For how long the robot is kept at rest by a stop that is meant for no run."""
+
+_PERIOD: Final = 0.5
+
+
+class RobotStop(Protocol):
+    """Stops the robot without those who drive it."""
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether it keeps the robot at rest now."""
+
+    @property
+    def going_on(self) -> Mapping[tuple[str, bytes], str]:
+        """The actions that may move the robot, and that go on, by action and writer: each for people, with the node's
+        name, which may become known later."""
+
+    def prepare(self) -> None:
+        """A run begins, or is told to stop."""
+
+    def hold(self) -> None:
+        """Begin to keep the robot at rest."""
+
+    def cancel_others(self) -> None:
+        """Cancel what other programs have sent the robot to do."""
+
+    def drop_cancels(self) -> None:
+        """Send no cancel any more that still waits for its server."""
+
+    def release(self) -> None:
+        """The robot may move again."""
+
+
+class StopEnforcer:
+    """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on;
+    ``warn(message)`` tells operators of what goes on after the end of the run, and when it does not any more."""
+
+    def __init__(self, runtime: NodeRuntime, robot: RobotStop, timeout: float, warn: Callable[[str], None]) -> None:
+        self.timeout = timeout
+        self._runtime = runtime
+        self._robot = robot
+        self._warn = warn
+        self._told: Mapping[tuple[str, bytes], str] = {}
+        self._run: BehaviorRun | None = None
+        self._since = 0.0
+        self._timer: Timer | None = None
+
+    def begins(self) -> None:
+        """A run begins. A server that has just been started may not have been asked yet to end what went on before."""
+        self._leave()
+        self._robot.drop_cancels()
+        self._robot.prepare()
+
+    def halt_robot(self, is_running: bool) -> None:
+        """An operator wants the robot to stop, whoever drives it; ``is_running``: there is a run, which is stopped."""
+        run = self._run  # one that has ended may have goals that have not
+        if is_running or (run is not None and (run.has_goals or self._robot.is_holding)):
+            self._robot.cancel_others()
+            return
+        self._leave()
+        self._robot.hold()
+        self._halt_for(HALT_SECONDS)
+
+    def _halt_for(self, seconds: float) -> None:
+        self._timer = self._runtime.post_in(seconds, self._leave_halted)
+
+    def _leave_halted(self) -> None:
+        if self._run is not None:
+            return
+        if self._goes_on():
+            self._halt_for(_PERIOD)
+        else:
+            self._leave()
+
+    def stopping(self, run: BehaviorRun) -> None:
+        """A run was told to stop. The robot is kept at rest until the goals of the run have ended, and those of all
+        that move it, or the next run begins; what goes on when the run has ended at once is seen in a moment."""
+        self._run = run
+        self._robot.prepare()  # for servers that have come since the run began
+        self._since = self._runtime.steady.now()
+        self._check_in(MOTION_SECONDS, run)
+
+    def _leave(self) -> None:
+        self._run = None
+        self._told = {}
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._robot.release()
+
+    def _check_in(self, seconds: float, run: BehaviorRun) -> None:
+        self._timer = self._runtime.post_in(seconds, lambda: self._check(run))
+
+    def _check(self, run: BehaviorRun) -> None:
+        if run is not self._run:
+            return
+        if run.has_ended and not run.has_goals and not self._goes_on():
+            self._leave()
+            return
+        self._robot.hold()
+        seconds = self._runtime.steady.now() - self._since
+        if seconds >= self.timeout:
+            run.abort(f'aborted {self.timeout:g} s after the stop')
+        run.show_not_stopped(seconds)
+        self._check_in(_PERIOD, run)
+
+    def _goes_on(self) -> bool:
+        """Whether something moves the robot all the same, of which operators are told."""
+        going_on = self._robot.going_on
+        if going_on and going_on.keys() != self._told.keys():
+            self._warn(
+                f'the robot is kept at rest until the next start: {_listed(going_on)} went on after the stop. '
+                'Restart the node if it does not end the goal; a node that was killed is taken for running '
+                'for up to 30 s: wait, or start the next run'
+            )
+        elif self._told and not going_on:
+            self._warn(f'{_listed(self._told)} has ended: the robot is not kept at rest any more')
+        self._told = going_on
+        return bool(going_on)
+
+
+def _listed(going_on: Mapping[tuple[str, bytes], str]) -> str:
+    return ', '.join(sorted({*going_on.values()}))

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nodes on whose behalf trees run (the ``owner`` of a goal): when one is gone, its trees are to stop; while it is late,
+they are to be held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import Final
+
+from rclpy.action.server import RCLError
+
+from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.names import alive_topic
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import Timer
+from flexbt_core.errors import FlexbtError
+
+OWNER_SECONDS: Final = 5.0
+"""How long an owner may stay unseen before its goals are stopped: it has died already, or holds no liveliness token."""
+
+OnOwnerGone = Callable[[str], None]
+"""Told the reason why a goal has to stop."""
+
+OnOwnerLate = Callable[[], None]
+"""Called when a goal has to be held, or may go on: see :meth:`GoalOwners.problem`."""
+
+MOST_IDLE: Final = 50
+"""Owners without goals that are watched for OWNER_SECONDS more, since they may give the next goal soon."""
+
+
+class GoalOwners:
+    """Used on the executor thread only."""
+
+    def __init__(self, runtime: NodeRuntime, peer_timeout: float) -> None:
+        """``peer_timeout``: for how long an owner may be late before it is taken for gone, s of wall time."""
+        self._runtime = runtime
+        self._peer_timeout = peer_timeout
+        self._watches: dict[str, LivelinessWatch] = {}
+        self._goals: dict[str, dict[Hashable, tuple[OnOwnerGone, OnOwnerLate | None]]] = {}
+        self._idle: dict[str, Timer] = {}  # the longest first
+
+    def watch(self, owner: str, goal: Hashable, stop: OnOwnerGone, hold: OnOwnerLate | None = None) -> None:
+        """Call ``stop`` when the owner is gone, or is not seen in time, and ``hold`` when it is late, or not any more;
+        until the goal is released. ``goal`` may be something else that ends with the owner.
+
+        Raises:
+            FlexbtError: no node can have this name.
+        """
+        timer = self._idle.pop(owner, None)
+        if timer is not None:
+            timer.cancel()
+        if owner not in self._watches:
+            self._check(owner)
+            self._watches[owner] = LivelinessWatch(
+                self._runtime,
+                owner,
+                lambda alive: self._runtime.post(lambda: self._changed(owner, alive)),
+                on_late=lambda _late: self._runtime.post(lambda: self._hold(owner)),
+                timeout=self._peer_timeout,
+            )
+        self._goals.setdefault(owner, {})[goal] = (stop, hold)
+        if not self.sees(owner):
+            # It may be younger than our knowledge of it; but a run must not go on for somebody who is not there.
+            self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal))
+
+    def release(self, owner: str, goal: Hashable) -> None:
+        """The goal has ended."""
+        goals = self._goals.get(owner)
+        if goals is None or goals.pop(goal, None) is None or goals:
+            return
+        self._idle[owner] = self._runtime.post_in(OWNER_SECONDS, lambda: self._forget(owner))
+        if len(self._idle) > MOST_IDLE:
+            self._forget(next(iter(self._idle)))
+
+    def _forget(self, owner: str) -> None:
+        timer = self._idle.pop(owner, None)
+        if timer is not None:
+            timer.cancel()
+            self._watches.pop(owner).close()
+            del self._goals[owner]
+
+    def sees(self, owner: str) -> bool:
+        """Whether the owner is watched, and alive."""
+        return owner in self._watches and self._watches[owner].alive is True
+
+    def problem(self, owner: str) -> str:
+        """Why goals of the owner are to be held; '' when they are not."""
+        watch = self._watches.get(owner)
+        if watch is None or not (watch.late or watch.alive is False):
+            return ''
+        what = ': '.join(filter(None, ('late' if watch.late else 'gone', watch.problem)))
+        return f'{owner}, on whose behalf the tree runs, is {what}'
+
+    def _check(self, owner: str) -> None:
+        try:
+            self._runtime.node.resolve_topic_name(alive_topic(owner))
+        except RCLError as error:
+            raise FlexbtError(
+                f'the owner {owner!r} is no name of a node; give one, such as /robot1/executive, or leave owner empty'
+            ) from error
+
+    def _look_for(self, owner: str, goal: Hashable) -> None:
+        found = self._goals.get(owner, {}).get(goal)
+        if found is not None and not self.sees(owner):
+            stop, _ = found
+            stop(
+                f'{owner}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
+                'it has died, or it holds no liveliness token (leave owner empty if nobody needs to be alive)'
+            )
+
+    def _changed(self, owner: str, alive: bool) -> None:
+        self._hold(owner)
+        if not alive:
+            for stop, _ in list(self._goals.get(owner, {}).values()):
+                stop(f'{owner}, on whose behalf the tree ran, is gone: it has ended or died, or was late for too long')
+
+    def _hold(self, owner: str) -> None:
+        problem = self.problem(owner)
+        holds = [hold for _, hold in self._goals.get(owner, {}).values() if hold is not None]
+        if problem and holds:
+            self._runtime.node.get_logger().warning(f'trees are held: {problem}')
+        for hold in holds:
+            hold()

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How far a robot has still to go, and how long that takes: for the feedback of running trees."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any, Final
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.time import Time
+
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.values.json_data import finite_number
+from flexbt_server.trees.blackboards import RECOVERIES_KEY
+
+MOST_COUNTED: Final = 2**15 - 1
+"""Recoveries and poses that feedback can count, an int16."""
+
+LONGEST: Final = 2.0**31 - 1.0
+"""Time that feedback can tell, s."""
+
+LEAST_SPEED: Final = 0.01
+LEAST_DISTANCE: Final = 0.1
+"""Below these, m/s and m, no time is estimated, as in Nav2."""
+
+SMOOTHING: Final = 0.3
+"""Time over which the speed is taken, s, as Nav2 smooths that of the odometry."""
+
+
+UNKNOWN_DISTANCE: Final = -1.0
+
+Point = tuple[float, float]
+
+
+def distance_along(path: Any, pose: PoseStamped) -> float:
+    """Metres from ``pose`` to the nearest place of ``path``, and along it to its end; negative when unknown."""
+    if not isinstance(path, Path) or not path.poses or not pose.header.frame_id:
+        return UNKNOWN_DISTANCE
+    here = (pose.pose.position.x, pose.pose.position.y)
+    points = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in path.poses]
+    lengths = [math.dist(a, b) for a, b in itertools.pairwise(points)]
+    nearest, ahead_of_nearest = math.dist(here, points[-1]), 0.0
+    ahead = 0.0
+    for (start, end), length in zip(reversed(list(itertools.pairwise(points))), reversed(lengths), strict=True):
+        place, left = _nearest_on_segment(here, start, end, length)
+        distance = math.dist(here, place)
+        if distance < nearest:
+            nearest, ahead_of_nearest = distance, ahead + left
+        ahead += length
+    return nearest + ahead_of_nearest
+
+
+def _nearest_on_segment(here: Point, start: Point, end: Point, length: float) -> tuple[Point, float]:
+    """The point of a segment that is nearest to ``here``, and how far it is from the segment's end."""
+    if length <= 0.0:
+        return end, 0.0
+    along = ((here[0] - start[0]) * (end[0] - start[0]) + (here[1] - start[1]) * (end[1] - start[1])) / length**2
+    along = min(max(along, 0.0), 1.0)
+    place = (start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]))
+    return place, (1.0 - along) * length
+
+
+def distance_left(path: Any, pose: PoseStamped) -> float:
+    """Metres along ``path`` from its pose that is nearest to ``pose``; 0 while there is no path."""
+    if not isinstance(path, Path) or not path.poses or not pose.header.frame_id:
+        return 0.0
+    here = (pose.pose.position.x, pose.pose.position.y)
+    points = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in path.poses]
+    nearest = min(range(len(points)), key=lambda index: math.dist(here, points[index]))
+    return sum(math.dist(a, b) for a, b in itertools.pairwise(points[nearest:]))
+
+
+def seconds_left(distance: float, speed: float) -> float:
+    """How long ``distance``, m, takes at ``speed``, m/s; 0 while the robot hardly moves, or is nearly there."""
+    return min(distance / speed, LONGEST) if speed > LEAST_SPEED and distance > LEAST_DISTANCE else 0.0
+
+
+def recoveries(board: Blackboard) -> int:
+    """The recoveries that trees have counted on a blackboard, where anybody may write what he likes."""
+    return int(min(max(finite_number(board.get_or(RECOVERIES_KEY, 0)) or 0.0, 0.0), MOST_COUNTED))
+
+
+class Speed:
+    """The speed of a robot by its poses, m/s."""
+
+    def __init__(self) -> None:
+        self._poses: list[tuple[float, float, float]] = []
+
+    def at(self, pose: PoseStamped) -> float:
+        """The speed over the last :data:`SMOOTHING` seconds and up to this pose."""
+        at = pose.pose.position
+        seen = (Time.from_msg(pose.header.stamp).nanoseconds * 1e-9, at.x, at.y)
+        if self._poses and seen[0] < self._poses[-1][0]:
+            self._poses.clear()  # time has gone back
+        if not self._poses or seen[0] > self._poses[-1][0]:
+            self._poses.append(seen)
+        while len(self._poses) > 2 and self._poses[1][0] <= seen[0] - SMOOTHING:
+            del self._poses[0]
+        (since, *there), (until, *here) = self._poses[0], self._poses[-1]
+        return math.dist(there, here) / (until - since) if until > since else 0.0

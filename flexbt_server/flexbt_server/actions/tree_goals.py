@@ -1,0 +1,532 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The goals a server works on: each becomes the run of a tree, or takes over the run of the same tree."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+from geometry_msgs.msg import PoseStamped
+
+from flexbt_common.calls.goal_server import ServedGoal
+from flexbt_common.runtime.health import Hang
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree.engine.tick_control import TickCommand
+from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.definition import TreeKey
+from flexbt_core.clock.clock import Timer
+from flexbt_core.clock.work_thread import WorkThread
+from flexbt_core.errors import FlexbtError
+from flexbt_core.monitors.monitoring import Monitoring
+from flexbt_core.values.text import sanitize_for_message, short_repr
+from flexbt_msgs.action import BtExecute
+from flexbt_server.errors import UnknownRunError
+from flexbt_server.leaves.leaf_services import LeafServices
+from flexbt_server.leaves.topic_cache import SubscribedTopic
+from flexbt_server.runs.run_watchers import RunWatcher, watched_by
+from flexbt_server.runs.tree_run import RunOutcome, TreeRun
+from flexbt_server.runs.tree_stream import NoStream, TreeStream
+from flexbt_server.trees.blackboards import Blackboards, Value
+from flexbt_server.trees.tree_store import FoundTree, TreeStore
+
+from .goal_owners import GoalOwners
+
+# The goals that a server works on: each becomes the run of a tree, or takes over the run of the same tree.
+#
+# All of this happens on the executor thread; runs and file reading have threads of their own and report back.
+
+ExecuteResult = BtExecute.Result
+
+MESSAGE_LIMIT: Final = 10_000
+"""Characters of what a client is told."""
+
+RETURN_SECONDS: Final = 3.5
+"""How long trees are held after the process was stopped, s of wall time: until it has found the others again, and they
+have said what they want. By default, Fast DDS sends again after 3 s what was lost in full queues."""
+
+_REPORT_SECONDS: Final = 0.3
+"""A run that has not halted in time says so a little later, s."""
+
+MOST_PAUSING: Final = 20
+"""Nodes on whose behalf one tree is paused, at most: each is watched."""
+
+_BY_CLIENT: Final = 'canceled by the client'
+
+
+class RunParameters(Protocol):
+    """The parameters of the server that runs need; :class:`flexbt_server.ServerParameters` tells what they are."""
+
+    @property
+    def tick_rate(self) -> float: ...
+
+    @property
+    def feedback_rate(self) -> float: ...
+
+    @property
+    def cancel_timeout(self) -> float: ...
+
+    @property
+    def peer_timeout(self) -> float: ...
+
+    @property
+    def pose_topic(self) -> str: ...
+
+    @property
+    def error_code_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def publish_statuses(self) -> bool: ...
+
+    @property
+    def monitoring(self) -> Monitoring: ...
+
+
+class TreeGoals:
+    """The goals of a server, by whatever action they came, and the trees that run for them."""
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        parameters: RunParameters,
+        store: TreeStore,
+        boards: Blackboards,
+        services: LeafServices,
+        reader: WorkThread,
+        watchers: Sequence[RunWatcher] = (),
+    ) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self._store = store
+        self._boards = boards
+        self._services = services
+        self._reader = reader
+        self._watchers = watchers
+        self._stream = TreeStream(runtime) if parameters.publish_statuses else NoStream()
+        self._pose = services.topics.cache(SubscribedTopic(PoseStamped, parameters.pose_topic))  # as the leaves do
+        self.running = RunningTrees()
+        self.owners = GoalOwners(runtime, parameters.peer_timeout)
+        self._goals: dict[bytes, TreeGoal] = {}
+        self._no_goals = threading.Event()
+        self._no_goals.set()
+        self._returned = ''
+        runtime.health.on_hang(self._after_hang)
+
+    @property
+    def pose(self) -> PoseStamped | None:
+        """The latest pose of the robot; None until there is one."""
+        return self._pose.latest
+
+    def _after_hang(self, hang: Hang) -> None:
+        """Called on any thread. The process was stopped: what was said to it meanwhile comes before its trees go on."""
+        if hang.was_out_of_reach:
+            self._returned = f'{hang}: what was said meanwhile comes first'
+            self._hold_all()
+            self._runtime.post(lambda: self._come_back(str(hang), hang.seconds))
+
+    def _come_back(self, told: str, seconds: float) -> None:
+        """After ``peer_timeout`` others have taken the process for gone, and given up what it was to do."""
+        if seconds >= self._parameters.peer_timeout:
+            self._stop_goals(f'{told}: who waited for the tree has given it up')
+        self._runtime.post_in(RETURN_SECONDS, self._go_on)
+
+    def _go_on(self) -> None:
+        self._returned = ''
+        self._hold_all()
+
+    def _hold_all(self) -> None:
+        for running in self.running.all():
+            running.run.hold(self._reason_to_hold(running.goal))
+
+    def _reason_to_hold(self, goal: TreeGoal) -> str:
+        return self._returned or self.owners.problem(goal.owner)
+
+    def _stop_goals(self, reason: str, halting: float | None = None) -> None:
+        for goal in list(self._goals.values()):
+            self.stop(goal, reason, halting)
+
+    def wake(self, blackboard: str) -> None:
+        """Tick the trees that run on a blackboard: its entries were changed from outside."""
+        for running in self.running.on(blackboard):
+            running.run.wake()
+
+    def stop_all(self, reason: str, within: float) -> bool:
+        """Stop every tree, and wait until all goals have their results. Not on the executor thread.
+
+        Gives whether they have, within so many seconds of wall time.
+        """
+
+        halting = min(self._parameters.cancel_timeout, within - _REPORT_SECONDS)
+        self._runtime.call(lambda: self._stop_goals(reason, halting))
+        return self._no_goals.wait(within)
+
+    def control(
+        self, run_id: str, command: TickCommand, owner: str, answer: Callable[[str], None]
+    ) -> TreeRun[TreeGoal]:
+        """Pause, resume or step the run that ``run_id`` names, on behalf of the node ``owner``; see
+        :meth:`TreeRun.control` and :meth:`RunningTrees.find`. A pause ends, too, when all those nodes are gone.
+
+        Raises:
+            FlexbtError: there is no such run, or the pause cannot be on behalf of this node.
+        """
+        running = self.running.find(run_id)
+        if command is TickCommand.PAUSE:
+            self._pause_for(running, owner)
+        elif command is TickCommand.RESUME:
+            self._forget_pauses(running)
+        running.run.control(command, answer)
+        return running.run
+
+    def _pause_for(self, running: RunningTree, owner: str) -> None:
+        if owner in running.paused_for:
+            return
+        if len(running.paused_for) >= MOST_PAUSING:
+            raise FlexbtError(f'{MOST_PAUSING} nodes keep the tree paused already; RESUME it before another pauses it')
+        if owner:
+            self.owners.watch(owner, running, lambda _reason: self._end_pause(running, owner))
+        running.paused_for.add(owner)
+
+    def _end_pause(self, running: RunningTree, owner: str) -> None:
+        self.owners.release(owner, running)
+        running.paused_for.discard(owner)
+        # What runs for the owner that is gone is being stopped: it is not to move once more.
+        if not running.paused_for and running.goal.owner != owner:
+            self._runtime.node.get_logger().warning(
+                f'{running.description} goes on: {owner}, on whose behalf it was paused, is gone'
+            )
+            running.run.control(TickCommand.RESUME, lambda _refusal: None)
+
+    def _forget_pauses(self, running: RunningTree) -> None:
+        for owner in running.paused_for:
+            self.owners.release(owner, running)
+        running.paused_for.clear()
+
+    # -- a goal ------------------------------------------------------------------------------------------------------
+
+    def serve(self, goal: TreeGoal) -> None:
+        """Work on a goal until it has its result. Goals begin in the order in which they come here."""
+        self._goals[goal.served.id] = goal
+        self._no_goals.clear()
+        self.guard(goal, lambda: self._look_for_tree(goal))
+
+    def _look_for_tree(self, goal: TreeGoal) -> None:
+        def read() -> None:
+            if not goal.served.active:
+                return  # it was stopped before its turn
+            try:
+                values = goal.read()
+                found = self._store.find(goal.tree)
+            except FlexbtError as error:
+                reason = str(error)
+                self._runtime.post(lambda: self.end(goal, RunOutcome(ExecuteResult.ERROR, reason)))
+            except BaseException as error:  # a fault of ours goes to the client as well
+                fault = error
+                self._runtime.post(lambda: self.end(goal, RunOutcome(ExecuteResult.ERROR, self._fault(goal, fault))))
+            else:
+                self._runtime.post(lambda: self.guard(goal, lambda: self._found(goal, found, values)))
+
+        goal.leave_queue = self._reader.submit(read, f'tree {short_repr(goal.tree)} was not read')
+
+    def guard(self, goal: TreeGoal, step: Callable[[], None]) -> None:
+        """Take a step with a goal; when it raises, the goal ends: the machine may be out of threads or files."""
+        try:
+            step()
+        except FlexbtError as error:
+            self.end(goal, RunOutcome(ExecuteResult.ERROR, str(error)))
+        except Exception as error:
+            self.end(goal, RunOutcome(ExecuteResult.ERROR, self._fault(goal, error)))
+
+    def _fault(self, goal: TreeGoal, error: BaseException) -> str:
+        """Report a fault of ours; gives what the client is told."""
+        self._runtime.report_fault(error, f'goal of {goal.action}')
+        return sanitize_for_message(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
+
+    def _found(self, goal: TreeGoal, found: FoundTree, values: list[Value]) -> None:
+        if not goal.served.active:
+            return  # it was stopped while the file was read
+        goal.found, goal.values, goal.notice = found, values, found.notice
+        if goal.notice:
+            self._runtime.node.get_logger().warning(f'tree {found.key.id!r}: {goal.notice}')
+        goal.when_ready(lambda: self.guard(goal, lambda: self._begin(goal, found)))
+
+    def _begin(self, goal: TreeGoal, found: FoundTree) -> None:
+        if not goal.served.active:
+            return
+        if goal.owner:
+            self.owners.watch(goal.owner, goal, lambda reason: self.stop(goal, reason), lambda: self._hold(goal))
+        running = self.running.get(found.key, goal.blackboard)
+        if running is None:
+            self._run(goal, found)
+            return
+        goal.running = running
+        replaced = running.run.offer(goal, goal.values)
+        if replaced is not None:
+            self.end(replaced, _replaced())
+
+    def _run(self, goal: TreeGoal, found: FoundTree) -> None:
+        name = goal.blackboard
+        board = self._boards.get(name)
+        run_id = goal.served.id.hex()
+        run: TreeRun[TreeGoal] = TreeRun(
+            found.library,
+            found.key,
+            board,
+            goal,
+            [*goal.fresh_values(), *goal.values],
+            clock=self._runtime.clock,
+            steady=self._runtime.steady,
+            health=self._runtime.health,
+            services=self._services,
+            observer=watched_by(self._stream.open(run_id, name), run_id, self._watchers),
+            error_code_names=self._parameters.error_code_names,
+            tick_rate=self._parameters.tick_rate,
+            cancel_timeout=self._parameters.cancel_timeout,
+            on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(running, newer)),
+            on_refused=lambda newer, reason: self._runtime.post(
+                lambda: self.end(
+                    newer, RunOutcome(ExecuteResult.ERROR, f'the running tree does not take the new inputs: {reason}')
+                )
+            ),
+            on_end=lambda outcome: self._runtime.post(lambda: self._on_end(running, outcome)),
+            on_warning=self._runtime.node.get_logger().warning,
+            monitoring=self._parameters.monitoring,
+            on_violation=self._runtime.node.get_logger().error,
+        )
+        running = goal.running = RunningTree(run_id, found.key, name, board, run, goal)
+        run.hold(self._reason_to_hold(goal))
+        self._runtime.default_context.open()  # a leaf may have shut it down
+        run.start()
+        self.running.add(running)
+        self._schedule_feedback(running)
+
+    def _on_adopted(self, running: RunningTree, newer: TreeGoal) -> None:
+        older = running.goal
+        running.works_for(newer)
+        running.run.hold(self._reason_to_hold(newer))
+        self.end(older, _replaced())
+        if newer.stop_reason is not None:
+            running.run.stop(newer, newer.stop_reason)
+
+    def _on_end(self, running: RunningTree, outcome: RunOutcome) -> None:
+        self.running.remove(running)
+        self._forget_pauses(running)
+        if running.feedback is not None:
+            running.feedback.cancel()
+        self.end(running.goal, outcome)
+        offered = running.run.take_offer()
+        if offered is not None and offered.found is not None and offered.served.active:
+            # It came while the tree was ending. It gets a run of its own, and at once: before goals that came later.
+            found = offered.found
+            self.guard(offered, lambda: self._run(offered, found))
+
+    # -- the end of a goal -------------------------------------------------------------------------------------------
+
+    def cancel(self, served: ServedGoal) -> None:
+        """The client wants a goal canceled."""
+        self.stop(self._goals[served.id], _BY_CLIENT)
+
+    def stop(self, goal: TreeGoal, reason: str, within: float | None = None) -> None:
+        """Stop what is done for a goal; within so many seconds of wall time, by default the cancel timeout."""
+        if goal.stop_reason is None:
+            goal.stop_reason = reason
+        if goal.running is None:  # its tree is being looked for, on a disk that may not answer
+            self.end(goal, RunOutcome(ExecuteResult.CANCELED, reason))
+        elif goal.running.goal is goal:
+            goal.running.run.stop(goal, reason, within)
+        elif goal.running.run.withdraw(goal):
+            self.end(goal, RunOutcome(ExecuteResult.CANCELED, reason))
+
+    def _hold(self, goal: TreeGoal) -> None:
+        if goal.running is not None and goal.running.goal is goal:
+            goal.running.run.hold(self._reason_to_hold(goal))
+
+    def end(self, goal: TreeGoal, outcome: RunOutcome) -> None:
+        """Give a goal its outcome; the first one counts."""
+        if not goal.served.active:
+            return
+        try:
+            code, result = goal.result(outcome, self._seconds(goal))
+        except Exception as error:
+            code, result = ExecuteResult.ERROR, goal.fault_result(self._fault(goal, error))
+        if code == ExecuteResult.SUCCESS:
+            goal.served.succeed(result)
+        elif code == ExecuteResult.CANCELED:
+            goal.served.canceled(result)
+        else:
+            goal.served.abort(result)
+        goal.leave_queue()
+        self.owners.release(goal.owner, goal)
+        del self._goals[goal.served.id]
+        if not self._goals:
+            self._no_goals.set()
+        goal.on_ended()
+
+    # -- meanwhile ---------------------------------------------------------------------------------------------------
+
+    def _schedule_feedback(self, running: RunningTree) -> None:
+        period = 1.0 / self._parameters.feedback_rate
+        running.feedback = self._runtime.post_in(period, lambda: self._feedback(running))
+
+    def _feedback(self, running: RunningTree) -> None:
+        if running not in self.running:
+            return
+        if running.run.tree is not None:
+            goal = running.goal
+            goal.served.publish_feedback(
+                goal.feedback(running, running.run.tree, self.pose or PoseStamped(), self._seconds(goal))
+            )
+        self._schedule_feedback(running)
+
+    def _seconds(self, goal: TreeGoal) -> float:
+        return max(0.0, self._runtime.clock.now() - goal.accepted)
+
+
+def _replaced() -> RunOutcome:
+    return RunOutcome(ExecuteResult.CANCELED, 'a newer goal for the same tree has taken over')
+
+
+# The trees that run now, and the goals that they run for. All of this is used on the executor thread.
+
+_GOALS_REMEMBERED: Final = 100
+"""By which a run is known, at most."""
+
+
+class TreeGoal(ABC):
+    """A goal that is being served by the run of a tree. Used on the executor thread, but for :meth:`read`.
+
+    ``served`` is the goal as the action server has it, ``action`` the name of its action; ``tree`` is the tree that it
+    names, by ID or file, ``blackboard`` that on which the tree runs, ``owner`` the node that has to be alive meanwhile,
+    if any. ``running`` is set once a tree runs for it, or is asked to; ``stop_reason`` once it is to stop.
+    ``leave_queue`` takes it back from the thread that reads files; ``on_ended`` is called when the result was sent.
+    """
+
+    def __init__(
+        self, served: ServedGoal, accepted: float, action: str, tree: str, blackboard: str, owner: str = ''
+    ) -> None:
+        self.served = served
+        self.accepted = accepted
+        self.action = action
+        self.tree = tree
+        self.blackboard = blackboard
+        self.owner = owner
+        self.leave_queue: Callable[[], None] = lambda: None
+        self.on_ended: Callable[[], None] = lambda: None
+        self.stop_reason: str | None = None
+        self.notice = ''
+        self.running: RunningTree | None = None
+        self.found: FoundTree | None = None
+        self.values: list[Value] = []
+
+    @abstractmethod
+    def read(self) -> list[Value]:
+        """What is written to the blackboard before the tree works for this goal; on the thread that reads files.
+
+        Raises:
+            FlexbtError: the goal cannot be served.
+        """
+
+    def fresh_values(self) -> list[Value]:
+        """What is written as well when the tree begins to run for this goal, and not when it takes it over."""
+        return []
+
+    def when_ready(self, go_on: Callable[[], None]) -> None:
+        """Called when tree and values are known; ``go_on`` begins to work. Or the goal is ended here."""
+        go_on()
+
+    @abstractmethod
+    def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
+        """The feedback message. ``pose``: the latest of the robot, without a frame while there is none; ``seconds``
+        since the acceptance.
+        """
+
+    @abstractmethod
+    def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
+        """How the goal ends, as a code of BtExecute.Result, and the result message."""
+
+    @abstractmethod
+    def fault_result(self, why: str) -> Any:
+        """The result message when the server is at fault."""
+
+
+@dataclass(eq=False)
+class RunningTree:
+    """The run of one tree on one blackboard, and the goal that it works for; ``goal_ids`` are those that it has worked
+    for, the last ones: whoever has paused the run for one of them has it go on by the same ID. ``paused_for`` are the
+    nodes on whose behalf it was asked to pause, '' for nobody's.
+    """
+
+    id: str
+    key: TreeKey
+    blackboard: str
+    board: Blackboard
+    """That of this name, which stays as long as somebody holds it."""
+    run: TreeRun[TreeGoal]
+    goal: TreeGoal
+    feedback: Timer | None = None
+    goal_ids: deque[str] = field(default_factory=lambda: deque(maxlen=_GOALS_REMEMBERED))
+    paused_for: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.works_for(self.goal)
+
+    def works_for(self, goal: TreeGoal) -> None:
+        """The run has begun, or was taken over."""
+        self.goal = goal
+        self.goal_ids.append(goal.served.id.hex())
+
+    @property
+    def description(self) -> str:
+        """Tree and blackboard, for people."""
+        where = f'blackboard {self.blackboard!r}' if self.blackboard else 'the shared blackboard'
+        return f'tree {self.key.id!r} on {where}'
+
+
+class RunningTrees:
+    """One run at the most for each tree on each blackboard."""
+
+    def __init__(self) -> None:
+        self._running: dict[tuple[TreeKey, str], RunningTree] = {}
+
+    def get(self, key: TreeKey, blackboard: str) -> RunningTree | None:
+        """The run of a tree on a blackboard, if there is one."""
+        return self._running.get((key, blackboard))
+
+    def __contains__(self, running: RunningTree) -> bool:
+        return self.get(running.key, running.blackboard) is running
+
+    def all(self) -> tuple[RunningTree, ...]:
+        """Every tree that runs."""
+        return tuple(self._running.values())
+
+    def on(self, blackboard: str) -> list[RunningTree]:
+        """Those that run on a blackboard."""
+        return [running for running in self.all() if running.blackboard == blackboard]
+
+    def add(self, running: RunningTree) -> None:
+        """It has begun."""
+        self._running[running.key, running.blackboard] = running
+
+    def remove(self, running: RunningTree) -> None:
+        """It has ended."""
+        del self._running[running.key, running.blackboard]
+
+    def find(self, run_id: str) -> RunningTree:
+        """The run of this ID (TreeStructure.run_id), or that works or has worked for the goal of this ID; the only one
+        there is for ''.
+
+        Raises:
+            UnknownRunError: there is none, or there are several; says which.
+        """
+        runs = self.all()
+        found = [running for running in runs if not run_id or run_id == running.id or run_id in running.goal_ids]
+        if len(found) == 1:
+            return found[0]
+        known = '; '.join(f'{running.id} ({running.description})' for running in runs)
+        if not known:
+            raise UnknownRunError('no tree is running')
+        asked = f'no run has the ID {run_id!r}' if run_id else 'several trees are running; say which by run_id'
+        raise UnknownRunError(f'{asked}: {known}')

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What differs between the branches of Nav2: fields of goals and requests, and statuses of waypoints."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import nav2_msgs.msg
+from geometry_msgs.msg import PoseStamped
+
+from flexbt_common.values.value_types import message_type_name
+from flexbt_server.leaves.action_leaf import ActionLeaf
+from flexbt_server.leaves.service_leaf import ServiceNode
+from flexbt_server.trees.ros_ports import WaypointStatus
+
+
+def set_ports(leaf: ActionLeaf | ServiceNode, message: Any, *names: str) -> None:
+    """Give fields the values of the ports of the same names, which the interfaces of some branch have.
+
+    One that the installed interfaces lack is left out. People are told so, once, where a tree gives the port another
+    value than its default.
+    """
+    for name in names:
+        if has_field(leaf, message, name):
+            value = leaf.get_input_or(name, None)
+            if value is not None:
+                setattr(message, name, value)
+
+
+def has_field(leaf: ActionLeaf | ServiceNode, message: Any, port: str) -> bool:
+    """Whether the message has the field of this port; tells people when a tree gives a port for nothing."""
+    if hasattr(message, port):
+        return True
+    given = leaf.port_text(port)
+    if given is not None and given != leaf.ports[port].default:
+        leaf.host.warn_once(
+            f'{leaf.id}: the port [{port}] has no effect: {message_type_name(type(message))}, as it is installed, has '
+            f'no field of this name'
+        )
+    return False
+
+
+# What became of each waypoint of a mission, as the branch main of Nav2 keeps it on the blackboard.
+
+PENDING: Final = 0
+COMPLETED: Final = 1
+SKIPPED: Final = 2
+FAILED: Final = 3
+
+
+def pending(goals: Iterable[PoseStamped]) -> list[Any]:
+    """The statuses of a mission that begins."""
+    return [WaypointStatus(waypoint_index=index, waypoint_pose=goal) for index, goal in enumerate(goals)]
+
+
+def missed(index: int, pose: PoseStamped, error_code: int, error_msg: str) -> Any:
+    """A waypoint that was not reached, as FollowWaypoints tells of it: MissedWaypoint in jazzy, WaypointStatus in main.
+
+    ``error_code`` is that of navigate_to_pose.
+    """
+    if hasattr(nav2_msgs.msg, 'MissedWaypoint'):
+        return nav2_msgs.msg.MissedWaypoint(index=index, goal=pose, error_code=error_code)
+    return WaypointStatus(
+        waypoint_status=FAILED, waypoint_index=index, waypoint_pose=pose, error_code=error_code, error_msg=error_msg
+    )
+
+
+def concluded(statuses: Iterable[Any], *, succeeded: bool) -> list[Any]:
+    """The statuses of a mission that has ended: what was pending came to the same end."""
+    ended = [copy.copy(one) for one in statuses]
+    for one in ended:
+        if one.waypoint_status == PENDING:
+            one.waypoint_status = COMPLETED if succeeded else FAILED
+    return ended
+
+
+def mark(statuses: Sequence[Any], goals: Iterable[PoseStamped], status: int) -> list[Any]:
+    """The statuses, in which the first pending one of each of the goals has become ``status``.
+
+    Raises:
+        LookupError: none is pending for one of the goals.
+    """
+    marked = list(statuses)
+    for goal in goals:
+        for index, one in enumerate(marked):
+            if one.waypoint_status == PENDING and one.waypoint_pose == goal:
+                marked[index] = copy.copy(one)
+                marked[index].waypoint_status = status
+                break
+        else:
+            at = goal.pose.position
+            raise LookupError(f'no pending waypoint status is that of the goal at ({at.x:g}, {at.y:g})')
+    return marked

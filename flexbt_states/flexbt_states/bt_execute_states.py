@@ -1,0 +1,453 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""States that run a behavior tree, with or without a goal from the userdata, and pause it while they are paused."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+from flexbt_common import names
+from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_common.values.entries import check_value, to_entry
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.state_host import Progress, Severity
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_msgs.action import BtExecute
+from flexbt_msgs.srv import ControlTree
+from flexbt_onboard.behaviors.run_context import state_services
+
+from .errors import StateParameterError
+from .goal_call import BtUse, GoalCall, GoalState, read_values, state_outcome
+from .parameter_checks import checked_timeout, checked_topic, checked_tree, checked_types
+
+
+class TreeState(GoalState):
+    """Runs a tree on the BT server until it ends; what is left to a state of its own is to call :meth:`_run_tree`.
+
+    ``inputs`` and ``outputs`` are blackboard keys with their types, ``writes`` all that is written before the first
+    tick. ``userdata_keys`` are the userdata keys of those outputs that have another name there.
+    """
+
+    def __init__(
+        self,
+        bt_topic: str,
+        bt_file: str,
+        inputs: Mapping[str, str],
+        outputs: Mapping[str, str],
+        blackboard: str,
+        timeout: float | None,
+        *,
+        input_keys: Sequence[str] = (),
+        writes: Mapping[str, str] | None = None,
+        userdata_keys: Mapping[str, str] | None = None,
+    ) -> None:
+        self._inputs = inputs
+        self._userdata_keys = {key: key for key in outputs} | dict(userdata_keys or {})
+        super().__init__(
+            outcomes=['done', 'canceled', 'failed'],
+            input_keys=[*input_keys, *inputs],
+            output_keys=list(self._userdata_keys.values()),
+            desired_rate=None,
+        )
+        self._topic = checked_topic(self, 'bt_topic', bt_topic)
+        self.bt_use = BtUse(
+            tree=checked_tree(self, 'bt_file', bt_file),
+            blackboard=blackboard,
+            writes=inputs if writes is None else writes,
+            reads=outputs,
+        )
+        self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
+        prefix, slash, _ = self._topic.rpartition('/')
+        self._control_topic = f'{prefix}{slash}{names.CONTROL_TREE}'
+        self._control: ServiceLink | None = None
+        self._pause: TreePause | None = None
+        self._goal = GoalCall(self, BtExecute, self._topic, self._not_paused)
+        self._activity: Sequence[str] = ()
+        self._not_ended: Sequence[str] = ()
+        self._progress = Progress()
+        self._refusal = ''
+        self._changed: Callable[[], None] | None = None
+
+    def on_start(self) -> None:
+        super().on_start()
+        self._control_link()
+
+    def _run_tree(
+        self, userdata: UserData, goals: Sequence[Any] = (), goal_input: tuple[str, Any, str] | None = None
+    ) -> None:
+        """Send the goal with goal poses and, beside the inputs, an input that is a goal (key, value, type).
+
+        Time counts on the state's clock.
+        """
+        inputs = [(key, userdata[key], type) for key, type in self._inputs.items()]
+        if goal_input is not None:
+            inputs.append(goal_input)
+        self._activity = self._not_ended = ()
+        self._progress = Progress()
+        self._refusal = ''
+        try:
+            entries = [to_entry(key, value, type) for key, value, type in inputs]
+        except FlexbtError as error:
+            self._refusal = str(error)
+            return
+        services = state_services(self)
+        self._changed = services.changed
+        goal = BtExecute.Goal(
+            behavior_tree=self.bt_use.tree,
+            goals=list(goals),
+            inputs=entries,
+            outputs=list(self.bt_use.reads),
+            output_encoding=BtExecute.Goal.BINARY,
+            blackboard=self.bt_use.blackboard,
+            owner=services.node_name,
+        )
+        self._goal.send(goal, timeout=self._timeout, clock=self.clock, on_feedback=self._on_feedback)
+        self._pause = TreePause(self, self._control_link(), self._goal.goal_id)
+
+    def on_pause(self) -> None:
+        if self._pause is not None:
+            self._pause.set(True)
+
+    def on_resume(self, userdata: UserData) -> None:
+        if self._pause is not None:
+            self._pause.set(False)
+
+    def execute(self, userdata: UserData) -> str | None:
+        what = f'behavior tree {self.bt_use.tree!r}' if self.bt_use.tree else 'the default behavior tree'
+        if self._refusal:
+            self.log_error(f'{what}: {self._refusal}')
+            return 'failed'
+        ended = self._goal.poll()
+        if ended is None:
+            return None
+        answer, reason = state_outcome(ended, what)
+        result = ended.result
+        if answer != 'done':
+            if result is not None and result.failed_node:
+                reason += f' (node {result.failed_node})'
+                reason += ''.join(f'; so {step}' for step in result.reasons[1:])
+            self.log(Severity.WARN if answer == 'canceled' else Severity.ERROR, reason)
+        reads = self.bt_use.reads
+        sent = result.outputs if result is not None else ()
+        if answer != 'done':  # what follows may look at what is there by then
+            there = {entry.key for entry in sent}
+            reads = {key: type for key, type in reads.items() if key in there}
+        elif result is not None and result.missing_outputs:
+            self.log_error(f'{what} succeeded, but it did not write {", ".join(map(repr, result.missing_outputs))}')
+            return 'failed'
+        try:
+            values = read_values(sent, reads)
+        except FlexbtError as error:
+            self.log_error(f'{what} ended, but its outputs are not as declared: {error}')
+            return 'failed' if answer == 'done' else answer
+        for key, value in values.items():
+            userdata[self._userdata_keys[key]] = value
+        return answer
+
+    def halting(self) -> str | None:
+        halting = super().halting()
+        if halting is None and self._pause is not None:
+            if self._goal.is_over:
+                self._pause.end()  # not before: a tree that is being canceled is not to move once more
+            if (result := self._goal.last_result) is not None:
+                self._warn_of(result.not_ended)  # no feedback tells it any more
+            self._pause = None
+        return halting
+
+    def activity(self) -> Sequence[str]:
+        return self._activity if self._goal.goal_id else ()
+
+    def progress(self) -> Progress | None:
+        goal_id = self._goal.goal_id
+        if not goal_id:
+            return None
+        return self._progress if self._progress.tree_run_id else Progress(goal_id)
+
+    def _control_link(self) -> ServiceLink:
+        if self._control is None:
+            self._control = state_services(self).services.link(ControlTree, self._control_topic)
+        return self._control
+
+    def _not_paused(self) -> Sequence[str]:
+        return () if self._pause is None else (*self._not_ended, *self._pause.not_paused())
+
+    def _warn_of(self, not_ended: Sequence[str]) -> None:
+        for line in state_services(self).goals.untold(self._topic, not_ended):
+            self.log_warn(line)
+
+    def _on_feedback(self, feedback: Any) -> None:
+        if (pause := self._pause) is not None:
+            pause.run_seen()
+        self._progress = Progress(
+            tree_run_id=feedback.run_id,
+            distance=feedback.distance_remaining,
+            time=feedback.time_remaining,
+            poses=feedback.poses_remaining,
+            recoveries=feedback.number_of_recoveries,
+            goal=feedback.goal if feedback.goal.header.frame_id else None,
+        )
+        nodes, not_ended = tuple(feedback.active_nodes), tuple(feedback.not_ended)
+        if feedback.clock_problem:
+            nodes += (f'{self._topic}: {feedback.clock_problem}',)
+        if pause is None or not pause.wanted:  # else the status says it
+            self._warn_of(not_ended)
+        if (nodes, not_ended) != (self._activity, self._not_ended):
+            self._activity, self._not_ended = nodes, not_ended
+            if self._changed is not None:
+                self._changed()
+
+
+# State that runs a behavior tree.
+
+
+class BtExecuteState(TreeState):
+    """
+    Run a behavior tree on the BT server until it ends.
+
+    When the tree fails or is canceled, those keys are given that are on the blackboard: on one that trees share, also
+    what a tree before has left there.
+
+    -- bt_topic     string      Name of the action of the BT server
+    -- bt_file      string      Tree identifier, or package/relative/path.xml; empty for the server's default tree
+    -- inputs       dict        Blackboard keys to write before the first tick, with their types
+    -- outputs      dict        Blackboard keys to read at the end, with their types
+    -- blackboard   string      Name of the blackboard to run on; empty for the shared one
+    -- timeout      float       Seconds on the node's clock after which the tree is canceled; None for no limit
+
+    ># KEY                      Each key of inputs: a value of the declared type.
+    #> KEY                      Each key of outputs: a value of the declared type.
+
+    <= done                     The tree succeeded, and its outputs are there.
+    <= canceled                 The tree was canceled by somebody else, or replaced by another goal.
+    <= failed                   The tree failed, could not run, or took too long; the operator is told why.
+    """
+
+    def __init__(
+        self,
+        bt_topic: str = names.BT_EXECUTOR,
+        bt_file: str = '',
+        inputs: Mapping[str, str] | None = None,
+        outputs: Mapping[str, str] | None = None,
+        blackboard: str = '',
+        timeout: float | None = None,
+    ) -> None:
+        written, read = checked_types(self, 'inputs', inputs), checked_types(self, 'outputs', outputs)
+        super().__init__(bt_topic, bt_file, written, read, blackboard, timeout)
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._run_tree(userdata)
+
+
+# State that runs a behavior tree with a goal from the userdata.
+
+_POSE: Final = 'geometry_msgs/msg/PoseStamped'
+
+
+class BtExecuteGoalState(TreeState):
+    """
+    Give a behavior tree a goal, and run it on the BT server until it ends.
+
+    With the goal_id "goal", a pose goes to the blackboard key "goal" and a list of several to "goals", as Nav2's
+    trees expect. With another goal_id, a value of any type goes to that key; "goals" is always a list.
+
+    When the tree fails or is canceled, those keys are given that are on the blackboard: on one that trees share, also
+    what a tree before has left there.
+
+    -- bt_topic         string  Name of the action of the BT server
+    -- bt_file          string  Tree identifier, or package/relative/path.xml; empty for the server's default tree
+    -- goal_id          string  Blackboard key of the goal
+    -- goal_msg_type    string  Type of the goal; for poses, a list of them is accepted as well
+    -- request_id       string  Blackboard key to read at the end; empty for none
+    -- request_msg_pkg  string  Package of request_msg_type when that is a bare message name
+    -- request_msg_type string  Type of the requested value
+    -- inputs           dict    Further blackboard keys to write before the first tick, with their types
+    -- outputs          dict    Further blackboard keys to read at the end, with their types
+    -- blackboard       string  Name of the blackboard to run on; empty for the shared one
+    -- timeout          float   Seconds on the node's clock after which the tree is canceled; None for no limit
+
+    ># goal                     The goal.
+    ># KEY                      Each key of inputs: a value of the declared type.
+    #> data                     The requested value; only with a request_id.
+    #> KEY                      Each key of outputs: a value of the declared type.
+
+    <= done                     The tree succeeded, and its outputs are there.
+    <= canceled                 The tree was canceled by somebody else, or replaced by another goal.
+    <= failed                   The tree failed, could not run, or took too long; the operator is told why.
+    """
+
+    def __init__(
+        self,
+        bt_topic: str = names.BT_EXECUTOR,
+        bt_file: str = '',
+        goal_id: str = 'goal',
+        goal_msg_type: str = _POSE,
+        request_id: str = '',
+        request_msg_pkg: str = '',
+        request_msg_type: str = '',
+        inputs: Mapping[str, str] | None = None,
+        outputs: Mapping[str, str] | None = None,
+        blackboard: str = '',
+        timeout: float | None = None,
+    ) -> None:
+        if not goal_id:
+            raise StateParameterError(self, 'goal_id', 'the key is empty')
+        self._goal_id = goal_id
+        self._goal_type = self._checked_type('goal_msg_type', goal_msg_type)
+        written = checked_types(self, 'inputs', inputs)
+        self._refuse_reserved('inputs', written, 'goal')
+        read = checked_types(self, 'outputs', outputs)
+        if request_id:
+            self._refuse_reserved('outputs', read, 'data')
+            if request_id in read:
+                raise StateParameterError(self, 'request_id', f'{request_id!r} is one of outputs as well')
+            read[request_id] = self._checked_type('request_msg_type', request_msg_type, request_msg_pkg)
+        # A list of poses for the key "goal" goes to "goals".
+        is_list = goal_id == 'goals' and not self._goal_type.endswith('[]')
+        super().__init__(
+            bt_topic,
+            bt_file,
+            written,
+            read,
+            blackboard,
+            timeout,
+            input_keys=['goal'],
+            writes={**written, goal_id: f'{self._goal_type}[]' if is_list else self._goal_type},
+            userdata_keys={request_id: 'data'} if request_id else {},
+        )
+
+    def on_enter(self, userdata: UserData) -> None:
+        goal = userdata['goal']
+        if self._goal_type.removesuffix('[]') != _POSE:
+            self._run_tree(userdata, goal_input=(self._goal_id, goal, self._goal_type))
+            return
+        is_list = isinstance(goal, list | tuple) or self._goal_id == 'goals' or self._goal_type.endswith('[]')
+        try:
+            poses = _poses(goal)
+        except FlexbtError as error:
+            self._refusal = str(error)
+            return
+        if self._goal_id == 'goal':
+            self._run_tree(userdata, poses)
+        elif is_list:
+            self._run_tree(userdata, goal_input=(self._goal_id, poses, f'{_POSE}[]'))
+        else:
+            self._run_tree(userdata, goal_input=(self._goal_id, poses[0], _POSE))
+
+    def _refuse_reserved(self, parameter: str, keys: Mapping[str, str], name: str) -> None:
+        if name in keys:
+            raise StateParameterError(self, parameter, f'the key {name!r} is used by the state itself')
+
+
+def _poses(goal: Any) -> list[Any]:
+    """The goal poses: one, or a list of at least one."""
+    if not isinstance(goal, list | tuple):
+        return [check_value(goal, _POSE)]
+    if not goal:
+        raise FlexbtError('the list of goal poses is empty')
+    return list(check_value(list(goal), f'{_POSE}[]'))
+
+
+# Keeps the tree that a state runs paused as long as the state is.
+
+_RESPONSE_SECONDS: Final = 10.0
+"""A pause is answered when the tick that is under way is over."""
+
+_PATIENCE_SECONDS: Final = 0.5
+"""A tree that is not known to be paused after this time counts as one that is not."""
+
+
+class TreePause:
+    """Asks the BT server to pause and resume the run of one goal, one request at a time, until it is as wanted.
+
+    A run that the server does not know yet is asked for again when its feedback comes. From any thread. What the server
+    says that goes on all the same is told by :meth:`not_paused`.
+    """
+
+    def __init__(self, state: EventState, link: ServiceLink, run_id: str) -> None:
+        self._state = state
+        self._services = state_services(state)
+        self._link = link
+        self._run_id = run_id
+        self._lock = threading.Lock()
+        self._is_known = self._is_over = False
+        self._wanted = self._is = False
+        self._wanted_at = 0.0
+        self._goes_on: Sequence[str] = ()
+        self._call: ServiceCall | None = None
+
+    def set(self, paused: bool) -> None:
+        """The tree is to be paused, or not."""
+        with self._lock:
+            self._wanted = paused
+            self._wanted_at = self._services.runtime.steady.now()
+            self._agree()
+
+    def end(self) -> None:
+        """The state is left, and the server has said that the goal has ended: whoever has taken over the tree that was
+        paused for it is not to wait for this state.
+        """
+        with self._lock:
+            self._wanted = False
+            self._is_known = self._is_over = True
+            self._agree()
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the tree is to be paused."""
+        return self._wanted
+
+    def not_paused(self) -> Sequence[str]:
+        """Why the tree goes on although it is to be paused, or which of its leaves do; empty when all stands still."""
+        with self._lock:
+            waits = self._wanted and not self._is
+            goes_on, wanted_at = self._goes_on, self._wanted_at
+        if waits and self._services.runtime.steady.now() - wanted_at > _PATIENCE_SECONDS:
+            return (f'{self._link.name} has not confirmed the pause of the tree',)
+        return goes_on
+
+    def run_seen(self) -> None:
+        """The run exists, and knows its goal."""
+        if self._wanted is not self._is:
+            with self._lock:
+                self._is_known = True
+                self._agree()
+
+    def _agree(self) -> None:
+        if self._call is not None or self._wanted is self._is:
+            return
+        wanted, is_known = self._wanted, self._is_known
+        command = ControlTree.Request.PAUSE if wanted else ControlTree.Request.RESUME
+        self._call = ServiceCall(
+            self._link,
+            ControlTree.Request(command=command, run_id=self._run_id, owner=self._services.node_name),
+            on_done=lambda outcome: self._answered(wanted, is_known, outcome),
+            response_timeout=_RESPONSE_SECONDS,
+        )
+
+    def _answered(self, wanted: bool, was_known: bool, outcome: ServiceOutcome) -> None:
+        reason = outcome.reason if outcome.response is None else str(outcome.response.message)
+        with self._lock:
+            self._call = None
+            if was_known or not reason:
+                self._is = wanted
+                self._goes_on = _what_goes_on(outcome) if wanted else ()
+            if was_known or self._is_known or not reason:
+                self._agree()  # otherwise it is asked again by run_seen
+            is_over = self._is_over  # then nobody may have taken the tree over, and there is no run
+        if is_over:
+            return
+        self._services.changed()
+        if reason and was_known and not wanted:
+            self._state.log_warn(f'the tree was not resumed: {reason}')
+
+
+def _what_goes_on(outcome: ServiceOutcome) -> Sequence[str]:
+    """Of a tree that was asked to pause, from the answer."""
+    if outcome.response is None:
+        return (f'the tree was not paused: {outcome.reason}',)
+    if outcome.response.message:
+        return (f'the tree was not paused: {outcome.response.message}',)
+    return tuple(outcome.response.not_paused)

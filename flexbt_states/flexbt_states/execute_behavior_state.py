@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""State that runs a behavior of another executive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from flexbt_common import names
+from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.values.entries import to_entry
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_msgs.action import BtExecute, ExecuteBehavior
+from flexbt_msgs.msg import BehaviorArgument
+from flexbt_onboard.behaviors.run_context import state_services
+
+from .goal_call import GoalCall, GoalState, read_values
+from .parameter_checks import checked_outcomes, checked_timeout, checked_topic, checked_types
+
+
+class ExecuteBehaviorState(GoalState):
+    """
+    Run a behavior on another executive until it ends.
+
+    -- behavior     string      Name of the behavior
+    -- outcomes     string[]    Outcomes of the behavior by which this state can be left
+    -- topic        string      Name of the action of the other executive
+    -- arguments    dict        Values of the behavior's parameters
+    -- inputs       dict        Input userdata of the behavior, with types
+    -- outputs      dict        Output userdata of the behavior, with types
+    -- autonomy     int         Level of autonomy that the behavior begins with
+    -- timeout      float       Seconds on the node's clock after which the behavior is stopped; None for no limit
+
+    ># KEY                      Each key of inputs: a value of the declared type.
+    #> KEY                      Each key of outputs: a value of the declared type.
+
+    <= OUTCOME                  The behavior ended by that outcome, and its outputs are there.
+    <= canceled                 The behavior was stopped by somebody else.
+    <= failed                   It could not be started, ended otherwise, or took too long; the operator is told why.
+    """
+
+    def __init__(
+        self,
+        behavior: str,
+        outcomes: Iterable[str] = ('finished',),
+        topic: str = names.EXECUTE_BEHAVIOR,
+        arguments: Mapping[str, str] | None = None,
+        inputs: Mapping[str, str] | None = None,
+        outputs: Mapping[str, str] | None = None,
+        autonomy: int = Autonomy.Full,
+        timeout: float | None = None,
+    ) -> None:
+        self._inputs = checked_types(self, 'inputs', inputs)
+        self._outputs = checked_types(self, 'outputs', outputs)
+        super().__init__(
+            outcomes=list(dict.fromkeys([*checked_outcomes(self, 'outcomes', outcomes), 'canceled', 'failed'])),
+            input_keys=list(self._inputs),
+            output_keys=list(self._outputs),
+            desired_rate=None,
+        )
+        self._behavior = behavior
+        self._arguments = [BehaviorArgument(name=name, value=value) for name, value in (arguments or {}).items()]
+        self._autonomy = int(autonomy)
+        self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
+        self._goal = GoalCall(
+            self,
+            ExecuteBehavior,
+            checked_topic(self, 'topic', topic),
+            lambda: ('pause it at its own executive',),
+        )
+        self._activity: Sequence[str] = ()
+        self._refusal = ''
+        self._changed: Callable[[], None] | None = None
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._activity = ()
+        self._refusal = ''
+        self._changed = state_services(self).changed
+        try:
+            inputs = [to_entry(key, userdata[key], type) for key, type in self._inputs.items()]
+        except FlexbtError as error:
+            self._refusal = str(error)
+            return
+        goal = ExecuteBehavior.Goal(
+            behavior=self._behavior,
+            arguments=self._arguments,
+            inputs=inputs,
+            autonomy=self._autonomy,
+            output_encoding=BtExecute.Goal.BINARY,
+        )
+        self._goal.send(goal, timeout=self._timeout, clock=self.clock, on_feedback=self._on_feedback)
+
+    def execute(self, userdata: UserData) -> str | None:
+        what = f'behavior {self._behavior!r}'
+        if self._refusal:
+            self.log_error(f'{what}: {self._refusal}')
+            return 'failed'
+        ended = self._goal.poll()
+        if ended is None:
+            return None
+        result = ended.result
+        if result is not None and result.code == ExecuteBehavior.Result.CANCELED:
+            self.log_warn(f'{what}: canceled: {result.message}')
+            return 'canceled'
+        if ended.status is not GoalStatus.SUCCEEDED or result is None:
+            told = result.message if result is not None else ''
+            self.log_error(f'{what}: {told or ended.reason}')
+            return 'failed'
+        if result.code != ExecuteBehavior.Result.SUCCESS or result.outcome not in self.outcomes:
+            self.log_error(f'{what} ended with {result.outcome!r}, which is none of the outcomes of this state')
+            return 'failed'
+        try:
+            values = read_values(result.outputs, self._outputs)
+        except FlexbtError as error:
+            self.log_error(f'{what} ended with {result.outcome!r}, but its outputs are not as declared: {error}')
+            return 'failed'
+        for key, value in values.items():
+            userdata[key] = value
+        return str(result.outcome)
+
+    def activity(self) -> Sequence[str]:
+        return self._activity if self._goal.goal_id else ()
+
+    def _on_feedback(self, feedback: Any) -> None:
+        self._activity = tuple(feedback.active_states)
+        if self._changed is not None:
+            self._changed()

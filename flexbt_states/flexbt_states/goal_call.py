@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The action goal of a state, sent on entry and ended on exit, its outcome, and the use of the BT server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol, runtime_checkable
+
+from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.values.entries import check_value, from_entry
+from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_msgs.action import BtExecute
+from flexbt_onboard.behaviors.run_context import READY_SECONDS, state_services
+
+from .parameter_checks import checked_type
+
+SERVER_SECONDS: Final = 1.0
+"""How long a server is waited for when all nodes that are alive are ready, s of wall time."""
+
+_ENDED: Final = frozenset(
+    (GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.REJECTED, GoalStatus.NO_SERVER)
+)
+"""Ends of a goal after which it is certain that nobody works on it."""
+
+
+class GoalCall:
+    """One goal at a time on one action server, on behalf of a state.
+
+    The state is woken when the goal is done or its time is up. A goal that is still active when the state is left is
+    canceled, and the state has not halted before that is confirmed, or the server is gone. ``not_paused`` says why the
+    goal goes on while the state is paused, or what of it does; nothing if it does not.
+    """
+
+    def __init__(
+        self,
+        state: EventState,
+        action_type: type[Any],
+        topic: str,
+        not_paused: Callable[[], Sequence[str]] = lambda: ('its action has no pause',),
+    ) -> None:
+        self._state = state
+        self._action_type = action_type
+        self._topic = topic
+        self._not_paused = not_paused
+        self._link: ActionServerLink | None = None
+        self._call: ActionCall | None = None
+        self._last: ActionCall | None = None
+        self._outcome: GoalOutcome | None = None
+        self._unfinished: list[ActionCall] = []
+        self._timer: Timer | None = None
+        self._clock: Clock | None = None
+        self._deadline: float | None = None
+        self._timeout: float | None = None
+
+    @property
+    def goal_id(self) -> str:
+        """ID of the goal that is worked on, hexadecimal; '' while there is none."""
+        return '' if self._call is None else self._call.goal_id.hex()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is certain that nobody works on the goal that was sent last."""
+        outcome = None if self._last is None else self._last.outcome
+        return outcome is not None and outcome.status in _ENDED
+
+    @property
+    def last_result(self) -> Any:
+        """What the server has given for the goal that was sent last; None when it gave nothing, or has not yet."""
+        outcome = None if self._last is None else self._last.outcome
+        return None if outcome is None else outcome.result
+
+    def prepare(self) -> None:
+        """Look for the server already: called when the run starts, so that discovery is over when the goal is sent."""
+        if self._link is None:
+            self._link = state_services(self._state).actions.link(self._action_type, self._topic)
+
+    def send(
+        self,
+        goal: Any,
+        *,
+        timeout: float | None = None,
+        clock: Clock | None = None,
+        on_feedback: Callable[[Any], None] | None = None,
+    ) -> None:
+        """Send a goal. Its result has to come within ``timeout`` seconds on ``clock`` (default: wall time)."""
+        self.prepare()
+        assert self._link is not None
+        self._outcome = None
+        self._timeout = timeout
+        if timeout is not None:
+            self._clock = clock or state_services(self._state).runtime.steady
+            self._deadline = self._clock.now() + timeout
+            self._timer = self._clock.call_at(self._deadline, self._state.wake)
+        services = state_services(self._state)
+        # A server of a node that is about to be ready will be there.
+        patience = READY_SECONDS if services.unready() else SERVER_SECONDS
+        self._call = self._last = ActionCall(
+            self._link, goal, on_done=self._on_done, on_feedback=on_feedback, server_timeout=patience
+        )
+        services.goals.add(self._state, self._topic, self._call, self._not_paused)
+
+    def poll(self) -> GoalOutcome | None:
+        """The outcome, or None while the goal is worked on. When its time is up the goal is canceled."""
+        call = self._call
+        if call is None:
+            return self._outcome
+        if call.done:
+            self._outcome = call.outcome
+        elif self._deadline is not None and self._clock is not None and self._clock.now() >= self._deadline:
+            self._outcome = GoalOutcome(
+                GoalStatus.TIMEOUT,
+                None,
+                f'{self._topic} gave no result within {self._timeout:g} s; the goal was canceled',
+            )
+        else:
+            return None
+        self.leave()
+        return self._outcome
+
+    def leave(self) -> None:
+        """Give the goal up: it is canceled when it is not done."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._deadline = None
+        call, self._call = self._call, None
+        if call is not None and not call.done:
+            self._unfinished.append(call)
+            call.cancel(None)
+
+    def halting(self) -> str | None:
+        """What has not halted yet: a goal whose end nobody has confirmed. None when there is none."""
+        for call in [call for call in self._unfinished if call.done]:
+            self._unfinished.remove(call)
+            if call.outcome is not None and call.outcome.status not in _ENDED:
+                self._state.log_warn(f'it is not known whether the goal has ended: {call.outcome.reason}')
+        return f'goal of {self._topic} not confirmed canceled' if self._unfinished else None
+
+    def _on_done(self, outcome: GoalOutcome) -> None:
+        self._state.wake()
+
+
+class GoalState(EventState):
+    """A state that works on one action goal, which it makes as ``_goal`` and sends when it is entered."""
+
+    _goal: GoalCall
+
+    def _checked_type(self, parameter: str, name: str, package: str = '') -> str:
+        """The type that a parameter names; see :func:`checked_type`."""
+        return checked_type(self, parameter, name, package)
+
+    def on_start(self) -> None:
+        self._goal.prepare()
+
+    def on_exit(self, userdata: UserData) -> None:
+        self._goal.leave()
+
+    def halting(self) -> str | None:
+        return self._goal.halting()
+
+
+# From the end of a BT server's action to the outcome of a state.
+#
+# Three things have to agree before anything counts as done: the goal was accepted, it ended as succeeded, and the
+# server wrote the result code SUCCESS. A default value never means success.
+
+
+def state_outcome(outcome: GoalOutcome, what: str) -> tuple[str, str]:
+    """The state's outcome (done, failed or canceled) and the reason for a person; the reason is empty when done.
+
+    ``what`` was to be done. The result codes UNKNOWN 0, SUCCESS 1, FAILURE 2, CANCELED 3 and ERROR 4 are the same in
+    BtLoad, BtExecute, BtGetData and BtSetData.
+    """
+    code = outcome.result.code if outcome.result is not None else BtExecute.Result.UNKNOWN
+    message = outcome.result.message if outcome.result is not None else ''
+    detail = message or outcome.reason
+    if outcome.status is GoalStatus.SUCCEEDED:
+        if code == BtExecute.Result.SUCCESS:
+            return 'done', ''
+        if code == BtExecute.Result.UNKNOWN:
+            detail = 'the server ended the goal without filling in the result'
+    elif code == BtExecute.Result.SUCCESS:
+        detail = f'the goal ended as {outcome.status.name} although its result says success; {outcome.reason}'
+    ended_by_cancel = outcome.status is GoalStatus.CANCELED or code == BtExecute.Result.CANCELED
+    reached_its_end = outcome.status in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED)
+    if ended_by_cancel and reached_its_end and code in (BtExecute.Result.CANCELED, BtExecute.Result.UNKNOWN):
+        return 'canceled', f'{what}: canceled: {detail}' if detail else f'{what}: canceled'
+    return 'failed', f'{what}: {detail or "failed without a reason"}'
+
+
+def read_values(entries: Iterable[Any], types: Mapping[str, str]) -> dict[str, Any]:
+    """The values of a result by key, each checked against the type that the state declared.
+
+    Raises:
+        FlexbtError: a value cannot be read, has another type, or is missing.
+    """
+    received = {entry.key: entry for entry in entries}
+    values = {}
+    for key, type in types.items():
+        if key not in received:
+            raise FlexbtError(f'the server did not send {key!r}')
+        entry = received[key]
+        try:
+            values[key] = check_value(from_entry(entry), type)
+        except FlexbtError as error:
+            raise FlexbtError(f'key {key!r}, received as {entry.type}: {error}') from error
+    return values
+
+
+# What a state wants of the BT server, as it is known before anything runs.
+
+
+@dataclass(frozen=True, slots=True)
+class BtUse:
+    """One use of the BT server.
+
+    ``files`` and ``xml`` are loaded. ``tree`` is run: an identifier, package/relative/path.xml, '' for the server's
+    default tree, None when none is run. ``writes`` and ``reads`` are keys of ``blackboard`` ('' is the shared one) with
+    their types, from the point of view of the state: it writes before a tree runs, and reads after it.
+    """
+
+    files: tuple[str, ...] = ()
+    xml: str = ''
+    tree: str | None = None
+    blackboard: str = ''
+    writes: Mapping[str, str] = field(default_factory=dict)
+    reads: Mapping[str, str] = field(default_factory=dict)
+
+
+@runtime_checkable
+class UsesBtServer(Protocol):
+    """A state that uses the BT server; tools find out by this what it needs there."""
+
+    @property
+    def bt_use(self) -> BtUse:
+        """What it wants of the server."""

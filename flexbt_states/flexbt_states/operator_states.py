@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""States that let the operator decide, or ask the operator for a value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from flexbt_common import names
+from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
+from flexbt_common.values.decision_subject import subject_message
+from flexbt_common.values.entries import check_value, from_entry, text_to_value
+from flexbt_core.errors import FlexbtError
+from flexbt_core.skills.skill import Outcome, OutcomeClass
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_msgs.action import OperatorInput
+
+from .errors import StateParameterError
+from .goal_call import GoalCall, GoalState
+from .parameter_checks import checked_keys, checked_outcomes, checked_timeout, checked_topic, checked_type
+
+
+class OperatorDecisionState(EventState):
+    """
+    Let the operator choose how to go on.
+
+    -- outcomes     string[]    What there is to choose from
+    -- hint         string      What to consider, for the operator; may be empty
+    -- suggestion   string      Outcome that is taken without asking where the autonomy allows it; None to ask always
+    -- shows        string[]    Userdata keys that the operator is shown, such as a path; empty: all of the machine
+
+    ># KEY                      Each of shows: what the operator judges.
+
+    <= OUTCOME                  Each of outcomes: the operator has chosen it.
+    """
+
+    def __init__(
+        self,
+        outcomes: Iterable[str],
+        hint: str | None = None,
+        suggestion: str | None = None,
+        shows: Iterable[str] = (),
+    ) -> None:
+        names = checked_outcomes(self, 'outcomes', outcomes)
+        super().__init__(outcomes=names, input_keys=checked_keys(self, 'shows', shows), desired_rate=None)
+        self.skill = self.skill.completed_by('', {name: Outcome(OutcomeClass.ANSWERED) for name in names})
+        suggestion = suggestion or None
+        if suggestion is not None and suggestion not in names:
+            raise StateParameterError(self, 'suggestion', f'{suggestion!r} is none of {", ".join(names)}')
+        self._hint = hint or ''
+        self.suggestion = suggestion
+
+    def on_enter(self, userdata: UserData) -> None:
+        self.ask(self._hint, self.suggestion)
+
+
+# State that asks the operator for a value.
+
+
+class OperatorInputState(GoalState):
+    """
+    Ask the operator for a typed value, such as a goal pose. The input request is withdrawn when the state is left.
+
+    -- prompt       string      Text of the input request
+    -- type         string      Type of the value, e.g. geometry_msgs/msg/PoseStamped
+    -- choices      string[]    Texts that may be answered; empty for any value of the type
+    -- timeout      float       Seconds (wall time) to wait for the answer; None for no limit
+    -- topic        string      Name of the action of the executive that asks
+    -- shows        string[]    Userdata keys that the operator is shown with the question
+
+    ># KEY                      Each of shows.
+
+    #> data                     The answer: a value of the type.
+
+    <= received                 The operator has answered.
+    <= declined                 The operator has declined to answer.
+    <= failed                   Nobody could be asked, or there was no answer in time; the operator is told why.
+    """
+
+    def __init__(
+        self,
+        prompt: str,
+        type: str,
+        choices: Sequence[str] = (),
+        timeout: float | None = None,
+        topic: str = names.OPERATOR_INPUT,
+        shows: Iterable[str] = (),
+    ) -> None:
+        super().__init__(
+            outcomes=['received', 'declined', 'failed'],
+            input_keys=checked_keys(self, 'shows', shows),
+            output_keys=['data'],
+            desired_rate=None,
+        )
+        self._prompt = prompt
+        self._type = checked_type(self, 'type', type)
+        if isinstance(choices, str):
+            raise StateParameterError(self, 'choices', f'{choices!r} is a string, not a list of texts')
+        self._choices = list(choices)
+        for text in self._choices:
+            try:
+                text_to_value(text, self._type)
+            except FlexbtError as error:
+                raise StateParameterError(self, 'choices', str(error)) from None
+        self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
+        # A question stays open while the state is paused: nothing moves by it.
+        self._goal = GoalCall(self, OperatorInput, checked_topic(self, 'topic', topic), not_paused=tuple)
+
+    def on_enter(self, userdata: UserData) -> None:
+        shown = {key: userdata[key] for key in self.input_keys if key in userdata}
+        missing = [key for key in self.input_keys if key not in shown]
+        goal = OperatorInput.Goal(
+            prompt=self._prompt,
+            type=self._type,
+            choices=self._choices,
+            asker=self.path,
+            subject=subject_message('', 0, shown, missing),
+        )
+        self._goal.send(goal, timeout=self._timeout)
+
+    def execute(self, userdata: UserData) -> str | None:
+        outcome = self._goal.poll()
+        if outcome is None:
+            return None
+        result = outcome.result
+        code = result.code if result is not None else OperatorInput.Result.UNKNOWN
+        if code == OperatorInput.Result.DECLINED and outcome.status in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
+            return 'declined'
+        if outcome.status is GoalStatus.SUCCEEDED and code == OperatorInput.Result.SUCCESS and result is not None:
+            try:
+                userdata['data'] = check_value(from_entry(result.value), self._type)
+            except FlexbtError as error:
+                self.log_error(f'the answer to {self._prompt!r} cannot be used: {error}')
+                return 'failed'
+            return 'received'
+        self.log_error(f'no answer to {self._prompt!r}: {_reason(outcome)}')
+        return 'failed'
+
+
+def _reason(outcome: GoalOutcome) -> str:
+    message = outcome.result.message if outcome.result is not None else ''
+    return message or outcome.reason or 'the executive did not fill in the result'

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Checks of what states are constructed with: what cannot work is refused while the behavior is built."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
+
+from flexbt_common.errors import ResourceError, UnknownTypeError
+from flexbt_common.files import resolve_file
+from flexbt_common.values.value_types import resolve_type
+from flexbt_core.values.text import short_repr
+
+from .errors import StateParameterError
+
+
+def checked_topic(state: object, parameter: str, name: str) -> str:
+    """The name of a topic or an action, relative or absolute."""
+    try:
+        validate_topic_name(name)
+    except InvalidTopicNameException as error:
+        raise StateParameterError(state, parameter, f'{name!r} is not a ROS name: {error}') from None
+    return name
+
+
+def checked_type(state: object, parameter: str, name: str, package: str = '') -> str:
+    """The canonical name of an installed type. ``package`` completes a bare message name, as in FlexBE's states."""
+    full = f'{package}/msg/{name}' if package and name and '/' not in name else name
+    try:
+        return resolve_type(full).name
+    except UnknownTypeError as error:
+        raise StateParameterError(state, parameter, str(error)) from None
+
+
+def checked_message_type(state: object, parameter: str, message: str | type[Any]) -> type[Any]:
+    """The message class of a topic, by class or by name."""
+    if isinstance(message, type) and hasattr(message, 'get_fields_and_field_types'):
+        return message
+    if not isinstance(message, str):
+        raise StateParameterError(state, parameter, f'{message!r} is neither a message class nor the name of one')
+    name = checked_type(state, parameter, message)
+    resolved = resolve_type(name)
+    if resolved.message is None or resolved.is_array:
+        raise StateParameterError(state, parameter, f'{name} is no message; a topic carries package/msg/Name')
+    return resolved.message
+
+
+def checked_action_type(state: object, parameter: str, action: str | type[Any]) -> type[Any]:
+    """The class of an action, by class or by name, as in nav2_msgs/action/FollowPath."""
+    if isinstance(action, type) and hasattr(action, 'Goal'):
+        return action
+    package, _, name = str(action).partition('/action/')
+    try:
+        found: type[Any] | None = getattr(importlib.import_module(f'{package}.action'), name, None)
+    except (ImportError, ValueError):
+        found = None
+    if found is None:
+        raise StateParameterError(state, parameter, f'{action!r} is no action that is installed (package/action/Name)')
+    return found
+
+
+def checked_types(state: object, parameter: str, types: Mapping[str, str] | None) -> dict[str, str]:
+    """Types by blackboard key."""
+    checked = {}
+    for key, name in (types or {}).items():
+        if not key:
+            raise StateParameterError(state, parameter, 'a key is empty')
+        checked[key] = checked_type(state, f'{parameter}[{key!r}]', name)
+    return checked
+
+
+def checked_timeout(state: object, parameter: str, seconds: float | None) -> float | None:
+    """A limit in seconds, None for none."""
+    if seconds is None:
+        return None
+    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not math.isfinite(seconds) or seconds <= 0:
+        raise StateParameterError(state, parameter, f'{seconds!r} is not a positive number of seconds')
+    return float(seconds)
+
+
+def checked_file(state: object, parameter: str, name: str) -> str:
+    """The name of a tree file that exists. Whether its directory is allowed is the BT server's decision."""
+    try:
+        resolve_file(name, allowed=[Path('/')])
+    except ResourceError as error:
+        raise StateParameterError(state, parameter, str(error)) from None
+    return name
+
+
+def checked_tree(state: object, parameter: str, name: str) -> str:
+    """A tree's identifier, or the name of a file that exists; empty for the server's default tree."""
+    return checked_file(state, parameter, name) if name.endswith('.xml') or '/' in name else name
+
+
+def checked_outcomes(state: object, parameter: str, outcomes: Iterable[str]) -> list[str]:
+    """Outcomes to choose from: at least one, none of them twice."""
+    if isinstance(outcomes, str):
+        raise StateParameterError(state, parameter, f'{outcomes!r} is a string, not a list of outcomes')
+    names = list(outcomes)
+    if not names:
+        raise StateParameterError(state, parameter, 'the list is empty')
+    for name in names:
+        if not isinstance(name, str):  # YAML reads on, off, yes and no as truth values
+            raise StateParameterError(state, parameter, f'{name!r} is no text; in YAML an outcome such as on is quoted')
+    if len(set(names)) < len(names):
+        raise StateParameterError(state, parameter, f'an outcome is listed twice: {", ".join(names)}')
+    return names
+
+
+def checked_keys(state: object, parameter: str, keys: Iterable[str]) -> list[str]:
+    """Userdata keys, none of them twice."""
+    if isinstance(keys, str):
+        raise StateParameterError(state, parameter, f'{keys!r} is a string, not a list of userdata keys')
+    names = list(keys)
+    for name in names:
+        if not isinstance(name, str) or not name:
+            raise StateParameterError(state, parameter, f'{name!r} is no userdata key')
+    return list(dict.fromkeys(names))
+
+
+def checked_callable(state: object, parameter: str, function: Any) -> Callable[..., Any]:
+    """A function; text is not evaluated."""
+    if not callable(function):
+        hint = '; text is not evaluated, write a lambda' if isinstance(function, str) else ''
+        raise StateParameterError(state, parameter, f'{short_repr(function)} cannot be called{hint}')
+    return function

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""States that publish a message, wait for one, or take the newest message of a topic."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from flexbt_common import names
+from flexbt_common.runtime.node_runtime import NodeRuntime, qos_misfit
+from flexbt_common.values.entries import check_value
+from flexbt_common.values.value_types import message_type_name
+from flexbt_core.clock.clock import Timer
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_onboard.behaviors.run_context import state_services
+
+from .parameter_checks import checked_message_type, checked_timeout, checked_topic
+
+
+class PublishOnceState(EventState):
+    """
+    Publish one message. The publisher exists from the start of the run, so that subscribers are known by then.
+
+    -- topic        string      Name of the topic
+    -- msg_type     string      Type of its messages, e.g. geometry_msgs/msg/PoseStamped, or the class
+    -- latched      bool        Whether later subscribers shall get the message as long as the run lasts
+
+    ># message                  The message; a value of another type is a fault of the state.
+
+    <= done                     The message was handed to the middleware.
+    """
+
+    is_instant = True
+
+    def __init__(self, topic: str, msg_type: str | type[Any], latched: bool = False) -> None:
+        super().__init__(outcomes=['done'], input_keys=['message'], desired_rate=None)
+        self._topic = checked_topic(self, 'topic', topic)
+        self._message_type = checked_message_type(self, 'msg_type', msg_type)
+        self._qos = names.transient_local_qos() if latched else QoSProfile(depth=10)
+        self._publisher: Publisher | None = None
+
+    def on_start(self) -> None:
+        runtime = state_services(self).runtime
+        self._publisher = runtime.call(
+            lambda: runtime.node.create_publisher(self._message_type, self._topic, self._qos)
+        )
+
+    def execute(self, userdata: UserData) -> str:
+        assert self._publisher is not None
+        message = check_value(userdata['message'], message_type_name(self._message_type))
+        self._publisher.publish(message)
+        return 'done'
+
+    def on_stop(self) -> None:
+        publisher, self._publisher = self._publisher, None
+        if publisher is not None:
+            runtime = state_services(self).runtime
+            runtime.post(lambda: runtime.node.destroy_publisher(publisher))
+
+
+# State that waits for a message.
+
+
+class SubscribeOnceState(EventState):
+    """
+    Wait for the next message on a topic: one that comes after the state was entered, or the latched one.
+
+    -- topic        string      Name of the topic
+    -- msg_type     string      Type of its messages, e.g. geometry_msgs/msg/PoseStamped, or the class
+    -- timeout      float       Seconds (wall time) to wait; None for no limit
+    -- latched      bool        Whether a message that was published before counts, where its sender keeps it
+    -- best_effort  bool        Whether its senders are of best effort, as those of sensors are: none else hears them
+
+    #> message                  The message.
+
+    <= received                 A message has come.
+    <= timeout                  None has come in time.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        msg_type: str | type[Any],
+        timeout: float | None = None,
+        latched: bool = False,
+        best_effort: bool = False,
+    ) -> None:
+        super().__init__(outcomes=['received', 'timeout'], output_keys=['message'], desired_rate=None)
+        self._topic = checked_topic(self, 'topic', topic)
+        self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
+        message_type = checked_message_type(self, 'msg_type', msg_type)
+        qos = names.transient_local_qos() if latched else QoSProfile(depth=1)
+        if best_effort:
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        self._subscription = StateSubscription(self, self._topic, message_type, qos)
+        self._deadline: float | None = None
+        self._timer: Timer | None = None
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._deadline = self._timer = None
+        if self._timeout is not None:
+            steady = state_services(self).runtime.steady
+            self._deadline = steady.now() + self._timeout
+            self._timer = steady.call_at(self._deadline, self.wake)
+        self._subscription.open()
+
+    def execute(self, userdata: UserData) -> str | None:
+        message = self._subscription.take()
+        if message is not None:
+            userdata['message'] = message
+            return 'received'
+        if self._deadline is not None and state_services(self).runtime.steady.now() >= self._deadline:
+            lack = ''.join(f'. {text}' for text in self._subscription.lack())
+            self.log_warn(f'no message on {self._topic} within {self._timeout:g} s{lack}')
+            return 'timeout'
+        return None
+
+    def activity(self) -> Sequence[str]:
+        return self._subscription.lack()
+
+    def not_paused(self) -> Sequence[str]:
+        return ['time-out: it counts wall time'] if self._deadline is not None else []
+
+    def on_exit(self, userdata: UserData) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._subscription.close()
+
+
+# State that takes the newest message of a topic.
+
+
+class SubscriberState(EventState):
+    """
+    Take the newest message of a topic that came since the start of the run and was not taken before.
+
+    -- topic        string      Name of the topic
+    -- msg_type     string      Type of its messages, e.g. geometry_msgs/msg/PoseStamped, or the class
+    -- blocking     bool        Whether to wait for a message when there is none
+    -- clear        bool        Whether a message that came before the state was entered is dropped
+
+    #> message                  The message.
+
+    <= received                 There is a message.
+    <= unavailable              There is none, and the state does not wait for one.
+    """
+
+    def __init__(self, topic: str, msg_type: str | type[Any], blocking: bool = True, clear: bool = False) -> None:
+        super().__init__(outcomes=['received', 'unavailable'], output_keys=['message'], desired_rate=None)
+        self._blocking = blocking
+        self._clear = clear
+        self._subscription = StateSubscription(
+            self,
+            checked_topic(self, 'topic', topic),
+            checked_message_type(self, 'msg_type', msg_type),
+            QoSProfile(depth=1),
+        )
+
+    def on_start(self) -> None:
+        self._subscription.open()
+
+    def on_enter(self, userdata: UserData) -> None:
+        if self._clear:
+            self._subscription.take()
+
+    def execute(self, userdata: UserData) -> str | None:
+        message = self._subscription.take()
+        if message is not None:
+            userdata['message'] = message
+            return 'received'
+        return None if self._blocking else 'unavailable'
+
+    def activity(self) -> Sequence[str]:
+        return self._subscription.lack()
+
+    def on_stop(self) -> None:
+        self._subscription.close()
+
+
+# The newest message of a topic, for a state.
+
+
+class StateSubscription:
+    """Keeps the newest message that came since :meth:`open`, and wakes the state for each.
+
+    Opened and closed on the executor thread in the order of the calls, which come from the thread of the state.
+    """
+
+    def __init__(self, state: EventState, topic: str, message_type: type[Any], qos: QoSProfile) -> None:
+        self._state = state
+        self._topic = topic
+        self._message_type = message_type
+        self._qos = qos
+        self._lock = threading.Lock()
+        self._newest: Any | None = None
+        self._visit = 0
+        self._is_open = False
+        self._subscription: Subscription | None = None  # executor thread only
+
+    def open(self) -> None:
+        """Start to listen; does nothing when it is open."""
+        if self._is_open:
+            return
+        self._is_open = True
+        self._visit += 1
+        visit, runtime = self._visit, state_services(self._state).runtime
+        runtime.post(lambda: self._subscribe(runtime, visit))
+
+    def close(self) -> None:
+        """Stop to listen, and forget the message."""
+        if not self._is_open:
+            return
+        self._is_open = False
+        self._visit += 1
+        self.take()
+        runtime = state_services(self._state).runtime
+        runtime.post(lambda: self._unsubscribe(runtime))
+
+    def take(self) -> Any | None:
+        """The newest message, once; None when there is none."""
+        with self._lock:
+            message, self._newest = self._newest, None
+        return message
+
+    def lack(self) -> list[str]:
+        """Why no message comes, for the operator; empty while nothing is known that is wrong."""
+        runtime = state_services(self._state).runtime
+        text = qos_misfit(runtime, runtime.node.resolve_topic_name(self._topic)) if self._newest is None else ''
+        return [text] if text else []
+
+    def _subscribe(self, runtime: NodeRuntime, visit: int) -> None:
+        def receive(message: Any) -> None:
+            if visit == self._visit:
+                with self._lock:
+                    self._newest = message
+                self._state.wake()
+
+        self._subscription = runtime.node.create_subscription(self._message_type, self._topic, receive, self._qos)
+
+    def _unsubscribe(self, runtime: NodeRuntime) -> None:
+        if self._subscription is not None:
+            runtime.node.destroy_subscription(self._subscription)
+            self._subscription = None

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""States that compute a value, branch on a condition, or log a text or a value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from string import Formatter
+from typing import Any
+
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.userdata import UserData
+
+from .errors import StateParameterError
+from .parameter_checks import checked_callable
+
+
+class CalculationState(EventState):
+    """
+    Compute a value from another. An exception of the function is a fault of the state.
+
+    -- calculation  function    Function of one value
+
+    ># input_value              What the function is given.
+    #> output_value             What the function returns.
+
+    <= done                     The value was computed.
+    """
+
+    is_instant = True
+
+    def __init__(self, calculation: Callable[[Any], Any]) -> None:
+        super().__init__(outcomes=['done'], input_keys=['input_value'], output_keys=['output_value'], desired_rate=None)
+        self._calculation = checked_callable(self, 'calculation', calculation)
+
+    def execute(self, userdata: UserData) -> str:
+        userdata['output_value'] = self._calculation(userdata['input_value'])
+        return 'done'
+
+
+# State that branches on a condition.
+
+
+class CheckConditionState(EventState):
+    """
+    Check a condition. An exception of the function is a fault of the state: it means neither true nor false.
+
+    -- predicate    function    Function of one value, whose result is taken as true or false
+
+    ># input_value              What the function is given.
+
+    <= true                     The condition holds.
+    <= false                    The condition does not hold.
+    """
+
+    is_instant = True
+
+    def __init__(self, predicate: Callable[[Any], Any]) -> None:
+        super().__init__(outcomes=['true', 'false'], input_keys=['input_value'], desired_rate=None)
+        self._predicate = checked_callable(self, 'predicate', predicate)
+
+    def execute(self, userdata: UserData) -> str:
+        return 'true' if self._predicate(userdata['input_value']) else 'false'
+
+
+# State that tells the operator something.
+
+
+class LogState(EventState):
+    """
+    Tell the operator a line.
+
+    -- text         string      The line
+    -- severity     Severity    Its weight
+
+    <= done                     It was told.
+    """
+
+    is_instant = True
+
+    def __init__(self, text: str, severity: Severity = Severity.INFO) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self._text = text
+        self._severity = Severity(severity)
+
+    def on_enter(self, userdata: UserData) -> None:
+        self.log(self._severity, self._text)
+
+    def execute(self, userdata: UserData) -> str:
+        return 'done'
+
+
+# State that tells the operator a value.
+
+
+class LogKeyState(EventState):
+    """
+    Tell the operator a value of the userdata.
+
+    -- text         string      The line, with one {} where the value shall be
+    -- severity     Severity    Its weight
+
+    ># data                     The value.
+
+    <= done                     It was told.
+    """
+
+    is_instant = True
+
+    def __init__(self, text: str, severity: Severity = Severity.INFO) -> None:
+        super().__init__(outcomes=['done'], input_keys=['data'], desired_rate=None)
+        try:
+            fields = [field for _, field, _, _ in Formatter().parse(text) if field is not None]
+        except ValueError as error:
+            raise StateParameterError(self, 'text', f'{text!r}: {error}') from None
+        if fields not in ([''], ['0']):
+            raise StateParameterError(self, 'text', f'{text!r} must have one {{}} for the value')
+        self._text = text
+        self._severity = Severity(severity)
+
+    def on_enter(self, userdata: UserData) -> None:
+        self.log(self._severity, self._text.format(userdata['data']))
+
+    def execute(self, userdata: UserData) -> str:
+        return 'done'

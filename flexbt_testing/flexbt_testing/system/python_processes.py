@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Processes of Python for tests, forked with their imports loaded, and the console in its line mode as one of them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
+from types import TracebackType
+from typing import Any, Final, TextIO
+
+from . import fork_server
+from .fork_server import ForkedProcess
+
+# Processes of Python that run a program of a test, without the time that it takes to load what the program imports.
+#
+# Their command line is that of the interpreter: ``-c TEXT ...``, ``-m MODULE ...`` or ``FILE ...``; their standard
+# input is empty. Each is a fork of a process that has imported what nodes share, and the modules ``preloaded``, where
+# there are such (:data:`.fork_server.AVAILABLE`).
+
+PROGRAM: Final = 'flexbt_testing.system.python_program'
+
+
+class ForkedPython(fork_server.ForkedProcess):
+    """What of :class:`subprocess.Popen`, with pipes of text for what it says, is of use for a program of a test."""
+
+    def __init__(self, arguments: Sequence[str], preloaded: Sequence[str] = ()) -> None:
+        """As :func:`python_process`."""
+        server = fork_server.fork_server(PROGRAM, *preloaded)
+        pipes = [os.pipe(), os.pipe()]
+        self.args = [sys.executable, *arguments]
+        self.stdout, self.stderr = (os.fdopen(reader) for reader, _ in pipes)
+        self._said: list[Future[str]] = []
+        try:
+            pid = server.start(self.args, pipes[0][1], os.environ, errors=pipes[1][1])
+        except BaseException:
+            self._close()
+            raise
+        finally:
+            for _, writer in pipes:
+                os.close(writer)
+        super().__init__(server, pid)
+
+    def __enter__(self) -> ForkedPython:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Wait for the end, which is brought about when the block has failed."""
+        if error is not None:
+            self.kill()
+        self._close()
+        self.wait()
+
+    def terminate(self) -> None:
+        """Send SIGTERM, unless it has ended."""
+        self.send_signal(signal.SIGTERM)
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """Wait for the end; gives what it has said that was not read, and its errors.
+
+        Raises:
+            subprocess.TimeoutExpired: it, or a process of its own that can still say something, did not end within
+                ``timeout`` seconds.
+        """
+        if not self._said:
+            self._said = [_read(stream) for stream in (self.stdout, self.stderr)]
+        deadline = None if timeout is None else time.monotonic() + timeout
+        self.wait(timeout)
+        try:
+            output, errors = (
+                said.result(None if deadline is None else max(deadline - time.monotonic(), 0.0)) for said in self._said
+            )
+        except TimeoutError as error:
+            raise subprocess.TimeoutExpired(self.args, timeout or 0.0) from error
+        return output, errors
+
+    def _close(self) -> None:
+        """What is being read stays open: whoever closed it would wait, too, for those that can still say something."""
+        being_read = [not said.done() for said in self._said] or [False, False]
+        for stream, is_read in zip((self.stdout, self.stderr), being_read, strict=True):
+            if not is_read:
+                stream.close()
+
+
+def _read(stream: TextIO) -> Future[str]:
+    """All that it says, in a thread for which the end of this process does not wait."""
+    said: Future[str] = Future()
+
+    def read() -> None:
+        try:
+            with stream:
+                text = stream.read()
+        except (OSError, ValueError) as error:  # a text that cannot be decoded
+            said.set_exception(error)
+        else:
+            said.set_result(text)
+
+    threading.Thread(target=read, daemon=True).start()
+    return said
+
+
+PythonProcess = ForkedPython | subprocess.Popen[str]
+
+
+def python_process(arguments: Sequence[str], preloaded: Sequence[str] = ()) -> PythonProcess:
+    """Start one whose output and errors are read."""
+    if fork_server.AVAILABLE:
+        return ForkedPython(arguments, preloaded)
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def logged_python_process(
+    arguments: Sequence[str], output: int, preloaded: Sequence[str] = ()
+) -> fork_server.ForkedProcess | subprocess.Popen[bytes]:
+    """Start one that writes output and errors to a file descriptor."""
+    words = [sys.executable, *arguments]
+    if fork_server.AVAILABLE:
+        server = fork_server.fork_server(PROGRAM, *preloaded)
+        return fork_server.ForkedProcess(server, server.start(words, output, os.environ))
+    return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+
+
+# The operator's console as a process, and what a command of its line mode answers.
+#
+# Each is a fork of a process that has loaded what every command needs (:mod:`.python_process`). Tests that are about
+# the beginning of a console start the executable itself.
+
+COMMAND: Final = ('-m', 'flexbt_console')
+"""How the interpreter runs it."""
+
+LOADED: Final = ('flexbt_console.link', 'flexbt_console.ui.line.line_mode')
+"""What each command needs that asks an executive."""
+
+_DEADLINE: Final = 120.0
+
+
+def start_console(*words: str) -> PythonProcess:
+    """Start one with this command line, whose output is read."""
+    return python_process([*COMMAND, *words], LOADED)
+
+
+@contextlib.contextmanager
+def silent_console(*words: str) -> Iterator[ForkedProcess | subprocess.Popen[bytes]]:
+    """One that stays, and whose output nobody reads; it is killed at the end of the block."""
+    with open(os.devnull, 'wb') as nothing:  # noqa: PTH123
+        process = logged_python_process([*COMMAND, *words], nothing.fileno(), LOADED)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def run_console(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end.
+
+    Raises:
+        AssertionError: it did not end in time; tells what each of its threads was doing.
+    """
+    with start_console(*words) as process:
+        try:
+            output, errors = process.communicate(timeout=_DEADLINE)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGABRT)
+            output, errors = process.communicate()
+            raise AssertionError(f'{words} did not end in time\n{output}\n{errors}') from None
+    assert process.returncode is not None
+    return subprocess.CompletedProcess(words, process.returncode, output, errors)
+
+
+def console_answer(*words: str, exit_code: int = 0) -> Any:
+    """What a command answers, from JSON; None for nothing.
+
+    Raises:
+        AssertionError: it has not ended with ``exit_code``.
+    """
+    done = run_console(*words, '--json', '--timeout', '60')
+    assert done.returncode == exit_code, done
+    return json.loads(done.stdout) if done.stdout else None

@@ -1,0 +1,438 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``bt_tool`` and its commands. Needs no ROS."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from datetime import UTC, datetime
+from pathlib import Path
+from string import Template
+from typing import Final
+
+from flexbt_common.pictures.tree_picture import trees_as_dot, trees_as_mermaid
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import ScriptError
+from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.script.parser import parse_script
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.literals import ConditionSensor, Predicate
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
+from flexbt_server.groot2.log_file import SUFFIX, LogContent, LogError, LoggedNode, LoggedTransition, read_log
+from flexbt_server.groot2.protocol import models_document
+from flexbt_tools.errors import ExitCode, UsageError
+from flexbt_tools.files import read_skill_files
+from flexbt_tools.mock_runs.mock_plan import read_plan
+from flexbt_tools.mock_runs.mock_run import DEFAULT_RATE, BlackboardFile, MockRun, json_types, save_blackboard
+from flexbt_tools.mock_runs.report import JsonPrinter, TextPrinter, ended
+from flexbt_tools.tree_checks.check import check_trees, joined
+from flexbt_tools.tree_checks.diagnostics import REFUSED, RULES
+from flexbt_tools.trees.files import read_library
+from flexbt_tools.trees.outline import drawn_nodes, find_tree, is_main, items_of, tree_as_json, tree_lines
+from flexbt_tools.trees.schema import schema_lines
+
+from . import arguments
+from .command import ToolCommand, run_command
+from .output import (
+    Reported,
+    add_picture_arguments,
+    add_report_arguments,
+    add_skill_arguments,
+    chosen_skills,
+    output_picture,
+    print_skills,
+    report_findings,
+)
+
+
+def add_check_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_files(parser)
+    arguments.add_node_types(parser)
+    arguments.add_inputs(parser)
+    arguments.add_skills(parser)
+    parser.add_argument('--shared', action='store_true', help='all trees run on one blackboard, as the server does it')
+    add_report_arguments(parser, [rule for rule in RULES if rule is not REFUSED])
+
+
+def run_check(options: argparse.Namespace) -> ExitCode:
+    registry = arguments.registry(options, allow_unknown=options.allow_unknown)
+    skills = arguments.skill_library(options.skills, registry)
+    found = check_trees(options.files, registry, options.input, shared=options.shared, skills=skills)
+    reported = [Reported(one.rule, str(one), one.to_json()) for one in (found if options.json else joined(found))]
+    return report_findings(options, reported, 'file', len(options.files))
+
+
+# ``bt_tool show``: trees as text.
+
+_WIDTH: Final = 120
+"""Characters of a line where there is no terminal."""
+
+
+def add_show_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_file(parser)
+    arguments.add_trees(parser)
+    arguments.add_ports(parser, 'given')
+    parser.add_argument('--ascii', action='store_true', help='only ASCII characters')
+    arguments.add_node_types(parser, allow_unknown=False)
+    arguments.add_json(parser)
+
+
+def run_show(options: argparse.Namespace) -> ExitCode:
+    library = read_library([options.file], arguments.registry(options, allow_unknown=True))
+    keys = arguments.chosen_trees(library, options)
+    if options.json:
+        print(json.dumps({'trees': [tree_as_json(library, key, expand=options.expand) for key in keys]}))
+        return ExitCode.OK
+    for index, key in enumerate(keys):
+        if index:
+            print()
+        for line in _tree(library, key, options):
+            print(line.encode('ascii', 'backslashreplace').decode() if options.ascii else line)
+    return ExitCode.OK
+
+
+def _tree(library: TreeLibrary, key: TreeKey, options: argparse.Namespace) -> Iterator[str]:
+    tree = library.definition(key)
+    main = ' (main)' if is_main(library, key) else ''
+    place = f'{tree.source.file}:{tree.source.position(tree.offset)[0]}'
+    yield one_line(f'{key.id}{main}  {place}')
+    items = items_of(library, key, expand=options.expand)
+    width = shutil.get_terminal_size((_WIDTH, 0)).columns
+    yield from tree_lines(items, options.ports, ascii_only=options.ascii, width=width)
+
+
+# ``bt_tool draw``: trees as a picture, by Graphviz, or as its source or that of Mermaid.
+
+
+def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_file(parser)
+    arguments.add_trees(parser)
+    add_picture_arguments(parser)
+    arguments.add_ports(parser, 'none')
+    arguments.add_node_types(parser, allow_unknown=False)
+
+
+def run_draw(options: argparse.Namespace) -> ExitCode:
+    library = read_library([options.file], arguments.registry(options, allow_unknown=True))
+    trees = [
+        (key.id, drawn_nodes(items_of(library, key, expand=options.expand), options.ports))
+        for key in arguments.chosen_trees(library, options)
+    ]
+    output_picture(options, lambda: trees_as_dot(trees), lambda: trees_as_mermaid(trees))
+    return ExitCode.OK
+
+
+# ``bt_tool model``: what node types there are, for editors: a TreeNodesModel, or an XML schema.
+
+
+def add_model_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--builtin', action='store_true', help='also the nodes of BehaviorTree.CPP, which Groot2 knows')
+    parser.add_argument(
+        '--xsd',
+        action='store_true',
+        help='an XML schema of tree files instead, of all node types, for any XML editor',
+    )
+    arguments.add_node_types(parser, allow_unknown=False)
+
+
+def run_model(options: argparse.Namespace) -> ExitCode:
+    registry = arguments.registry(options, allow_unknown=False)
+    manifests = sorted(
+        (manifest for manifest in registry if manifest.kind is not NodeKind.SUBTREE), key=lambda manifest: manifest.id
+    )
+    if options.xsd:
+        lines = schema_lines(manifests)
+    else:
+        known = builtin_registry()
+        lines = models_document(manifest for manifest in manifests if options.builtin or manifest.id not in known)
+    for line in lines:
+        print(line)
+    return ExitCode.OK
+
+
+# ``bt_tool skills``: what leaves need, what they bring about, and how they may fail.
+
+
+def add_skills_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        'files', metavar='FILE', nargs='*', help='YAML file of manifests, which adds to what the classes declare'
+    )
+    arguments.add_node_types(parser, allow_unknown=False)
+    add_skill_arguments(parser)
+
+
+def run_skills(options: argparse.Namespace) -> ExitCode:
+    known = arguments.registry(options, allow_unknown=False)
+    base = arguments.skill_library([], known)
+    library = read_skill_files(options.files, base)
+    print_skills(chosen_skills(library, options), options)
+    for line in unreached_ports(library, base, known):
+        print(one_line(f'note: {line}'), file=sys.stderr)
+    doubtful = list(unknown_names(library, base, known))
+    for line in doubtful:
+        print(one_line(f'warning: {line}'), file=sys.stderr)
+    return ExitCode.NEGATIVE if doubtful else ExitCode.OK
+
+
+# Whether what skills name is there: the condition leaves of sensors, and the ports that are given.
+
+
+def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
+    """What a library names beyond those of ``base`` and is not there, as lines for people.
+
+    A class that is no leaf of this computer is known when the library has a skill of it.
+    """
+    conditions = {manifest.id for manifest in registry if manifest.kind.value == 'Condition'}
+    for predicate in library.predicates.values():
+        sensor = predicate.sensor
+        if predicate == base.predicates.get(predicate.name):
+            continue
+        if sensor is None:
+            yield f'predicate {predicate.name} has no sensor: it is only remembered, so no tree can test it'
+        elif isinstance(sensor, ConditionSensor):
+            yield from _unknown_ports(sensor.id, sensor.ports, registry, f'sensor of predicate {predicate.name}')
+            if sensor.id not in registry and sensor.id not in library.skills:
+                near = did_you_mean(sensor.id, conditions)
+                yield f'sensor of predicate {predicate.name}: there is no leaf {short_repr(sensor.id)}{near}'
+        else:
+            yield from _wrong_script(predicate, sensor.test)
+    for skill in library.skills.values():
+        if skill != base.skills.get(skill.name):
+            yield from _unknown_ports(skill.name, skill.arguments, registry, f'arguments of skill {skill.name}')
+
+
+def _wrong_script(predicate: Predicate, test: str) -> Iterator[str]:
+    try:
+        parse_script(Template(test).safe_substitute(dict.fromkeys(predicate.parameters, 'x')))
+    except ScriptError as error:
+        yield f'sensor of predicate {predicate.name}: {short_repr(test)} is no script: {error}'
+
+
+def unreached_ports(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
+    """Of skills that are not as in ``base``: an installed leaf has the name, but learns of none of the parameters."""
+    for skill in library.skills.values():
+        manifest = registry.get(skill.name)
+        if manifest is None or not manifest.ports or not skill.parameters:
+            continue
+        if skill.name in base.skills and skill.parameters == base.skills[skill.name].parameters:
+            continue
+        told = {name for text in skill.arguments.values() for name in Template(text).get_identifiers()}
+        if skill.parameters.keys().isdisjoint(told | manifest.ports.keys()):
+            yield (
+                f'skill {skill.name}: the installed leaf of this name learns of no parameter '
+                f'({", ".join(skill.parameters)}); say how by arguments (its ports: {", ".join(manifest.ports)}), '
+                'or give the skill another name if another leaf is meant'
+            )
+
+
+def _unknown_ports(id: str, ports: Iterable[str], registry: NodeRegistry, what: str) -> Iterator[str]:
+    manifest = registry.get(id)
+    if manifest is not None:
+        for name in ports:
+            if name not in manifest.ports:
+                yield f'{what}: {id} has no port {short_repr(name)}{did_you_mean(name, manifest.ports)}'
+
+
+# ``bt_tool run``: runs a tree with mocks, and prints what happens.
+
+_DEFAULT_TIMEOUT: Final = 600.0
+_EXIT_CODES: Final = {'SUCCESS': ExitCode.OK, 'ERROR': ExitCode.NODE_ERROR, 'TIMEOUT': ExitCode.UNFINISHED}
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    arguments.add_files(parser)
+    parser.add_argument('--tree', metavar='ID', help='the tree to run (default: the main one of the first file)')
+    parser.add_argument(
+        '--mock',
+        metavar='FILE|NODE=STATUS,...',
+        action='append',
+        default=[],
+        help='what leaves do that need a robot: a YAML file, or what the leaf of this type, name or path gives, '
+        'activation by activation; with * in it, all leaves that need a mock; repeatable',
+    )
+    parser.add_argument(
+        '--set', metavar='KEY=VALUE', action='append', default=[], help='an entry of the blackboard, YAML; repeatable'
+    )
+    parser.add_argument(
+        '--blackboard', metavar='FILE', help='entries of the blackboard, JSON as --save-blackboard writes it'
+    )
+    parser.add_argument('--save-blackboard', metavar='FILE', help='write the blackboard, as it is at the end, as JSON')
+    parser.add_argument('--read-inputs', action='store_true', help='mocks raise when an input is missing, as nodes do')
+    parser.add_argument(
+        '--rate', metavar='HZ', type=arguments.positive, default=DEFAULT_RATE, help='least rate of ticks (default: 10)'
+    )
+    parser.add_argument(
+        '--timeout',
+        metavar='SECONDS',
+        type=arguments.positive,
+        default=_DEFAULT_TIMEOUT,
+        help='end of the run, on the clock of the tree (default: 600)',
+    )
+    parser.add_argument('--real-time', action='store_true', help='wait, instead of jumping from event to event')
+    parser.add_argument(
+        '--btlog', metavar='FILE', type=_log_file, help='write a log file, which Groot2 and bt_tool log open'
+    )
+    parser.add_argument('--quiet', action='store_true', help='only the result')
+    arguments.add_node_types(parser, allow_unknown=False)
+    arguments.add_json(parser)
+
+
+def _log_file(text: str) -> Path:
+    path = Path(text)
+    if path.suffix != SUFFIX:
+        raise argparse.ArgumentTypeError(f'{text!r} does not end with {SUFFIX}, and Groot2 opens no other files')
+    return path
+
+
+def run_with_mocks(options: argparse.Namespace) -> ExitCode:
+    with _default_context():
+        return _run(options)
+
+
+def _default_context() -> AbstractContextManager[None]:
+    """Return what leaves that run themselves need for rclpy. Without ROS there are none that use it."""
+    try:
+        from flexbt_common.middleware.default_context import offline_default_context
+    except ModuleNotFoundError:
+        return nullcontext()
+    return offline_default_context()
+
+
+def _run(options: argparse.Namespace) -> ExitCode:
+    plan = read_plan(options.mock, options.set)
+    registry = arguments.registry(options, allow_unknown=True)
+    library = read_library(options.files, registry)
+    printer = JsonPrinter() if options.json else TextPrinter()
+    types = json_types(registry)
+    mock_run = MockRun(
+        library,
+        find_tree(library, options.tree) if options.tree is not None else _main_tree(library),
+        plan,
+        real_time=options.real_time,
+        rate=options.rate,
+        read_inputs=options.read_inputs,
+        blackboard=BlackboardFile(options.blackboard, types),
+        on_status=None if options.quiet else printer.transition,
+        log=options.btlog,
+    )
+    try:
+        report = ended(mock_run, options.timeout)
+        printer.result(report)
+        if options.save_blackboard is not None:
+            for problem in save_blackboard(mock_run.tree.blackboard, options.save_blackboard, types):
+                print(one_line(f'not saved: {problem}'), file=sys.stderr)
+    finally:
+        mock_run.close()
+    return _EXIT_CODES.get(report['result'], ExitCode.NEGATIVE)
+
+
+def _main_tree(library: TreeLibrary) -> TreeKey:
+    document = next(iter(library.documents.values()))
+    if document.main is None:
+        trees = ', '.join(document.trees)
+        raise UsageError(f'{document.file} does not name its main tree; say --tree ID, one of: {trees}')
+    return TreeKey(document.file, document.main)
+
+
+# ``bt_tool log``: prints a log file (.btlog) of BehaviorTree.CPP, or of ours.
+
+
+def add_log_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('file', metavar='FILE', type=Path, help='the log file')
+    arguments.add_json(parser)
+
+
+def run_log(options: argparse.Namespace) -> ExitCode:
+    try:
+        log = read_log(options.file)
+    except OSError as error:
+        raise UsageError(f'{options.file}: {error.strerror or error}') from error
+    except LogError as error:
+        print(one_line(str(error), 1000), file=sys.stderr)
+        return ExitCode.REFUSED
+    show = _json if options.json else _text
+    if not options.json:
+        print(f'{_when(log)}: {len(log.nodes)} nodes, {len(log.transitions)} transitions')
+    for transition in log.transitions:
+        print(show(transition, log.nodes.get(transition.uid, LoggedNode(f'uid {transition.uid}', '?'))))
+    if log.left_over:
+        print(f'{options.file}: the last {log.left_over} bytes are no whole transition', file=sys.stderr)
+    return ExitCode.OK
+
+
+def _when(log: LogContent) -> str:
+    try:
+        return datetime.fromtimestamp(log.epoch, UTC).isoformat(sep=' ', timespec='milliseconds')
+    except (ValueError, OverflowError, OSError):
+        return f'{log.epoch:.3f} s since 1970'
+
+
+def _text(transition: LoggedTransition, node: LoggedNode) -> str:
+    """As ``bt_tool run`` prints it."""
+    before, after = transition.before.name, transition.after.name
+    return one_line(f'{transition.time:10.3f}  {before:7} -> {after:7}  {node.path}')
+
+
+def _json(transition: LoggedTransition, node: LoggedNode) -> str:
+    return json.dumps(
+        {
+            'event': 'transition',
+            'time': round(transition.time, 6),
+            'path': node.path,
+            'type': node.type,
+            'before': transition.before.name,
+            'after': transition.after.name,
+        }
+    )
+
+
+# The executable ``bt_tool``: its commands.
+
+EXIT_CODES: Final = (
+    ('0', 'nothing is wrong; the tree succeeded'),
+    (
+        '1',
+        'check: there are errors, or with --strict warnings; prove, skills: something is wrong; run: the tree did not '
+        'succeed; plan: there is no plan',
+    ),
+    ('2', 'wrong usage, or something is missing on this computer'),
+    ('3', 'a file cannot be used; the reasons are printed'),
+    ('4', 'run: a node raised an exception, or broke the rules'),
+    ('5', 'run, plan: not done in time; prove: nothing is wrong so far, but not all was followed'),
+    ('6', 'prove: nothing goes wrong, but the tree can never succeed, or a node can never be reached'),
+    ('130', 'interrupted'),
+)
+
+COMMANDS: Final = (
+    ToolCommand('check', 'find what is wrong, and what is suspicious, in tree files', add_check_arguments, run_check),
+    ToolCommand('show', 'show the trees of a file as text', add_show_arguments, run_show),
+    ToolCommand('draw', 'draw the trees of a file', add_draw_arguments, run_draw),
+    ToolCommand('model', 'describe the node types that are known here, for editors', add_model_arguments, run_model),
+    ToolCommand(
+        'skills',
+        'show what leaves need and bring about, and check files of manifests',
+        add_skills_arguments,
+        run_skills,
+    ),
+    ToolCommand('prove', 'follow all that can happen to a tree, or in a model, and tell what is wrong'),
+    ToolCommand('run', 'run a tree with mocks, and print what happens', add_run_arguments, run_with_mocks),
+    ToolCommand('plan', 'plan a goal, and write a reactive tree that reaches it'),
+    ToolCommand('log', 'print a log file (.btlog) of a run', add_log_arguments, run_log),
+)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Runs ``bt_tool`` and gives its exit code, see :class:`ExitCode`."""
+    return run_command('bt_tool', 'Behavior-tree files, without ROS running.', COMMANDS, EXIT_CODES, words)
+
+
+# ``python3 -m flexbt_tools.cli.bt_tool``, where the package is not installed as an executable.
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,8 +1,0 @@
-# SPDX-License-Identifier: BSD-3-Clause
-"""``python3 -m flexbt_tools.cli.bt_tool``, where the package is not installed as an executable."""
-
-import sys
-
-from . import main
-
-sys.exit(main())

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files that commands read and write as a whole: texts, and manifests of skills."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.literals import SkillError
+from flexbt_core.skills.yaml_files import read_skills
+from flexbt_core.values import text_files
+from flexbt_core.values.text_files import TextFileError, read_text
+
+from .errors import RefusedError, UsageError
+
+
+def read_text_file(file: str, most: int) -> str:
+    """The text (UTF-8) of a file of at most ``most`` bytes. Raises UsageError when it cannot be read, or is longer."""
+    try:
+        return text_files.read_text(file, most)
+    except TextFileError as error:
+        raise UsageError(f'{file}: cannot be read: {error}') from error
+
+
+def write_text_file(file: str, text: str) -> None:
+    """Write a file as a whole. Raises UsageError when that cannot be; the one that was there stays then."""
+    try:
+        text_files.write_text(file, text)
+    except OSError as error:
+        raise UsageError(f'{file}: cannot be written: {error.strerror or error}') from error
+
+
+# Files of manifests on this computer.
+
+_MOST_BYTES: Final = 4_000_000
+"""As much as a scene of some thousand skills and objects needs; YAML is slow to read."""
+
+
+def read_skill_files(files: Sequence[str], base: SkillLibrary) -> SkillLibrary:
+    """What ``base`` has, and what the files add, one after the other.
+
+    Raises:
+        RefusedError: with all that is wrong with a file.
+    """
+    library = base
+    for file in files:
+        library = read_skills_of(file, library)
+    return library
+
+
+def read_skills_of(file: str, base: SkillLibrary) -> SkillLibrary:
+    """What ``base`` has, and what one file adds. Raises RefusedError."""
+    try:
+        return read_skills(read_text(file, _MOST_BYTES), file, base)
+    except TextFileError as error:
+        raise RefusedError([LoadError(file, 1, 1, '', f'cannot be read: {error}')]) from error
+    except SkillError as error:
+        raise RefusedError([_located(file, problem) for problem in error.problems]) from error
+
+
+def _located(file: str, problem: str) -> LoadError:
+    """A problem that begins with file and line."""
+    line, _, message = problem.removeprefix(f'{file}:').partition(': ')
+    return LoadError(file, int(line), 1, '', message)

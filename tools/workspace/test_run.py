@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`make test`: lint, the tests of every package, a verdict that names what failed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree  # of files that our own pytest runs wrote
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from workspace.layout import Package
+from workspace.lint import all_checks, failing_checks
+from workspace.terminal import stop_group
+from workspace.workspace import Workspace
+
+DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy machine needs half of it
+LANES = 2 * (os.cpu_count() or 2)  # packages that are tested side by side: more make each slower, and all no faster
+LONGEST = (
+    'flexbt_system_tests',
+    'flexbt_common',
+    'flexbt_console',
+    'flexbt_onboard',
+    'flexbt_server',
+    'flexbt_sim',
+    'flexbt_navigation',
+    'flexbt_core',
+)
+"""The packages whose tests take longest, in the order in which they begin: first those that mostly wait (for processes,
+deadlines, other nodes), last those that only compute, so that the processors are busy up to the end."""
+SPREAD = LONGEST[0]  # takes far longer than any other: a worker of pytest for each processor
+_POLL_SECONDS = 0.1
+_MESSAGE_WIDTH = 160
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Tests of one package that run once more, in another environment: those in its directory `tests`.
+
+    `without`: files there whose tests have nothing to do with it.
+    """
+
+    package: str
+    tests: str
+    environment: Mapping[str, str]
+    without: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return ' '.join(f'{name}={value}' for name, value in self.environment.items())
+
+
+VARIANTS = (
+    Variant(
+        'flexbt_core',
+        'test/behavior_tree',
+        {'FLEXBT_ACCELERATION': '0'},
+        without=(
+            'engine/test_bt_blackboard_json.py',
+            'xml/test_bt_imports.py',
+            'xml/test_bt_names.py',
+            'xml/test_bt_xml.py',
+        ),
+    ),
+)
+
+
+@dataclass
+class Tally:
+    """How many checks passed and were skipped, and what failed (one line each)."""
+
+    passed: int = 0
+    skipped: int = 0
+    failures: list[str] = field(default_factory=list)
+
+    def summary(self) -> str:
+        return f'{self.passed} passed, {len(self.failures)} failed, {self.skipped} skipped'
+
+
+def run(workspace: Workspace) -> int:
+    """Runs everything; gives the exit code. The last line printed is the summary."""
+    packages = {package.name: package for package in workspace.layout.packages() if package.test_modules()}
+    runs = [_Run(workspace, package) for package in packages.values()]
+    runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
+    runs.sort(key=lambda run: run.rank)
+    failed_checks = _finish(runs, time.monotonic() + DEADLINE, lambda: failing_checks(workspace, alone=False))
+    tally = Tally(passed=len(all_checks(workspace)) - len(failed_checks))
+    tally.failures += [f'FAILED lint: {name}' for name in failed_checks]
+    _show_results(workspace)
+    for one in runs:
+        one.count(tally)
+
+    for failure in tally.failures:
+        print(failure)
+    print(tally.summary(), flush=True)
+    return 1 if tally.failures else 0
+
+
+def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) -> list[str]:
+    """Lets the runs come to their end, `LANES` at a time; what has not by the deadline (monotonic) is stopped.
+
+    The first of them go on while `lint` is at work, which mostly needs one processor; gives what that found.
+    """
+    waiting, running = deque(runs[LANES:]), runs[:LANES]
+    for one in runs:
+        one.forget()
+    try:
+        for one in running:
+            one.start()
+        failed_checks = lint()
+        while waiting or running:
+            running = [one for one in running if not one.ended()]
+            if (waiting or running) and time.monotonic() > deadline:
+                print(f'the tests did not end within {DEADLINE:.0f} s: stopping them', flush=True)
+                break
+            while waiting and len(running) < LANES:
+                running.append(waiting.popleft())
+                running[-1].start()
+            time.sleep(_POLL_SECONDS)
+    finally:
+        for one in running:
+            one.stop()
+    return failed_checks
+
+
+class _Run:
+    """The tests of one package. How each ended is in the result file; that they all did, in pytest's exit code."""
+
+    def __init__(self, workspace: Workspace, package: Package, variant: Variant | None = None) -> None:
+        build = workspace.layout.build
+        self._workspace = workspace
+        self._package = package
+        self._variant = variant
+        self._results = build / 'variants' / str(variant) if variant else build  # below which colcon looks for results
+        self._process: subprocess.Popen[bytes] | None = None
+        self._start = 0.0  # monotonic
+        self._was_stopped = False
+
+    def __str__(self) -> str:
+        return f'{self._package.name} once more with {self._variant}' if self._variant else self._package.name
+
+    @property
+    def is_spread(self) -> bool:
+        return self._package.name == SPREAD
+
+    @property
+    def rank(self) -> int:
+        """Its place in the order in which the runs begin."""
+        return LONGEST.index(self._package.name) if self._package.name in LONGEST else len(LONGEST)
+
+    def forget(self) -> None:
+        """Removes the results of an earlier one."""
+        self._result_file.unlink(missing_ok=True)
+
+    def start(self) -> None:
+        """As `colcon test` starts it, without colcon, which takes longer than the tests of many a package."""
+        workspace, variant, results = self._workspace, self._variant, self._result_file
+        command: list[str | Path] = ['python3', '-m', 'pytest', '--tb=short', f'--junit-xml={results}']
+        command += [f'--junit-prefix={self._package.name}', '-o', f'cache_dir={results.with_name(".pytest_cache")}']
+        command += _in_parallel(workspace) if self.is_spread else []
+        command += [variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)] if variant else ['test']
+        environment = {**workspace.environment, **(variant.environment if variant else {})}
+        environment.pop('PYTHONDONTWRITEBYTECODE', None)  # or each pytest would rewrite the plug-ins that it loads anew
+        self._log.parent.mkdir(parents=True, exist_ok=True)
+        self._start = time.monotonic()
+        with self._log.open('wb') as output:
+            self._process = subprocess.Popen(
+                [str(word) for word in workspace.inside(command)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                cwd=self._package.path,
+                start_new_session=True,
+            )
+        print(f'tests of {self}: begun', flush=True)
+
+    def ended(self) -> bool:
+        """Whether it has; when it is seen for the first time, that is told."""
+        if self._process is None or self._process.returncode is not None:
+            return self._process is not None
+        if self._process.poll() is None:
+            return False
+        print(f'tests of {self}: ended after {time.monotonic() - self._start:.0f} s', flush=True)
+        return True
+
+    def stop(self) -> None:
+        """Ends what still runs of it."""
+        if self._process is not None and not self.ended():
+            self._was_stopped = True
+            stop_group(self._process)
+
+    def count(self, tally: Tally) -> None:
+        """Adds the results to the tally, and an end that leaves open what other tests there are."""
+        label = f' [{self._variant}]' if self._variant else ''
+        own = Tally()
+        _count(self._result_file, self._package.name, label, own)
+        if ending := self._bad_ending(own):
+            own.failures.append(f'FAILED {self._package.name}{label}: pytest {ending}, see {self._log}')
+        tally.passed += own.passed
+        tally.skipped += own.skipped
+        tally.failures += own.failures
+
+    def _bad_ending(self, results: Tally) -> str:
+        """How pytest ended, unless the results say so, too: 1 is that of failures, 5 that of nothing but skipped."""
+        if self._process is None:
+            return 'did not begin'
+        if self._was_stopped:
+            return 'was stopped'
+        code = self._process.returncode
+        if code == 0 or (code == 1 and results.failures) or (code == 5 and results.skipped and not results.passed):
+            return ''
+        return f'was killed by signal {-code}' if code < 0 else f'ended with exit code {code}'
+
+    @property
+    def _result_file(self) -> Path:
+        return self._results / self._package.name / 'pytest.xml'
+
+    @property
+    def _log(self) -> Path:
+        return self._workspace.layout.log / f'test-{str(self).replace(" ", "-")}.log'
+
+
+def _in_parallel(workspace: Workspace) -> list[str]:
+    """Options for a worker of pytest for each processor.
+
+    Without pytest-xdist, which no key of a manifest asks for, there is one worker.
+    """
+    found = subprocess.run(
+        [str(word) for word in workspace.inside(['python3', '-c', 'import xdist'])],
+        env=workspace.environment,
+        cwd=workspace.layout.root,
+        stderr=subprocess.DEVNULL,
+    )
+    if found.returncode != 0:
+        return []
+    return ['--numprocesses', str(os.cpu_count() or 2), '--dist', 'worksteal']
+
+
+def _show_results(workspace: Workspace) -> None:
+    command = ['colcon', 'test-result', '--verbose', '--test-result-base', str(workspace.layout.build)]
+    sys.stdout.flush()
+    subprocess.run(
+        [str(word) for word in workspace.inside(command)], env=workspace.environment, cwd=workspace.layout.root
+    )
+
+
+def _count(file: Path, package: str, label: str, tally: Tally) -> None:
+    """Adds the results in a JUnit file to the tally. A file that is missing or damaged is a failure of the package.
+
+    The `label` tells the names of tests that run more than once apart.
+    """
+    try:
+        cases = list(ElementTree.parse(file).iter('testcase'))  # noqa: S314
+    except (OSError, ElementTree.ParseError) as error:
+        tally.failures.append(f'FAILED {package}{label}: no result of its tests ({error})')
+        return
+    for case in cases:
+        problem = next((found for found in case if found.tag in ('failure', 'error')), None)
+        if problem is not None:
+            name = f'{case.get("classname", package)}.{case.get("name", "?")}'
+            message = ' '.join(problem.get('message', '').split())[:_MESSAGE_WIDTH]
+            tally.failures.append(f'FAILED {name}{label}: {message}')
+        elif case.find('skipped') is not None:
+            tally.skipped += 1
+        else:
+            tally.passed += 1
