@@ -15,7 +15,7 @@ SUPPORT: Final = HERE / 'support'
 
 
 def benchmarks() -> dict[str, Path]:
-    """The programs by their names; what begins with ``_`` is a part of one."""
+    """Return the programs by their names; what begins with ``_`` is a part of one."""
     return {script.stem: script for script in sorted(HERE.glob('*/[!_]*.py'))}
 
 

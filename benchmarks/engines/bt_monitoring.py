@@ -214,7 +214,7 @@ def wheel_samples(xml: str, size: int, wheel: bt_tick.Wheel, stack: contextlib.E
 
 @contextlib.contextmanager
 def subscriber() -> Iterator[None]:
-    """A process that takes all messages, as a monitor would."""
+    """Provide a process that takes all messages, as a monitor would."""
     code = (
         'import rclpy\nfrom flexbt_common import names\nfrom flexbt_msgs.msg import TreeStatus\nrclpy.init()\n'
         'node = rclpy.create_node("monitor")\n'

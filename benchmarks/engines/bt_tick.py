@@ -58,7 +58,7 @@ Tick = Callable[[], object]
 
 
 def document(*trees: str) -> str:
-    """An XML file of trees; the first is the main one."""
+    """Return an XML file of trees; the first is the main one."""
     bodies = ''.join(f'<BehaviorTree ID="T{number}">{body}</BehaviorTree>' for number, body in enumerate(trees))
     return f'<root BTCPP_format="4" main_tree_to_execute="T0">{bodies}</root>'
 
@@ -241,7 +241,7 @@ def our_tree(xml: str, nodes: NodeRegistry) -> Tree:
 
 @contextlib.contextmanager
 def plain() -> Iterator[None]:
-    """What is read and made meanwhile has no acceleration."""
+    """Provide what is read and made meanwhile has no acceleration."""
     installed = acceleration_seam.acceleration()
     acceleration_seam.install(None)
     try:
@@ -264,7 +264,7 @@ class Wheel:
 
 
 def py_trees_tick(shape: str, count: int) -> Tick | None:
-    """The same shape in py_trees; None where it has no such thing (conditions of a script, remapped ports)."""
+    """Return the same shape in py_trees; None where it has no such thing (conditions of a script, remapped ports)."""
     from py_trees import behaviours, composites, decorators, logging
 
     logging.level = logging.Level.ERROR

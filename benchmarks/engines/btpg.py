@@ -100,7 +100,7 @@ BASELINES: Final[dict[str, Callable[[Reachability, int, float], Run]]] = {
 
 
 def recorded(goal: dict[str, Any], name: str) -> Run | None:
-    """What BTPG recorded; None where it did not run."""
+    """Return what BTPG recorded; None where it did not run."""
     run = goal.get('published', {}).get(name)
     if run is None:
         return None
@@ -109,7 +109,7 @@ def recorded(goal: dict[str, Any], name: str) -> Run | None:
 
 
 def row(name: str, runs: Iterable[Run], others: dict[str, Any]) -> dict[str, Any]:
-    """A row of the table."""
+    """Return a row of the table."""
     all_runs = list(runs)
     figures = {
         'goals': len(all_runs),
@@ -128,7 +128,7 @@ def row(name: str, runs: Iterable[Run], others: dict[str, Any]) -> dict[str, Any
 
 
 def measure(data: Path, scene: str, limit: float, every: int) -> tuple[list[dict[str, Any]], int]:
-    """The rows of a scene, and the number of goals that were not planned as they have to be."""
+    """Return the rows of a scene, and the number of goals that were not planned as they have to be."""
     began = time.process_time()
     with gzip.open(data / f'scenes/{scene}.actions.jsonl.gz', 'rt') as lines:
         actions, initial = read_scene((data / f'scenes/{scene}.json').read_text(), lines, scene)

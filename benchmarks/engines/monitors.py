@@ -157,7 +157,7 @@ PAIRS: Final = {
 
 
 def measure(subject: Callable[[bool], float], rounds: int) -> dict[str, float]:
-    """The least of both, and their ratio; who comes first takes turns."""
+    """Return the least of both, and their ratio; who comes first takes turns."""
     subject(True), subject(False)
     samples: dict[bool, list[float]] = {True: [], False: []}
     for number in range(rounds):

@@ -21,14 +21,14 @@ UNSUPERVISED: Final = 255
 
 
 def flexbt() -> Mapping[str, Callable[[], float]]:
-    """Samples of FlexBT's engine."""
+    """Sample of FlexBT's engine."""
     from _hfsm_subjects import Subject
 
     return {way: Subject('4 levels deep', way).sample for way in SUBJECTS['FlexBT']}
 
 
 def flexbe() -> Mapping[str, Callable[[], float]]:
-    """Samples of FlexBE's engine: ticks that follow each other without a pause, each of which is a transition."""
+    """Sample of FlexBE's engine: ticks that follow each other without a pause, each of which is a transition."""
     import rclpy
     from _flexbe_onboard import do_without_tf2
 

@@ -61,7 +61,7 @@ class Operator(Protocol):
     def stop(self) -> None: ...
 
     def told(self) -> str:
-        """What the executive has said last."""
+        """Return what the executive has said last."""
 
 
 class FlexbtOperator:

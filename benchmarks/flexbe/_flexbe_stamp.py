@@ -37,7 +37,7 @@ class Entries:
         self._path.unlink()
 
     def wait(self, label: str, timeout: float) -> int:
-        """When the next state was entered, nanoseconds of the monotonic clock.
+        """Return when the next state was entered, nanoseconds of the monotonic clock.
 
         Raises:
             TimeoutError: none was within ``timeout`` seconds.

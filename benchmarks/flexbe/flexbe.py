@@ -63,7 +63,7 @@ MANIFEST: Final = f"""<behavior name="FlexBE probe"><executable package_path="{P
 
 
 def variants(onboard: int, flexbe: int | None) -> list[dict[str, Any]]:
-    """What is measured. ``pause``: limits of the time that the operator and the server take, s."""
+    """Return what is measured. ``pause``: limits of the time that the operator and the server take, s."""
 
     def variant(name: str, engine: str, process: int, pause: tuple[float, float], behavior: str, **given: str) -> Any:
         return {
@@ -108,7 +108,7 @@ def install_behaviors(directory: Path) -> None:
 
 
 def sourced(directory: Path) -> dict[str, str]:
-    """The environment with FlexBE's packages on top.
+    """Return the environment with FlexBE's packages on top.
 
     Raises:
         SystemExit: they are not there, or of another version.
@@ -130,7 +130,7 @@ def sourced(directory: Path) -> dict[str, str]:
 
 @contextmanager
 def running(command: Sequence[str], environment: Mapping[str, str]) -> Iterator[int]:
-    """A process, while it is needed: its id."""
+    """Provide a process, while it is needed: its id."""
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
     try:
         yield process.pid
@@ -171,7 +171,7 @@ def engines(environments: Mapping[str, Mapping[str, str]]) -> dict[str, list[flo
 
 
 def latencies(arguments: argparse.Namespace, environments: Mapping[str, Mapping[str, str]], directory: Path) -> Any:
-    """What the probe has measured: for each variant its blocks."""
+    """Return what the probe has measured: for each variant its blocks."""
     own, theirs = environments['FlexBT'], environments.get('FlexBE')
     specification, output = directory / 'specification.json', directory / 'blocks.json'
     preload = ['-p', f'preload:=["{PACKAGE}/config/probe.xml"]']
@@ -205,14 +205,15 @@ def summary(rounds: Sequence[Sequence[float]]) -> dict[str, float]:
 
 
 def ratios(theirs: Sequence[Sequence[float]], ours: Sequence[Sequence[float]]) -> dict[str, float]:
-    """How many times as much theirs is: by the medians of the rounds, and by the 99th percentiles of all of them."""
+    """Return how many times as much theirs is: by the medians of the rounds, and by the 99th percentiles of all of
+    them."""
     values = [statistics.median(a) / statistics.median(b) for a, b in zip(theirs, ours, strict=True)]
     p99 = summary(theirs)['p99'] / summary(ours)['p99']
     return {'median': statistics.median(values), 'least': min(values), 'most': max(values), 'p99': p99}
 
 
 def compared(rows: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, Any]:
-    """A figure of all variants, and each of FlexBE's against each of ours."""
+    """Return a figure of all variants, and each of FlexBE's against each of ours."""
     return {
         'figures': {name: summary(rounds) for name, rounds in rows.items()},
         'ratios': {

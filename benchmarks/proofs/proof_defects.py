@@ -228,7 +228,7 @@ MISSIONS: Final = (FETCH, DELIVER)
 
 
 def _places(root: Element) -> list[tuple[Element, int]]:
-    """All nodes, as parent and place."""
+    """Return all nodes, as parent and place."""
     return [(parent, place) for parent in root.iter() for place in range(len(parent)) if parent.tag != 'root']
 
 
@@ -342,7 +342,7 @@ CHANGES: Final[dict[str, Callable[[Element, int, random.Random], bool]]] = {
 
 
 def changed(mission: Mission, kind: str, chance: random.Random) -> str:
-    """The trees with one such change; '' when there is no place for it."""
+    """Return the trees with one such change; '' when there is no place for it."""
     root = ElementTree.fromstring(f'<root BTCPP_format="4">{mission.trees}</root>')  # noqa: S314 - of this file
     places = _places(root)
     chance.shuffle(places)
@@ -355,7 +355,7 @@ def changed(mission: Mission, kind: str, chance: random.Random) -> str:
 
 
 def maker(mission: Mission, xml: str) -> Callable[[], TreeSystem] | None:
-    """Makes the tree with what is required of it; None when the trees, or what is required of them, are refused."""
+    """Make the tree with what is required of it; None when the trees, or what is required of them, are refused."""
     registry = builtin_registry()
     register_nav2(registry)
     registry.register_classes(LEAVES)
@@ -416,7 +416,7 @@ def main() -> int:
 
 
 def changed_nothing(mission: Mission) -> Callable[[], TreeSystem]:
-    """The trees as they are."""
+    """Return the trees as they are."""
     make = maker(mission, f'<root BTCPP_format="4">{mission.trees}</root>')
     assert make is not None, mission.required
     return make

@@ -69,7 +69,7 @@ def main() -> int:
 
 
 def missions() -> Iterator[tuple[str, MachineDefinition]]:
-    """All of them, by their names."""
+    """Yield all of them, by their names."""
     for entry in installed(BEHAVIORS):
         machine = build(entry, []).machine
         assert machine is not None

@@ -78,7 +78,7 @@ def _report(system: Callable[[], System]) -> Report:
 
 
 def _alarms(report: Report) -> list[Counterexample]:
-    """Each alarm by itself that a way shows; those about what does not follow have none."""
+    """Return each alarm by itself that a way shows; those about what does not follow have none."""
     return [one for one in report.counterexamples if one.violation.property.is_shown_by_a_way]
 
 

@@ -293,7 +293,7 @@ def _twice(parent: Element, place: int, chance: random.Random, root: Element) ->
 
 
 def _hoisted(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
-    """A node moves into the one before it."""
+    """Return a node moves into the one before it."""
     if place == 0 or len(parent[place - 1]) < 2 or len(parent) < 3:
         return False
     node = parent[place]
@@ -323,7 +323,7 @@ Node = StateDefinition | MachineDefinition
 
 
 def _with(machine: MachineDefinition, path: str, make: Callable[[Any], Any]) -> MachineDefinition:
-    """The machine with another node at a path."""
+    """Return the machine with another node at a path."""
     children = {
         label: make(child)
         if child.path == path
@@ -336,7 +336,7 @@ def _with(machine: MachineDefinition, path: str, make: Callable[[Any], Any]) -> 
 
 
 def _target(node: Node, labels: list[str], machine: MachineDefinition, chance: random.Random) -> Node | None:
-    """A transition leads to another state."""
+    """Return a transition leads to another state."""
     ways = [outcome for outcome, way in node.transitions.items() if way.state is not None]
     if not ways or len(labels) < 3:
         return None
@@ -368,7 +368,7 @@ def _autonomy(node: Node, labels: list[str], machine: MachineDefinition, chance:
 
 
 def _data(node: Node, labels: list[str], machine: MachineDefinition, chance: random.Random) -> Node | None:
-    """A key of a state stands for another one of its machine."""
+    """Return a key of a state stands for another one of its machine."""
     if isinstance(node, MachineDefinition) or not node.state.input_keys:
         return None
     key = chance.choice(sorted(node.state.input_keys))
@@ -507,7 +507,7 @@ def _required(name: str) -> tuple[StatedRequirement, ...]:
 
 
 def missions(folder: Path) -> Iterator[OfTree | OfMachine]:
-    """All of them."""
+    """Yield all of them."""
     cache = ProofCache(folder / 'cache')
     for file in (*map(find_resource, DEMONSTRATED), *STOCK_TREES):
         yield OfTree(Path(file), folder)

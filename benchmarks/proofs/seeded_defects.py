@@ -122,7 +122,7 @@ def _removed(parent: Element, place: int, chance: random.Random, root: Element) 
 
 
 def _crossed(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
-    """A port gets the key of another one, which gets that of the first."""
+    """Return a port gets the key of another one, which gets that of the first."""
     node = parent[place]
     given = [(one, name) for one in root.iter() for name, text in one.attrib.items() if text.startswith('{')]
     own = [name for one, name in given if one is node]
@@ -138,7 +138,7 @@ def _crossed(parent: Element, place: int, chance: random.Random, root: Element) 
 
 
 def _remapped(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
-    """A key is another one, or has two letters exchanged; or a sub-tree is not given it."""
+    """Return a key is another one, or has two letters exchanged; or a sub-tree is not given it."""
     node = parent[place]
     names = [name for name, text in node.attrib.items() if text.startswith('{')]
     if not names:
@@ -195,7 +195,7 @@ def _forgiven(parent: Element, place: int, chance: random.Random, root: Element)
 
 
 def _unwritten(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
-    """An input is read from a key that nothing writes."""
+    """Return an input is read from a key that nothing writes."""
     names = _given(parent[place], readable=True)
     if not names:
         return False
@@ -204,7 +204,7 @@ def _unwritten(parent: Element, place: int, chance: random.Random, root: Element
 
 
 def _lost_output(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
-    """What a node makes goes to a key that nothing reads."""
+    """Return what a node makes goes to a key that nothing reads."""
     names = [name for name in _given(parent[place], readable=False) if not name.startswith('error_')]
     if not names:
         return False
@@ -213,7 +213,7 @@ def _lost_output(parent: Element, place: int, chance: random.Random, root: Eleme
 
 
 def _given(node: Element, *, readable: bool) -> list[str]:
-    """The ports of a leaf that point to keys, and are read, or only written."""
+    """Return the ports of a leaf that point to keys, and are read, or only written."""
     manifest = _registry().get(node.tag)
     ports = manifest.ports if not len(node) and node.tag != 'SubTree' else {}
     return [
@@ -224,7 +224,7 @@ def _given(node: Element, *, readable: bool) -> list[str]:
 
 
 def _short_limit(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
-    """A time limit is in another unit: seconds for milliseconds."""
+    """Return a time limit is in another unit: seconds for milliseconds."""
     node = parent[place]
     if node.tag != 'Timeout' or int(node.get('msec', '0')) < 1000:
         return False
@@ -272,7 +272,7 @@ def _inner(node: Node) -> Node | None:
 
 
 def _states(machine: Node) -> Iterator[tuple[Node, str]]:
-    """All states and machines in a machine: what they are in, and their label."""
+    """Yield all states and machines in a machine: what they are in, and their label."""
     for label, state in machine['states'].items():
         yield machine, label
         if (inner := _inner(state)) is not None:
@@ -367,7 +367,7 @@ def _state_type(machine: Node, label: str, chance: random.Random) -> bool:
 
 
 def _short_time(machine: Node, label: str, chance: random.Random) -> bool:
-    """A tree is given up before it can be done."""
+    """Return a tree is given up before it can be done."""
     given = machine['states'][label].get('parameters', {})
     if 'timeout' not in given:
         return False
@@ -507,7 +507,7 @@ class OfTree:
         self._required, self.left_out = _fit(mission, lambda one: prove_tree(*self._sound, required=one))
 
     def changed(self, change: Change, chance: random.Random) -> str:
-        """The text with a change at a random place; '' when there is none for it."""
+        """Return the text with a change at a random place; '' when there is none for it."""
         root = ElementTree.fromstring(self.mission.text)  # noqa: S314 - of this program
         places = [(parent, place) for parent in root.iter() for place in range(len(parent))]
         chance.shuffle(places)
@@ -558,7 +558,7 @@ class OfMachine:
         self._required, self.left_out = _fit(mission, lambda one: _raise(problems_with(one, vocabulary, mission.name)))
 
     def changed(self, change: Callable[[Node, str, random.Random], bool], chance: random.Random) -> str:
-        """The text with a change at a random place; '' when there is none for it."""
+        """Return the text with a change at a random place; '' when there is none for it."""
         root = yaml.load(self.mission.text, _Names)  # noqa: S506 - a safe one
         places = list(_states(root['machine']))
         chance.shuffle(places)
@@ -608,7 +608,7 @@ def _raise(problems: list[str]) -> None:
 def _fit(
     mission: Mission, use: Callable[[tuple[StatedRequirement, ...]], object]
 ) -> tuple[tuple[StatedRequirement, ...], int]:
-    """The requirements that can be said of the mission as it is, and how many cannot."""
+    """Return the requirements that can be said of the mission as it is, and how many cannot."""
     found = []
     for text in mission.required:
         try:

@@ -79,7 +79,7 @@ def clock(node: Node) -> Attack:
 
 
 def participants(_node: Node) -> Attack:
-    """Each is within the limits of a participant."""
+    """Return each is within the limits of a participant."""
     publishers = []
     for number in range(PARTICIPANTS):
         context = Context()
@@ -101,7 +101,7 @@ PARTICIPANTS: Final = int(os.environ.get('PARTICIPANTS', '60'))
 
 
 def loader(node: Node) -> Attack:
-    """Each is a tree, and a large one."""
+    """Return each is a tree, and a large one."""
     client = ActionClient(node, BtLoad, names.BT_LOADER)
     client.wait_for_server()
     nodes = '<AlwaysSuccess/>' * 55_000
@@ -119,7 +119,7 @@ def loader(node: Node) -> Attack:
 
 
 def log(node: Node) -> Attack:
-    """Each is within the limits of a note, and gets into the log."""
+    """Return each is within the limits of a note, and gets into the log."""
     publisher = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
     text = 'n' * ExecutiveCommand.NOTE_LENGTH
 
@@ -130,7 +130,7 @@ def log(node: Node) -> Attack:
 
 
 def parameters(node: Node) -> Attack:
-    """The request is as large as it is useless."""
+    """Return the request is as large as it is useless."""
     clients = [node.create_client(GetParameters, f'{name}/get_parameters') for name in NODES]
     request = GetParameters.Request(names=['x'] * 1_000_000)
     return _asking(node, [(client, request) for client in clients]), 1.0

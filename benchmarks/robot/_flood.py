@@ -49,7 +49,7 @@ def main(what: str, name: str, type_name: str, rate: float, parent: int) -> None
 
 
 def _type_of(type_name: str, suffix: str = '') -> tuple[Any, str]:
-    """A type, and which part of an action it is, if it is one: of what this has an own name with a suffix."""
+    """Return a type, and which part of an action it is, if it is one: of what this has an own name with a suffix."""
     package, kind, base = type_name.split('/')
     module = importlib.import_module(f'{package}.{kind}')
     action, _, part = base.rpartition('_')

@@ -76,7 +76,7 @@ def forge_names(node: Node, count: int, seconds: float) -> None:
 
 
 def forge_trees(node: Node, count: int, nodes: float) -> None:
-    """Runs of trees whose nodes all change."""
+    """Run of trees whose nodes all change."""
     structures = node.create_publisher(TreeStructure, names.TREE_STRUCTURE, names.transient_local_qos(count))
     statuses = node.create_publisher(TreeStatus, names.TREE_STATUS, names.transient_local_qos(count))
     size = int(nodes)

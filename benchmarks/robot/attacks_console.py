@@ -70,7 +70,7 @@ class Target:
         self.stops.setdefault(command.id, time.monotonic())
 
     def wait(self, count: int) -> float | None:
-        """When one more STOP than so many has come; None when it does not come in time."""
+        """Return when one more STOP than so many has come; None when it does not come in time."""
         with contextlib.suppress(AssertionError):
             wait_until(lambda: len(self.stops) > count, 'the STOP', STOP_SECONDS)
         return next(iter(list(self.stops.values())[count:]), None)

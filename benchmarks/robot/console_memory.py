@@ -154,7 +154,7 @@ class Robots:
         self.fleet.add('/', robot.mirror)
 
     def robot(self, name: str) -> tuple[Mirror, Any]:
-        """The robot."""
+        """Return the robot."""
         return self._robot.mirror, self._robot
 
     def open(self, name: str) -> None:

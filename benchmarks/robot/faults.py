@@ -293,7 +293,7 @@ def console_trial(stack: Stack, probe: Probe, how: str, name: str, chance: rando
 
 
 def has_effect(probe: Probe, command: str) -> bool:
-    """Whether the executive shows what a command of a console brings about."""
+    """Return whether the executive shows what a command of a console brings about."""
     if command == 'claim':
         return bool(probe.status.authority == OPERATOR)
     state = ExecutiveStatus.PAUSED if command == 'pause' else ExecutiveStatus.RUNNING
@@ -375,7 +375,8 @@ def flood(stack: Stack, probe: Probe, name: str, kind: str) -> dict[str, Any]:
 
 
 def unflooded(name: str, why: str, said: TextIO) -> dict[str, Any]:
-    """The row of a trial in which nothing was flooded to the end, which so has failed; with what the flooder said."""
+    """Return the row of a trial in which nothing was flooded to the end, which so has failed; with what the flooder
+    said."""
     said.seek(0)
     run = f'the flood {why}: {said.read().strip()[-1000:]}'
     return {'fault': 'flood', 'process': name, 'metres': 0.0, 'seconds': FLOOD_SECONDS, 'run': run}
@@ -503,7 +504,7 @@ def attacked(
 
 
 def failed(measure: Any, error: AssertionError) -> dict[str, Any]:
-    """The row of a trial that came to no end."""
+    """Return the row of a trial that came to no end."""
     given = ', '.join(str(value) for value in measure.keywords.values())
     row = {'fault': 'failed', 'process': given, 'metres': 0.0, 'seconds': 0.0, 'run': str(error)[:300]}
     return {**row, 'wrong': True}
@@ -516,7 +517,7 @@ def distance(one: PoseStamped, other: PoseStamped) -> float:
 
 
 def line(row: dict[str, Any]) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     return f'{row["fault"]:12} {row["process"]:34} {row["metres"]:6.3f} m {row["seconds"]:5.2f} s  {row["run"]}'
 
 

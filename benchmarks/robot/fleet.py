@@ -130,7 +130,7 @@ class Station:
 
 
 def measure(stations: Sequence[Station], processes: Sequence[int], rounds: int) -> dict[str, Any]:
-    """The figures; times in ms unless said otherwise."""
+    """Return the figures; times in ms unless said otherwise."""
     for station in stations:
         view = station.link.wait_for(lambda view: view if view.behaviors else None, DEADLINE)
         assert view is not None, 'no list of behaviors'
@@ -165,7 +165,7 @@ def measure(stations: Sequence[Station], processes: Sequence[int], rounds: int) 
 
 
 def measure_trees(stations: Sequence[Station], processes: Sequence[int]) -> dict[str, Any]:
-    """The figures of the trees."""
+    """Return the figures of the trees."""
     goals = [station.run_tree() for station in stations]
     end = time.monotonic() + DEADLINE
     while not all(len(station.waits) > 10 for station in stations):
@@ -191,7 +191,7 @@ def measure_trees(stations: Sequence[Station], processes: Sequence[int]) -> dict
 
 
 def write_world(directory: Path, robots: Sequence[str]) -> Path:
-    """A world file with robots in rows."""
+    """Return a world file with robots in rows."""
     file = directory / 'fleet.yaml'
     lines = [f'  {name}: {{model: burger, pose: [{n % 10}, {n // 10}, 0]}}\n' for n, name in enumerate(robots)]
     file.write_text(f'robots:\n{"".join(lines)}')
@@ -200,7 +200,7 @@ def write_world(directory: Path, robots: Sequence[str]) -> Path:
 
 @contextmanager
 def discovery_server() -> Iterator[str]:
-    """A discovery server of Fast DDS on this machine; gives its address."""
+    """Provide a discovery server of Fast DDS on this machine; gives its address."""
     program = shutil.which('fast-discovery-server')
     if program is None:
         raise SystemExit('fast-discovery-server is not there (a part of Fast DDS); --simple does without it')

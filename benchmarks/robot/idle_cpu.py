@@ -74,7 +74,7 @@ def measure(ids: Mapping[str, int], seconds: float) -> dict[str, float]:
 
 @contextlib.contextmanager
 def screen() -> Iterator[tuple[int, Terminal]]:
-    """A screen in a terminal of its own: its process, and the terminal."""
+    """Provide a screen in a terminal of its own: its process, and the terminal."""
     terminal = Terminal(ROWS, COLUMNS)
     process = subprocess.Popen([executable('console')], **terminal.streams)
     terminal.begin()

@@ -71,7 +71,7 @@ class Probe(Operator):
         super()._on_status(status)
 
     def entered_after(self, path: str, before: float) -> bool:
-        """Whether a state was entered after a time."""
+        """Return whether a state was entered after a time."""
         return self.entered.get(path, 0.0) > before
 
     def command(self, kind: int, **fields: Any) -> float:

@@ -80,7 +80,7 @@ class Meter:
         self._seconds = seconds
 
     def measure(self) -> dict[str, Any]:
-        """The figures of a window that begins now."""
+        """Return the figures of a window that begins now."""
         before, payload, begun = self._link.sent(), self._observer.payload(), time.monotonic()
         time.sleep(self._seconds)  # a window to measure in, not a wait for something
         seconds = time.monotonic() - begun
@@ -107,7 +107,7 @@ def user_bytes(by_port: Counter[int]) -> int:
 def measure(
     robot_side: Path, console_side: Path, heartbeat: float, scan_period: float | None, seconds: float
 ) -> dict[str, Any]:
-    """The figures with one of the settings, in windows of that many seconds."""
+    """Return the figures with one of the settings, in windows of that many seconds."""
     across = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
     at_executive = {**across, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(robot_side)}
     at_console = {**across, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(console_side)}

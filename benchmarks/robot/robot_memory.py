@@ -97,7 +97,7 @@ def _asks(view: View, last: str) -> bool:
 
 @contextlib.contextmanager
 def screen() -> Iterator[int]:
-    """A screen in a terminal; its process."""
+    """Provide a screen in a terminal; its process."""
     terminal = Terminal()
     process = subprocess.Popen([executable('console'), '--observer'], **terminal.streams)
     terminal.begin(keeps=False)
@@ -111,7 +111,7 @@ def screen() -> Iterator[int]:
 
 @contextlib.contextmanager
 def page() -> Iterator[int]:
-    """The server of the page, and a page that reads what it is told; the process of the server."""
+    """Provide the server of the page, and a page that reads what it is told; the process of the server."""
     words = [executable('console'), 'web', '--port', '0', '--observer']
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

@@ -130,7 +130,7 @@ async def measure(count: int, rate: float, rounds: int, size: tuple[int, int]) -
 
 
 def station(robots: Robots, clock: Clock) -> Station:
-    """The robot that the screen begins with, as its operator has it."""
+    """Return the robot that the screen begins with, as its operator has it."""
     mirror, robot = robots.select(robots.own)
     return Station(mirror, robot, CommandBuilder('ann'), 5.0, Attention(clock), 'stays')
 

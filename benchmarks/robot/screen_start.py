@@ -69,7 +69,7 @@ class Screen:
 
 @contextlib.contextmanager
 def screen() -> Iterator[Screen]:
-    """A screen that has just been started."""
+    """Provide a screen that has just been started."""
     one = Screen()
     try:
         yield one
@@ -79,7 +79,8 @@ def screen() -> Iterator[Screen]:
 
 @contextlib.contextmanager
 def first_status() -> Iterator[list[float]]:
-    """When another console, which has been there, gets the first status that is live; by the monotonic clock."""
+    """Provide when another console, which has been there, gets the first status that is live; by the monotonic
+    clock."""
     times: list[float] = []
     with NodeRuntime.open('observer') as runtime:
         mirror = Mirror(runtime.steady)

@@ -32,7 +32,7 @@ SETTLING = 10.0
 
 
 def measure(columns: int, rows: int, seconds: float) -> dict[str, dict[str, float]]:
-    """The figures for a terminal of that size."""
+    """Return the figures for a terminal of that size."""
     figures = {}
     with tempfile.TemporaryDirectory() as directory, Stack(Path(directory), forked=False) as stack:
         stack.start_all()

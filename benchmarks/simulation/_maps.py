@@ -126,7 +126,8 @@ MAPS: Final[dict[str, tuple[Callable[[Cells, float, Random], list[Line]], tuple[
 
 
 def drawn(name: str, seed: int) -> tuple[OccupancyMap, list[DoorModel]]:
-    """A map, with a closed room in its corner, that seeds tell apart; and automatic doors, if it has doorways."""
+    """Return a map, with a closed room in its corner, that seeds tell apart; and automatic doors, if it has
+    doorways."""
     draw, shape, resolution = MAPS[name]
     cells = numpy.zeros(shape, numpy.int8)
     gaps = draw(cells, resolution, numpy.random.default_rng(seed))

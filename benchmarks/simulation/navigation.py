@@ -91,7 +91,7 @@ class Places:
         return Pose(*self._costmap.world.point(row, column), float(self._random.uniform(-math.pi, math.pi)))
 
     def free(self) -> Pose:
-        """Where the robot can be, and from where it can get to all other such places."""
+        """Return where the robot can be, and from where it can get to all other such places."""
         return self._pose(self._free)
 
     def free_near(self, place: Pose, least: float, most: float) -> Pose:
@@ -101,7 +101,7 @@ class Places:
         return found
 
     def impossible(self, number: int) -> tuple[Pose, str]:
-        """A goal that cannot be reached, and the code that says so."""
+        """Return a goal that cannot be reached, and the code that says so."""
         if number % 3 == 0:
             return Pose(1e4, 0.0, 0.0), 'GOAL_OUTSIDE_MAP'
         if number % 3 == 1:
@@ -236,7 +236,7 @@ def add_walkers(world: World, places: Places, start: Pose, goal: Pose) -> None:
 
 
 def measure(course: Course) -> dict[str, float]:
-    """What plans and costmaps cost, and for how long they hold the interpreter, ms of the processor."""
+    """Return what plans and costmaps cost, and for how long they hold the interpreter, ms of the processor."""
     costmap, places = course.costmap, course.places
 
     def plan(start: Pose, goal: Pose) -> None:
@@ -276,8 +276,8 @@ def timed(work: Callable[[], object]) -> float:
 
 
 def held(work: Callable[[], object]) -> float:
-    """The longest processor time, ms, in which another thread did not get the interpreter, with the switch interval of
-    the executables; the least of five tries, since the other one may have waited for a processor.
+    """Return the longest processor time, ms, in which another thread did not get the interpreter, with the switch
+    interval of the executables; the least of five tries, since the other one may have waited for a processor.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     clock = time.pthread_getcpuclockid(threading.get_ident())

@@ -36,7 +36,7 @@ DEADLINE = 300.0
 
 
 def pose(x: float, y: float) -> PoseStamped:
-    """A place on the map."""
+    """Return a place on the map."""
     message = PoseStamped()
     message.header.frame_id = 'map'
     message.pose.position.x, message.pose.position.y, message.pose.orientation.w = float(x), float(y), 1.0

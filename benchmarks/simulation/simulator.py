@@ -83,7 +83,7 @@ def main() -> int:
 
 
 def places(grid: OccupancyMap, count: int) -> list[Pose]:
-    """Places with room round them, at random; always the same."""
+    """Place with room round them, at random; always the same."""
     random = numpy.random.default_rng(1)
     free = random.permutation(numpy.argwhere(grid.distances > 0.3))
     chosen: list[Pose] = []

@@ -81,7 +81,7 @@ def ring(depth: int, visits: list[int], patience: int) -> OperatableStateMachine
 
 
 def nested(depth: int, visits: list[int], patience: int) -> OperatableStateMachine:
-    """A state in machines, of which the outermost but one is entered again whenever it has ended."""
+    """Return a state in machines, of which the outermost but one is entered again whenever it has ended."""
     machine = OperatableStateMachine(outcomes=['ended'], io_keys=['a', 'b'])
     with machine:
         for label in ('One', 'Two')[: 2 if depth == DEPTH else 1]:

@@ -47,7 +47,7 @@ def tmux(*words: str) -> str:
 
 
 def address() -> str:
-    """Where the demonstration serves its page, as soon as it has said so."""
+    """Return where the demonstration serves its page, as soon as it has said so."""
     found = wait_for(lambda: re.search(r'http://127\.0\.0\.1:\d+/', tmux('capture-pane', '-p', '-S', '-')), 'the page')
     return str(found[0])
 

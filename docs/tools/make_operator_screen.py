@@ -78,7 +78,7 @@ def wait_for_end() -> None:
 
 
 def picture(screen: str) -> str:
-    """A screen as SVG, with the reader's own monospaced font instead of one from elsewhere."""
+    """Return a screen as SVG, with the reader's own monospaced font instead of one from elsewhere."""
     template = re.sub(r'@font-face \{\{.*?\}\}', '', CONSOLE_SVG_FORMAT, flags=re.DOTALL)
     template = template.replace('Fira Code, monospace', 'monospace')
     console = Console(record=True, width=COLUMNS, file=io.StringIO(), force_terminal=True)
@@ -88,7 +88,7 @@ def picture(screen: str) -> str:
 
 
 def placed(attributes: str, x: str, y: str, rest: str, content: str) -> Iterator[str]:
-    """A text of one style with each sign at the place of its cell, whichever font a reader has for it.
+    """Yield a text of one style with each sign at the place of its cell, whichever font a reader has for it.
 
     Signs beyond ASCII come from another font where the monospaced one lacks them, and are as wide as that has them:
     what comes behind them would move. Braille and lines of frames are drawn.

@@ -57,12 +57,13 @@ def abandon_stdout() -> None:
 
 
 def is_full(error: OSError) -> bool:
-    """Whether an error says that something does not fit onto a disk."""
+    """Return whether an error says that something does not fit onto a disk."""
     return error.errno in _FULL
 
 
 def report_full_output(program: str, error: OSError) -> bool:
-    """Whether an error is that the output does not fit onto its disk; it is told then, and nothing more is written."""
+    """Return whether an error is that the output does not fit onto its disk; it is told then, and nothing more is
+    written."""
     if not is_full(error):
         return False
     abandon_stdout()

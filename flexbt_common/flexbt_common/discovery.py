@@ -16,7 +16,7 @@ PROFILE: Final = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 def profile(name: str) -> Path:
-    """A profile of Fast DDS that comes along: this_computer, network, radio_robot or radio_console."""
+    """Return a profile of Fast DDS that comes along: this_computer, network, radio_robot or radio_console."""
     return Path(get_package_share_directory('flexbt_common')) / 'config' / f'{name}.xml'
 
 
@@ -32,7 +32,7 @@ def only_this_computer(environment: MutableMapping[str, str] = os.environ) -> No
 
 
 def check_loopback(environment: Mapping[str, str] = os.environ) -> None:
-    """Raises OSError where the profile this_computer is set, and the computer has no loopback interface that is up:
+    """Raise OSError where the profile this_computer is set, and the computer has no loopback interface that is up:
     then processes would wait for each other without a word."""
     if Path(environment.get(PROFILE, '')).name != 'this_computer.xml':
         return

@@ -155,7 +155,7 @@ USER_DIRECTORY: Final = '~/.ros/flexbt'
 
 
 def home_path(path: str) -> Path:
-    """A path that may begin with ``~`` or ``~user``.
+    """Return a path that may begin with ``~`` or ``~user``.
 
     Where there is no such home directory, as in a container whose user has no account, that of temporary files stands
     for it.
@@ -169,7 +169,8 @@ def home_path(path: str) -> Path:
 
 
 def node_file(directory: str, node_name: str, suffix: str) -> Path | None:
-    """The file of a node (fully qualified name) in a directory, which may begin with ``~``; None for no directory.
+    """Return the file of a node (fully qualified name) in a directory, which may begin with ``~``; None for no
+    directory.
 
     It is called by the names around the node and its own, joined by dots.
     """

@@ -71,7 +71,7 @@ def _services(*services: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()
 
 
 def _managed(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
-    """What rclpy gives managed nodes."""
+    """Return what rclpy gives managed nodes."""
     return (
         *_topics(*(f'{node}/transition_event' for node in nodes), by=by),
         *_services(
@@ -96,7 +96,7 @@ def _actions(*actions: str, to: tuple[str, ...], by: str | None = None) -> tuple
 
 
 def _parameters(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
-    """The services by which rclpy gives parameters of nodes."""
+    """Return the services by which rclpy gives parameters of nodes."""
     services = (
         'describe_parameters',
         'get_parameter_types',

@@ -172,7 +172,7 @@ costmaps do not have them, so there it waits for ever."""
 
 
 def of_robot(namespace: str, name: str) -> str:
-    """A name of this table, for a robot in a namespace such as '/robot2'; '' is the namespace of the node."""
+    """Return a name of this table, for a robot in a namespace such as '/robot2'; '' is the namespace of the node."""
     return f'{namespace.rstrip("/")}/{name}' if namespace else name
 
 

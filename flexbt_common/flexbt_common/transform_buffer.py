@@ -38,14 +38,14 @@ class Rigid(NamedTuple):
         return Rigid(self.apply(other.translation), _product(self.rotation, other.rotation))
 
     def inverse(self) -> Rigid:
-        """The way back."""
+        """Return the way back."""
         x, y, z, w = self.rotation
         back = (-x, -y, -z, w)
         tx, ty, tz = _rotated(back, self.translation)
         return Rigid((-tx, -ty, -tz), back)
 
     def apply(self, point: Vector) -> Vector:
-        """The point in the other frame."""
+        """Return the point in the other frame."""
         rotated = _rotated(self.rotation, point)
         return (
             rotated[0] + self.translation[0],
@@ -54,7 +54,7 @@ class Rigid(NamedTuple):
         )
 
     def towards(self, other: Rigid, share: float) -> Rigid:
-        """A part of the way to ``other``, 0 to 1: straight, and turning evenly about one axis (slerp)."""
+        """Return a part of the way to ``other``, 0 to 1: straight, and turning evenly about one axis (slerp)."""
         here, there = self.translation, other.translation
         translation = (
             here[0] + share * (there[0] - here[0]),
@@ -215,7 +215,7 @@ class TransformBuffer:
         return tuple(sorted({*self._tracks, *(track.parent for track in self._tracks.values())}))
 
     def lookup(self, target: str, source: str, time: float | None = None) -> Rigid:
-        """Where frame ``source`` is in frame ``target`` at a time; None for the latest at which all is known.
+        """Return where frame ``source`` is in frame ``target`` at a time; None for the latest at which all is known.
 
         Raises:
             TransformError: it is not known; ``is_early`` says that it may be in a moment.
@@ -226,7 +226,7 @@ class TransformBuffer:
         return self._climb(down, time).inverse() @ self._climb(up, time)
 
     def latest(self, target: str, source: str) -> float:
-        """The latest time at which all between two frames is known, s; infinite where all is static.
+        """Return the latest time at which all between two frames is known, s; infinite where all is static.
 
         Raises:
             TransformError: as :meth:`lookup`.
@@ -234,7 +234,7 @@ class TransformBuffer:
         return self._latest(*self._way(target, source))
 
     def carries(self, carrier: str, frame: str) -> bool:
-        """Whether a frame is below another one, so that it moves with that."""
+        """Return whether a frame is below another one, so that it moves with that."""
         return carrier in self._ancestors(frame)
 
     def _latest(self, up: list[str], down: list[str]) -> float:
@@ -242,7 +242,7 @@ class TransformBuffer:
         return min(ends, default=math.inf)
 
     def _way(self, target: str, source: str) -> tuple[list[str], list[str]]:
-        """The frames from each of both up to where they meet, which is left out."""
+        """Return the frames from each of both up to where they meet, which is left out."""
         for name in (target, source):
             _check_frame(name)
         ups, downs = list(self._ancestors(source)), list(self._ancestors(target))
@@ -259,7 +259,7 @@ class TransformBuffer:
         return whole
 
     def _ancestors(self, frame: str) -> Iterator[str]:
-        """The frame, its parent, and so on; it ends when they come round."""
+        """Yield the frame, its parent, and so on; it ends when they come round."""
         seen: set[str] = set()
         while frame not in seen:
             seen.add(frame)

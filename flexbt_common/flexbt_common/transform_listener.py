@@ -83,7 +83,7 @@ class TransformListener:
 
     @classmethod
     def of(cls, runtime: NodeRuntime) -> TransformListener:
-        """The listener of a node, which begins to listen now if nobody has asked before."""
+        """Return the listener of a node, which begins to listen now if nobody has asked before."""
         return runtime.once('transform listener', cls)
 
     def transform_pose(
@@ -176,7 +176,7 @@ def take_transforms(buffer: TransformBuffer, message: Any, *, is_static: bool) -
 
 
 def transformed(pose: Pose, transform: Rigid) -> Pose:
-    """A geometry_msgs/Pose in the frame that ``transform`` leads to. A quaternion of zeros counts as no turn."""
+    """Return a geometry_msgs/Pose in the frame that ``transform`` leads to. A quaternion of zeros counts as no turn."""
     at, turned = pose.position, pose.orientation
     local = Rigid.of((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
     (x, y, z), rotation = transform @ local
@@ -188,6 +188,6 @@ def transformed(pose: Pose, transform: Rigid) -> Pose:
 
 
 def _rigid_of(message: Any) -> Rigid:
-    """A geometry_msgs/Transform as plain numbers."""
+    """Return a geometry_msgs/Transform as plain numbers."""
     at, turned = message.translation, message.rotation
     return Rigid((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def shared_memory(process: int | str) -> list[str]:
-    """What a process has of Fast DDS's shared memory."""
+    """Return what a process has of Fast DDS's shared memory."""
     return [line for line in Path(f'/proc/{process}/maps').read_text().splitlines() if 'shm/fast' in line]
 
 

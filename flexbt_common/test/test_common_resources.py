@@ -16,7 +16,7 @@ from flexbt_common.files import resolve_file
 
 @pytest.fixture
 def share(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The share directory of a package 'fixture_pkg' in a prefix of its own."""
+    """Return the share directory of a package 'fixture_pkg' in a prefix of its own."""
     prefix = tmp_path / 'prefix'
     index = prefix / 'share/ament_index/resource_index/packages'
     index.mkdir(parents=True)

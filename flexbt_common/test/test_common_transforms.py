@@ -29,7 +29,7 @@ transforms = st.builds(Rigid.of, st.tuples(numbers, numbers, numbers), rotations
 
 
 def matrix(transform: Rigid) -> list[list[float]]:
-    """The first three rows of the 4 x 4 matrix, by the textbook."""
+    """Return the first three rows of the 4 x 4 matrix, by the textbook."""
     (x, y, z, w), at = transform.rotation, transform.translation
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), at[0]],
@@ -210,7 +210,7 @@ def runtime() -> Iterator[NodeRuntime]:
 
 
 def ask(runtime: NodeRuntime, pose: PoseStamped, timeout: float = 30.0) -> list[Any]:
-    """What is called back, as it comes."""
+    """Return what is called back, as it comes."""
     told: list[Any] = []
     runtime.call(lambda: TransformListener.of(runtime).transform_pose(pose, 'map', told.append, told.append, timeout))
     return told

@@ -12,7 +12,7 @@ import pytest
 
 @pytest.fixture
 def executives() -> Iterator[Any]:
-    """Starts executives in a namespace of their own: ``executives('name', heartbeat=0.25, faults=...)``."""
+    """Start executives in a namespace of their own: ``executives('name', heartbeat=0.25, faults=...)``."""
     from flexbt_common.runtime.node_runtime import NodeRuntime
     from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 

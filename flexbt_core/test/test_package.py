@@ -18,12 +18,12 @@ README = (PACKAGE / 'README.md').read_text(encoding='utf-8')
 
 
 def blocks(language: str) -> list[str]:
-    """The blocks of the README in a language."""
+    """Return the blocks of the README in a language."""
     return re.findall(rf'^```{language}\n(.*?)^```$', README, re.MULTILINE | re.DOTALL)
 
 
 def run(*command: str | Path) -> str:
-    """What a command prints; without anything of this process's environment that leads to other packages."""
+    """Return what a command prints; without anything of this process's environment that leads to other packages."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith(('PYTHON', 'PIP_'))}
     result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env=environment)
     assert result.returncode == 0, result.stdout + result.stderr
@@ -32,7 +32,8 @@ def run(*command: str | Path) -> str:
 
 @pytest.fixture(scope='module')
 def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The interpreter of an environment in which nothing is but PyYAML, and flexbt_core as pip has installed it."""
+    """Return the interpreter of an environment in which nothing is but PyYAML, and flexbt_core as pip has installed
+    it."""
     directory = tmp_path_factory.mktemp('empty')
     source, wheels, environment = directory / 'source', directory / 'wheels', directory / 'environment'
     # A copy, since the build writes beside the sources.

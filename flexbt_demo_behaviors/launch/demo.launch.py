@@ -15,7 +15,7 @@ from flexbt_demo_behaviors.demonstration.launching import nodes_of, numbers, spe
 
 
 def nodes(context: LaunchContext) -> list[Node]:
-    """The nodes of the process table, for the arguments of this launch."""
+    """Return the nodes of the process table, for the arguments of this launch."""
     map, places = text(context, 'map'), text(context, 'places')
     (speed,) = numbers(context, 'speed')
     return nodes_of(

@@ -14,7 +14,7 @@ from flexbt_demo_behaviors.goals.processes import robot_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:
-    """The nodes of the process table, for the arguments of this launch."""
+    """Return the nodes of the process table, for the arguments of this launch."""
     return nodes_of(robot_processes(*numbers(context, 'speed')))
 
 

@@ -16,7 +16,7 @@ NAVIGATORS = ('navigate_to_pose', 'navigate_through_poses', 'follow_waypoints')
 
 
 def nodes(context: LaunchContext) -> list[Node]:
-    """The nodes, for the arguments of this launch."""
+    """Return the nodes, for the arguments of this launch."""
     (speed,) = numbers(context, 'speed')
     simulator: dict[str, ParameterValue] = {'speed_factor': speed}
     if map := text(context, 'map'):

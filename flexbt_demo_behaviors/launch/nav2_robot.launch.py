@@ -14,7 +14,7 @@ from flexbt_demo_behaviors.nav2_robot.processes import PROGRAM, robot_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:
-    """The nodes of the process table, for the arguments of this launch.
+    """Return the nodes of the process table, for the arguments of this launch.
 
     The program names its node itself, and is not started again: its end is that of its work.
     """

@@ -15,7 +15,7 @@ from flexbt_demo_behaviors.night_watch.processes import watch_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:
-    """The nodes of the process table, for the arguments of this launch."""
+    """Return the nodes of the process table, for the arguments of this launch."""
     return nodes_of(watch_processes(*numbers(context, 'speed')))
 
 

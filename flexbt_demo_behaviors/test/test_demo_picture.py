@@ -14,7 +14,7 @@ from flexbt_sim.world import Pose as WorldPose
 
 
 def world() -> World:
-    """A room of 8 by 4 m with a robot, and a box where the robot will be, once it has been taken away."""
+    """Return a room of 8 by 4 m with a robot, and a box where the robot will be, once it has been taken away."""
     made = World(OccupancyMap(np.zeros((40, 80), np.int8), 0.1, WorldPose(-4.0, -2.0, 0.0)))
     made.add('robot', RobotModel(), WorldPose(-3.0, 0.0, 0.0))
     made.add('crate', SimulatedBox(3.0, 0.0, 0.5, 0.5).model)
@@ -29,7 +29,7 @@ def track(metres: float) -> RobotTrack:
 
 
 def changed(one: Image.Image, other: Image.Image, columns: slice) -> int:
-    """How many pixels of some columns are of another colour."""
+    """Return how many pixels of some columns are of another colour."""
     return int((np.asarray(one)[80:, columns] != np.asarray(other)[80:, columns]).any(axis=2).sum())
 
 

@@ -21,7 +21,7 @@ TREES = sorted((Path(__file__).parents[1] / 'flexbt_demo_behaviors' / 'night_wat
 
 
 def machine_at(definition: MachineDefinition, *labels: str) -> MachineDefinition:
-    """A machine inside of another."""
+    """Return a machine inside of another."""
     for label in labels:
         child = definition.children[label]
         assert isinstance(child, MachineDefinition)
@@ -105,7 +105,7 @@ def grid_with_a_wall() -> OccupancyGrid:
 
 
 def scan_of(ranges: dict[int, float]) -> LaserScan:
-    """A scan of 360 beams, one for each degree, of which some hit something."""
+    """Return a scan of 360 beams, one for each degree, of which some hit something."""
     full = [math.inf] * 360
     for degree, distance in ranges.items():
         full[degree] = distance

@@ -27,7 +27,7 @@ PLACES = 'flexbt_demo_night_watch/config/places.yaml'
 
 @pytest.fixture
 def bench() -> Iterator[StateBench]:
-    """Runs states."""
+    """Run states."""
     bench = StateBench()
     yield bench
     bench.close()

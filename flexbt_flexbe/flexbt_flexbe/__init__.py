@@ -47,15 +47,15 @@ __all__ = [
 
 
 def initialize_flexbe_core(node: Any) -> None:
-    """Does nothing: everything finds the node of its run."""
+    """Do nothing: everything finds the node of its run."""
 
 
 set_node = initialize_flexbe_core
 
 
 def initialize_proxies(node: Any) -> None:
-    """Does nothing: proxies find the node of their run."""
+    """Do nothing: proxies find the node of their run."""
 
 
 def shutdown_proxies() -> None:
-    """Does nothing: a run ends what its states use."""
+    """Do nothing: a run ends what its states use."""

@@ -38,7 +38,8 @@ _ROS_1: Final = frozenset(('actionlib', 'moveit_commander', 'roslib', 'rospy', '
 
 
 def entries() -> Iterator[BehaviorEntry]:
-    """An entry for each manifest; one that cannot be used has an error. Installs the shim when there is a behavior."""
+    """Yield an entry for each manifest; one that cannot be used has an error. Installs the shim when there is a
+    behavior."""
     for package, file in manifest_files():
         try:
             source = read_manifest(file)
@@ -82,7 +83,7 @@ def _entry(source: FlexbeManifest) -> BehaviorEntry:
 
 
 def _remedy(error: BaseException) -> str:
-    """What to do about an import that failed, where the error does not say it."""
+    """Return what to do about an import that failed, where the error does not say it."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return ''
     package = error.name.partition('.')[0]
@@ -99,7 +100,7 @@ def _remedy(error: BaseException) -> str:
 
 
 def code_parameters(behavior_class: type[Behavior]) -> list[BehaviorParameter]:
-    """The parameters of ``self.add_parameter('name', default)`` in a class and its bases.
+    """Return the parameters of ``self.add_parameter('name', default)`` in a class and its bases.
 
     What has another form than this is not found, and can be set all the same. A default is found where it is written
     as a value, as arithmetic on such, or as the name of one in the class or its module; otherwise it counts as text,

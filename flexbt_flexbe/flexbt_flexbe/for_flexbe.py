@@ -34,7 +34,8 @@ _FAILED: Final = 'failed'
 
 
 def hosted(state_class: type[EventState], flexbe_event_state: type[Any], flexbe_logger: Any) -> type[Any]:
-    """A class that derives from FlexBE's EventState and behaves as ``state_class``: same parameters, keys, outcomes."""
+    """Return a class that derives from FlexBE's EventState and behaves as ``state_class``: same parameters, keys,
+    outcomes."""
 
     def construct(self: Any, *args: Any, **keywords: Any) -> None:
         inner = state_class(*args, **keywords)
@@ -88,7 +89,8 @@ class _HostedState:
         self._guarded('on_enter', self.state.on_enter)
 
     def execute(self, userdata: Any) -> str | None:
-        """The outcome; once there is one it stays, however often FlexBE asks while the operator makes up their mind."""
+        """Return the outcome; once there is one it stays, however often FlexBE asks while the operator makes up their
+        mind."""
         self._userdata = userdata
         if self.outcome is None:
             self.outcome = self._guarded('execute', self.state.execute)

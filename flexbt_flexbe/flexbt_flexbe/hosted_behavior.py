@@ -90,7 +90,7 @@ class HostedBehavior(Behavior):
 
 
 def load_class(source: FlexbeManifest) -> type[Any]:
-    """The class that a manifest names; it is called with the node. Raises whatever importing its module raises.
+    """Return the class that a manifest names; it is called with the node. Raises whatever importing its module raises.
 
     Raises:
         FlexbeManifestError: the module has no such class, or one of FlexBE for ROS 1.
@@ -116,7 +116,7 @@ def load_class(source: FlexbeManifest) -> type[Any]:
 
 
 def _embedded_hint(behavior: FlexbeBehavior, name: str) -> str:
-    """The embedded behaviors that there are, when the path in front of a parameter names none of them."""
+    """Return the embedded behaviors that there are, when the path in front of a parameter names none of them."""
     path = name.rpartition(_SLASH)[0]
     embedded = behavior.get_contained_behaviors()
     if not path or path in embedded:
@@ -125,7 +125,7 @@ def _embedded_hint(behavior: FlexbeBehavior, name: str) -> str:
 
 
 def _content(parameter: FlexbeParameter, value: Any) -> Any:
-    """What a parameter's value stands for: that of a YAML parameter may be a file."""
+    """Return what a parameter's value stands for: that of a YAML parameter may be a file."""
     if parameter.kind is ParameterKind.YAML and is_yaml_file(str(value)):
         return from_yaml_file(parameter.name, str(value))
     return value

@@ -57,7 +57,7 @@ def install(*, replace: bool = False) -> None:
 
 
 def _location(package: str) -> Path | None:
-    """The directory that a package is, or would be, imported from."""
+    """Return the directory that a package is, or would be, imported from."""
     try:
         spec = importlib.util.find_spec(package)
     except ValueError:  # in sys.modules, and nobody knows from where

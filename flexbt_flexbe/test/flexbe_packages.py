@@ -306,7 +306,7 @@ PARAMS = """<params>
 
 
 def manifest(package: str, name: str, module: str, class_name: str, params: str = '') -> str:
-    """A manifest file."""
+    """Return a manifest file."""
     return MANIFEST.format(package=package, name=name, module=module, class_name=class_name, params=params)
 
 

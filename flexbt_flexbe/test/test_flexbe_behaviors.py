@@ -46,7 +46,7 @@ class Installed:
     prefix: Path
 
     def entries(self) -> dict[str, BehaviorEntry]:
-        """The behaviors that are found, by name."""
+        """Return the behaviors that are found, by name."""
         return {entry.name: entry for entry in discovery.entries() if entry.package == self.name}
 
     def add(self, **files: str) -> None:
@@ -84,7 +84,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
 
 
 def run(bench: StateBench, entry: BehaviorEntry, *arguments: tuple[str, str]) -> list[str]:
-    """What the operator is told; the run has to finish."""
+    """Return what the operator is told; the run has to finish."""
     going = bench.run_behavior(entry, *arguments)
     assert going.wait() == 'finished', going.lines
     return [text for _, _, text in going.lines]
@@ -368,7 +368,7 @@ class RoundsSM(RoundsBase):
 
 @pytest.fixture
 def rounds(package: Installed) -> BehaviorEntry:
-    """A behavior most of whose parameters are in its code only."""
+    """Return a behavior most of whose parameters are in its code only."""
     (package.prefix / 'python' / package.name / 'rounds_sm.py').write_text(OF_CODE)
     params = '<parameter name="rounds" type="numeric" default="3" label="Rounds"/>'
     package.add(rounds=manifest(package.name, 'Rounds', 'rounds_sm', 'RoundsSM', params))

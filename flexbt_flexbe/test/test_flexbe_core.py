@@ -64,7 +64,7 @@ def stay(state: Traced, userdata: Any) -> None:
 
 
 def machine_of(*places: tuple[str, Callable[[], Any], dict[str, str]], **options: Any) -> OperatableStateMachine:
-    """A machine with outcomes 'finished' and 'failed'; its states, their ways and remappings."""
+    """Return a machine with outcomes 'finished' and 'failed'; its states, their ways and remappings."""
     machine = OperatableStateMachine(outcomes=['finished', 'failed'], **options)
     labels = [label for label, _, _ in places]
     with machine:

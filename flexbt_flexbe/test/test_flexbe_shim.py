@@ -34,7 +34,7 @@ REAL = "WHO = 'real'\n"
 
 
 def python(code: str, *path: Path) -> subprocess.CompletedProcess[str]:
-    """Runs code with directories in front of the path."""
+    """Run code with directories in front of the path."""
     lines = [f'import sys; sys.path[:0] = {[str(one) for one in path]!r}', code]
     return subprocess.run([sys.executable, '-c', '\n'.join(lines)], capture_output=True, text=True, timeout=60)
 
@@ -58,7 +58,7 @@ def test_the_directory_can_be_put_on_the_path_of_a_process() -> None:
 
 @pytest.fixture
 def flexbe(tmp_path: Path) -> Path:
-    """A directory with another flexbe_core."""
+    """Return a directory with another flexbe_core."""
     (tmp_path / 'flexbe_core').mkdir()
     (tmp_path / 'flexbe_core' / '__init__.py').write_text(REAL)
     return tmp_path

@@ -73,7 +73,7 @@ BEHAVIOR = f'path: {PACKAGE}\nname: Tested Mission\n'
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The package under test: its share."""
+    """Return the package under test: its share."""
     python = write_package(tmp_path, PACKAGE, manifests={}, sources={'tested_mission_sm.py': SUBJECTS})
     monkeypatch.syspath_prepend(python)
     monkeypatch.setenv('PYTHONPATH', f'{python}{os.pathsep}{shim.DIRECTORY}', prepend=os.pathsep)

@@ -64,7 +64,7 @@ def outcome_of(
 
 
 def bench_outputs(bench: StateBench, make: Callable[[], EventState]) -> tuple[str, ...]:
-    """The output keys of a state, which has to be made in a run."""
+    """Return the output keys of a state, which has to be made in a run."""
     found: list[tuple[str, ...]] = []
 
     def probe() -> EventState:
@@ -319,7 +319,7 @@ class Hearing(FlexbeState):
 
 
 def answering(type_name: str, value: Any) -> Any:
-    """An operator who gives a value."""
+    """Return an operator who gives a value."""
     return ends(Result(code=Result.SUCCESS, operator_id='me', value=to_entry('', value, type_name)))
 
 

@@ -60,7 +60,7 @@ PARAMETERS: Final[dict[str, dict[str, Any]]] = {
 
 
 def all_states() -> list[Any]:
-    """The states of both modules, in an order."""
+    """Return the states of both modules, in an order."""
     found: set[Any] = {
         getattr(module, name) for module in (flexbt_states, flexbt_flexbe.states) for name in module.__all__
     }
@@ -69,7 +69,7 @@ def all_states() -> list[Any]:
 
 @pytest.fixture(scope='module')
 def declaration() -> Iterator[Any]:
-    """What docs/tools/make_states.py reads a docstring with."""
+    """Yield what docs/tools/make_states.py reads a docstring with."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(DOCS / 'tools')
         yield importlib.import_module('make_states').declaration

@@ -158,7 +158,8 @@ class LifecycleManager:
         return response
 
     async def _in_thread(self, work: Callable[[], T]) -> T:
-        """What ``work`` gives, which asks others and waits for them. Raises RuntimeError when no thread is left."""
+        """Return what ``work`` gives, which asks others and waits for them. Raises RuntimeError when no thread is
+        left."""
         done = Future(executor=self._runtime.node.executor)
 
         def run() -> None:

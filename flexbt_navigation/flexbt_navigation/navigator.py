@@ -225,7 +225,7 @@ class Navigator:
         return True
 
     def _complete(self, motion: Motion) -> Steps[bool]:
-        """Whether the recovery succeeds."""
+        """Return whether the recovery succeeds."""
         try:
             while not (yield from self._move(motion)):
                 pass

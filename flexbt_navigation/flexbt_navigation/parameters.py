@@ -81,7 +81,7 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
 
 
 def _of_robot(world: str, name: str, namespace: str) -> tuple[Inflation, FollowerLimits]:
-    """The defaults for the robot of the parameters ``world`` and ``robot``. Raises UnfitParameterError."""
+    """Return the defaults for the robot of the parameters ``world`` and ``robot``. Raises UnfitParameterError."""
     if not world:
         if name:
             raise UnfitParameterError('robot', f"{name}: there is no parameter 'world', whose robot it could be")

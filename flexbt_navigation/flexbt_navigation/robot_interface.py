@@ -171,7 +171,7 @@ class RobotInterface:
                 go_on()
 
     def check_pose(self) -> None:
-        """Raises NavigationError, as :attr:`pose`."""
+        """Raise NavigationError, as :attr:`pose`."""
         _ = self.pose
 
     @property

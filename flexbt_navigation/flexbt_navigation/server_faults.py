@@ -54,7 +54,7 @@ class ServerFaults:
 
 
 def _merged(faults: Iterable[ServerFault]) -> GoalFault:
-    """What several faults of one server come to."""
+    """Return what several faults of one server come to."""
     refusal, failure, hangs = '', None, False
     for one in faults:
         match one:

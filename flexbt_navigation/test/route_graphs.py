@@ -14,7 +14,7 @@ from flexbt_navigation.routes.graph import RouteEdge, RouteGraph, RouteNode
 
 
 def feature(kind: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
-    """A feature of GeoJSON."""
+    """Return a feature of GeoJSON."""
     return {'type': 'Feature', 'properties': properties, 'geometry': {'type': kind, 'coordinates': coordinates}}
 
 
@@ -27,7 +27,7 @@ def edge(id: int, start: int, end: int, **properties: Any) -> dict[str, Any]:
 
 
 def write(file: Path, features: Iterable[Mapping[str, Any]]) -> Path:
-    """A GeoJSON file."""
+    """Return a GeoJSON file."""
     file.write_text(json.dumps({'type': 'FeatureCollection', 'features': list(features)}))
     return file
 

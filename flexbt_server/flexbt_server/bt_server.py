@@ -211,7 +211,8 @@ _SLOW: Final = 'it is still being read: smaller files, or a faster computer'
 
 
 def tree_reader(runtime: NodeRuntime) -> WorkThread:
-    """A reader, until the end of the node. What it is given is named by what was not done: 'tree x was not read'."""
+    """Return a reader, until the end of the node. What it is given is named by what was not done: 'tree x was not
+    read'."""
     token = LivelinessToken(runtime)
     lock = threading.Lock()
     is_open, told = True, ''

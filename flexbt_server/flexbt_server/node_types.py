@@ -20,7 +20,7 @@ ENTRY_POINTS: Final = 'flexbt.bt_nodes'
 
 
 def node_registry(on_broken: Callable[[str, Exception], None], nav2_branch: Nav2Branch = 'jazzy') -> NodeRegistry:
-    """A registry with everything that is installed. ``nav2_branch`` is the branch of Nav2 whose nodes trees
+    """Return a registry with everything that is installed. ``nav2_branch`` is the branch of Nav2 whose nodes trees
     expect that do not show it themselves.
 
     ``on_broken(nodes, error)`` is told what cannot be used: the nodes of an entry point or a module, or only one of

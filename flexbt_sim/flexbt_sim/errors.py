@@ -32,7 +32,7 @@ class FileError(SimulationError):
 
     @classmethod
     def unreadable(cls, file: Path, error: Exception, wanted: str) -> Self:
-        """The whole cannot be read, for an ``error``; ``wanted`` is what to give."""
+        """Return the whole cannot be read, for an ``error``; ``wanted`` is what to give."""
         reason = one_line(str(error), 200) or type(error).__name__
         return cls(file, '', f'cannot be read: {reason}; give {wanted}')
 

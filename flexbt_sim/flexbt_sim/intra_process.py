@@ -54,7 +54,7 @@ class IntraProcessTopics:
         self._offered.discard(publisher.key)
 
     def is_offered(self, topic: str, message_type: type[Any]) -> bool:
-        """Whether there is a publisher for a topic, by its full name, that hands over."""
+        """Return whether there is a publisher for a topic, by its full name, that hands over."""
         return (topic, message_type) in self._offered
 
     def receive(self, topic: str, message_type: type[Any], receive: Callable[[Any], object]) -> None:
@@ -84,7 +84,7 @@ class IntraProcessPublisher:
         return self._publisher.topic_name, self._publisher.msg_type
 
     def get_subscription_count(self) -> int:
-        """How many receive, in this process or another one."""
+        """Return how many receive, in this process or another one."""
         receiver = self._receiver()
         counted: int = self._publisher.get_subscription_count()
         return counted + (receiver is not None and not receiver.is_subscribed)

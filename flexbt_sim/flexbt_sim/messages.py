@@ -31,12 +31,12 @@ from .errors import SimulationError
 
 
 def quaternion(yaw: float) -> Quaternion:
-    """A heading, rad."""
+    """Return a heading, rad."""
     return Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
 
 
 def pose_message(pose: Pose) -> PoseMessage:
-    """A pose in the plane."""
+    """Return a pose in the plane."""
     message = PoseMessage()
     message.position.x, message.position.y = float(pose.x), float(pose.y)
     message.orientation = quaternion(pose.yaw)
@@ -44,7 +44,7 @@ def pose_message(pose: Pose) -> PoseMessage:
 
 
 def stamped(pose: Pose, frame: str, stamp: Time) -> PoseStamped:
-    """A pose in a frame at a time."""
+    """Return a pose in a frame at a time."""
     message = PoseStamped(pose=pose_message(pose))
     message.header.frame_id = frame
     message.header.stamp = stamp
@@ -52,7 +52,7 @@ def stamped(pose: Pose, frame: str, stamp: Time) -> PoseStamped:
 
 
 def transform(parent: str, child: str, pose: Pose, stamp: Time) -> TransformStamped:
-    """Where a frame is in another at a time."""
+    """Return where a frame is in another at a time."""
     message = TransformStamped(child_frame_id=child)
     message.header.frame_id, message.header.stamp = parent, stamp
     message.transform.translation.x, message.transform.translation.y = float(pose.x), float(pose.y)
@@ -61,14 +61,15 @@ def transform(parent: str, child: str, pose: Pose, stamp: Time) -> TransformStam
 
 
 def pose_of(message: PoseMessage) -> Pose:
-    """A pose in the plane, from a message. A quaternion of any length will do; one of all zeros means heading 0."""
+    """Return a pose in the plane, from a message. A quaternion of any length will do; one of all zeros means heading
+    0."""
     q = message.orientation
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
     return Pose(float(message.position.x), float(message.position.y), wrap(yaw))
 
 
 def path_message(poses: Iterable[Pose], frame: str, stamp: Time) -> Path:
-    """A path."""
+    """Return a path."""
     path = Path(poses=[stamped(pose, frame, stamp) for pose in poses])
     path.header.frame_id = frame
     path.header.stamp = stamp
@@ -87,7 +88,7 @@ def grid_info(corner: Pose, resolution: float, size: tuple[int, int], stamp: Tim
 
 
 def grid_message(world: OccupancyMap, frame: str, stamp: Time) -> OccupancyGrid:
-    """A map."""
+    """Return a map."""
     grid = OccupancyGrid(info=grid_info(world.origin, world.resolution, (world.width, world.height), stamp))
     grid.header.frame_id = frame
     grid.header.stamp = stamp
@@ -96,7 +97,7 @@ def grid_message(world: OccupancyMap, frame: str, stamp: Time) -> OccupancyGrid:
 
 
 def map_of(grid: OccupancyGrid) -> OccupancyMap:
-    """A map, from a message.
+    """Return a map, from a message.
 
     Raises:
         SimulationError: the message contradicts itself, or says nothing.
@@ -159,12 +160,12 @@ def check_fault(parameters: FaultModel) -> None:
 
 
 def faults_message(faults: Iterable[ServerFault]) -> String:
-    """What is told of the faults that there are."""
+    """Return what is told of the faults that there are."""
     return String(data=json.dumps([{'fault': one.name, 'parameters': asdict(one)} for one in faults]))
 
 
 def faults_of(message: String) -> list[ServerFault]:
-    """The faults that there are.
+    """Return the faults that there are.
 
     Raises:
         FlexbtError, YamlError: the message tells of none, or of what cannot be.

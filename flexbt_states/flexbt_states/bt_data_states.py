@@ -68,7 +68,7 @@ class BtLoaderState(GoalState):
 
 
 def _refusals(outcome: GoalOutcome) -> list[str]:
-    """Every reason why a file was refused, a line each."""
+    """Return every reason why a file was refused, a line each."""
     reports = outcome.result.reports if outcome.result is not None else []
     return [
         f'{error.file}:{error.line}:{error.column}: {f"{error.node}: " if error.node else ""}{error.message}'

@@ -342,7 +342,7 @@ class BtExecuteGoalState(TreeState):
 
 
 def _poses(goal: Any) -> list[Any]:
-    """The goal poses: one, or a list of at least one."""
+    """Return the goal poses: one, or a list of at least one."""
     if not isinstance(goal, list | tuple):
         return [check_value(goal, _POSE)]
     if not goal:

@@ -104,7 +104,7 @@ class GoalCall:
         services.goals.add(self._state, self._topic, self._call, self._not_paused)
 
     def poll(self) -> GoalOutcome | None:
-        """The outcome, or None while the goal is worked on. When its time is up the goal is canceled."""
+        """Return the outcome, or None while the goal is worked on. When its time is up the goal is canceled."""
         call = self._call
         if call is None:
             return self._outcome
@@ -132,7 +132,7 @@ class GoalCall:
             call.cancel(None)
 
     def halting(self) -> str | None:
-        """What has not halted yet: a goal whose end nobody has confirmed. None when there is none."""
+        """Return what has not halted yet: a goal whose end nobody has confirmed. None when there is none."""
         for call in [call for call in self._unfinished if call.done]:
             self._unfinished.remove(call)
             if call.outcome is not None and call.outcome.status not in _ENDED:
@@ -149,7 +149,7 @@ class GoalState(EventState):
     _goal: GoalCall
 
     def _checked_type(self, parameter: str, name: str, package: str = '') -> str:
-        """The type that a parameter names; see :func:`checked_type`."""
+        """Return the type that a parameter names; see :func:`checked_type`."""
         return checked_type(self, parameter, name, package)
 
     def on_start(self) -> None:
@@ -169,7 +169,7 @@ class GoalState(EventState):
 
 
 def state_outcome(outcome: GoalOutcome, what: str) -> tuple[str, str]:
-    """The state's outcome (done, failed or canceled) and the reason for a person; the reason is empty when done.
+    """Return the state's outcome (done, failed or canceled) and the reason for a person; the reason is empty when done.
 
     ``what`` was to be done. The result codes UNKNOWN 0, SUCCESS 1, FAILURE 2, CANCELED 3 and ERROR 4 are the same in
     BtLoad, BtExecute, BtGetData and BtSetData.
@@ -192,7 +192,7 @@ def state_outcome(outcome: GoalOutcome, what: str) -> tuple[str, str]:
 
 
 def read_values(entries: Iterable[Any], types: Mapping[str, str]) -> dict[str, Any]:
-    """The values of a result by key, each checked against the type that the state declared.
+    """Return the values of a result by key, each checked against the type that the state declared.
 
     Raises:
         FlexbtError: a value cannot be read, has another type, or is missing.

@@ -21,7 +21,7 @@ from .errors import StateParameterError
 
 
 def checked_topic(state: object, parameter: str, name: str) -> str:
-    """The name of a topic or an action, relative or absolute."""
+    """Return the name of a topic or an action, relative or absolute."""
     try:
         validate_topic_name(name)
     except InvalidTopicNameException as error:
@@ -30,7 +30,8 @@ def checked_topic(state: object, parameter: str, name: str) -> str:
 
 
 def checked_type(state: object, parameter: str, name: str, package: str = '') -> str:
-    """The canonical name of an installed type. ``package`` completes a bare message name, as in FlexBE's states."""
+    """Return the canonical name of an installed type. ``package`` completes a bare message name, as in FlexBE's
+    states."""
     full = f'{package}/msg/{name}' if package and name and '/' not in name else name
     try:
         return resolve_type(full).name
@@ -39,7 +40,7 @@ def checked_type(state: object, parameter: str, name: str, package: str = '') ->
 
 
 def checked_message_type(state: object, parameter: str, message: str | type[Any]) -> type[Any]:
-    """The message class of a topic, by class or by name."""
+    """Return the message class of a topic, by class or by name."""
     if isinstance(message, type) and hasattr(message, 'get_fields_and_field_types'):
         return message
     if not isinstance(message, str):
@@ -52,7 +53,7 @@ def checked_message_type(state: object, parameter: str, message: str | type[Any]
 
 
 def checked_action_type(state: object, parameter: str, action: str | type[Any]) -> type[Any]:
-    """The class of an action, by class or by name, as in nav2_msgs/action/FollowPath."""
+    """Return the class of an action, by class or by name, as in nav2_msgs/action/FollowPath."""
     if isinstance(action, type) and hasattr(action, 'Goal'):
         return action
     package, _, name = str(action).partition('/action/')
@@ -76,7 +77,7 @@ def checked_types(state: object, parameter: str, types: Mapping[str, str] | None
 
 
 def checked_timeout(state: object, parameter: str, seconds: float | None) -> float | None:
-    """A limit in seconds, None for none."""
+    """Return a limit in seconds, None for none."""
     if seconds is None:
         return None
     if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not math.isfinite(seconds) or seconds <= 0:
@@ -85,7 +86,7 @@ def checked_timeout(state: object, parameter: str, seconds: float | None) -> flo
 
 
 def checked_file(state: object, parameter: str, name: str) -> str:
-    """The name of a tree file that exists. Whether its directory is allowed is the BT server's decision."""
+    """Return the name of a tree file that exists. Whether its directory is allowed is the BT server's decision."""
     try:
         resolve_file(name, allowed=[Path('/')])
     except ResourceError as error:
@@ -94,7 +95,7 @@ def checked_file(state: object, parameter: str, name: str) -> str:
 
 
 def checked_tree(state: object, parameter: str, name: str) -> str:
-    """A tree's identifier, or the name of a file that exists; empty for the server's default tree."""
+    """Return a tree's identifier, or the name of a file that exists; empty for the server's default tree."""
     return checked_file(state, parameter, name) if name.endswith('.xml') or '/' in name else name
 
 
@@ -125,7 +126,7 @@ def checked_keys(state: object, parameter: str, keys: Iterable[str]) -> list[str
 
 
 def checked_callable(state: object, parameter: str, function: Any) -> Callable[..., Any]:
-    """A function; text is not evaluated."""
+    """Return a function; text is not evaluated."""
     if not callable(function):
         hint = '; text is not evaluated, write a lambda' if isinstance(function, str) else ''
         raise StateParameterError(state, parameter, f'{short_repr(function)} cannot be called{hint}')

@@ -224,7 +224,7 @@ class StateSubscription:
         runtime.post(lambda: self._unsubscribe(runtime))
 
     def take(self) -> Any | None:
-        """The newest message, once; None when there is none."""
+        """Return the newest message, once; None when there is none."""
         with self._lock:
             message, self._newest = self._newest, None
         return message

@@ -12,6 +12,6 @@ from flexbt_testing.nodes.state_bench import StateBench
 
 @pytest.fixture
 def bench() -> Iterator[StateBench]:
-    """Runs states, with action servers that do what the test says."""
+    """Run states, with action servers that do what the test says."""
     with StateBench() as bench:
         yield bench

@@ -376,7 +376,7 @@ def test_what_cannot_work_is_refused_when_the_state_is_made(make: Any, words: st
 
 
 def hanging(bench: StateBench, **options: Any) -> ScriptedActionServer:
-    """A server whose goals run until they are canceled."""
+    """Return a server whose goals run until they are canceled."""
 
     async def script(goal_handle: Any) -> Any:
         await future

@@ -63,7 +63,7 @@ class TreeServer:
         self.actions.resolve(self._release)
 
     def tell(self) -> bool:
-        """Sends feedback: the tree runs."""
+        """Send feedback: the tree runs."""
         feedback = BtExecute.Feedback(active_nodes=['main'], not_ended=self.not_ended)
         self.actions.runtime.call(lambda: self.handle.publish_feedback(feedback))
         return True
@@ -154,7 +154,7 @@ SPIN, BACK_UP, WAIT = (
 
 
 def warned(run: Run) -> list[str]:
-    """What was told to the operator of goals that go on, but for the status of a pause."""
+    """Return what was told to the operator of goals that go on, but for the status of a pause."""
     return [line for line in run.errors().splitlines() if line.endswith('hangs') and 'is paused' not in line]
 
 

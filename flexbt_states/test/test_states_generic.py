@@ -108,7 +108,7 @@ def decision(suggestion: str | None, required: int = Autonomy.High) -> Any:
 
 
 def answered(command: Any, *arguments: str) -> str | None:
-    """The fate of a command."""
+    """Return the fate of a command."""
     done = threading.Event()
     reasons: list[str | None] = []
 

@@ -89,7 +89,7 @@ def robot() -> Iterator[Robot]:
 
 
 def beside(blocking: Callable[[], EventState]) -> Callable[[], OperatableStateMachine]:
-    """A tree, and beside it a state that blocks once the tree runs."""
+    """Return a tree, and beside it a state that blocks once the tree runs."""
 
     def make() -> OperatableStateMachine:
         both = ConcurrencyContainer(outcomes=['ended'], conditions=[('ended', [('Drive', way)]) for way in WAYS])

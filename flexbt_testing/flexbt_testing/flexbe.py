@@ -136,7 +136,7 @@ def _value(file: Path, value: Any) -> Any:
 
 
 def _function(file: Path, text: str) -> Any:
-    """A function that is written in a test, which is code of the same author as what it tests."""
+    """Return a function that is written in a test, which is code of the same author as what it tests."""
     try:
         tree = ast.parse(text, mode='eval')
     except SyntaxError as error:
@@ -161,7 +161,7 @@ def _plain(node: yaml.Node) -> Any:
 
 
 def _fields(node: yaml.Node) -> Any:
-    """The fields of a message, plain: the second item of its state, each with an underscore in front."""
+    """Return the fields of a message, plain: the second item of its state, each with an underscore in front."""
     if isinstance(node, yaml.SequenceNode):
         return [_fields(item) for item in node.value]
     if not isinstance(node, yaml.MappingNode):
@@ -229,7 +229,7 @@ def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS)
 
 
 def _load(test: StateTest) -> type[Any]:
-    """The class under test.
+    """Return the class under test.
 
     Raises:
         StateTestError: it cannot be imported, or is neither state nor behavior.
@@ -246,7 +246,7 @@ def _load(test: StateTest) -> type[Any]:
 
 
 def _machine(test: StateTest, subject: type[Any]) -> OperatableStateMachine:
-    """What is run for a test. On the thread of the run."""
+    """Return what is run for a test. On the thread of the run."""
     if issubclass(subject, EventState):
         state = subject(**test.parameters)
         machine = OperatableStateMachine(outcomes=list(state.outcomes))
@@ -305,7 +305,7 @@ class PyTester(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls) -> None:
-        """Finds the folder.
+        """Find the folder.
 
         Raises:
             StateTestError: package and folder were not named before.
@@ -319,7 +319,7 @@ class PyTester(unittest.TestCase):
         PyTester._file_path = str(Path(get_package_share_directory(PyTester._package), PyTester._tests_folder))
 
     def setUp(self) -> None:
-        """Makes a node."""
+        """Make a node."""
         self._bench = StateBench()
         self.addCleanup(self._bench.close)
         self.node: Any = self._bench.runtime.node

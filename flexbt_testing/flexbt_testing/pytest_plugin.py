@@ -87,7 +87,8 @@ def pytest_runtestloop() -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_teardown() -> Iterator[None]:
-    """A test fails in which the order of locks has turned out to be wrong, when all that it has made is closed."""
+    """Yield a test fails in which the order of locks has turned out to be wrong, when all that it has made is
+    closed."""
     yield
     problems = list(lock_order.take_problems())
     if problems:
@@ -95,7 +96,7 @@ def pytest_runtest_teardown() -> Iterator[None]:
 
 
 def entities_of(node: Any) -> Counter[type]:
-    """What there is on a node, by kind; to be called on its executor thread."""
+    """Return what there is on a node, by kind; to be called on its executor thread."""
     kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
     return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
 
@@ -116,7 +117,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 @pytest.fixture(scope='session', autouse=True)
 def ros_domain() -> Iterator[int]:
-    """The ROS domain of this run, in the environment of this process and of those that it starts."""
+    """Yield the ROS domain of this run, in the environment of this process and of those that it starts."""
     from domain_coordinator import domain_id
 
     from flexbt_common import discovery

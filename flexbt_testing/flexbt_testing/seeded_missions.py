@@ -110,7 +110,7 @@ class SeededTree(NamedTuple):
     defect: str
 
     def system(self) -> TreeSystem:
-        """The tree with its environment."""
+        """Return the tree with its environment."""
         registry = _registry()
         library = TreeLibrary([load_xml(self.xml, 'seeded.xml', registry)])
         return TreeSystem(library, TreeKey('seeded.xml', 'Main'), requirements=self.requirements)
@@ -123,7 +123,7 @@ def _registry() -> NodeRegistry:
 
 
 def seeded_tree(seed: int, defect: str = '') -> SeededTree:
-    """A tree of 3 to 5 stages, each plans, drives, turns or speaks; with ``defect`` one of them is wrong."""
+    """Return a tree of 3 to 5 stages, each plans, drives, turns or speaks; with ``defect`` one of them is wrong."""
     chance = random.Random(seed)
     number = chance.randint(3, 5)
     bad = chance.randrange(number) if defect else None
@@ -194,7 +194,7 @@ class SeededMachine(NamedTuple):
     defect: str
 
     def system(self) -> MachineSystem:
-        """The machine with its environment."""
+        """Return the machine with its environment."""
         assert self.machine is not None
         return MachineSystem(define(self.machine), _model, requirements=self.requirements)
 
@@ -206,7 +206,7 @@ def _model(definition: StateDefinition) -> StateModel:
 
 
 def seeded_machine(seed: int, *, is_defective: bool = False) -> SeededMachine:
-    """A mission of 2 to 4 legs: plan, perhaps have the plan judged, drive; what fails is recovered from."""
+    """Return a mission of 2 to 4 legs: plan, perhaps have the plan judged, drive; what fails is recovered from."""
     chance = random.Random(seed)
     legs = chance.randint(2, 4)
     ways: dict[tuple[str, str], str] = {}

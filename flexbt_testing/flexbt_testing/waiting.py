@@ -28,7 +28,7 @@ _STATISTICS: Final = Path('/proc/stat')
 
 
 def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadline: float = DEADLINE) -> Any:
-    """The first true value of the condition, which is asked again and again for ``deadline`` seconds.
+    """Return the first true value of the condition, which is asked again and again for ``deadline`` seconds.
 
     What has taken long already is asked for less often, so that the time is known to a hundredth, and who waits leaves
     the processors to what is waited for.

@@ -27,7 +27,7 @@ RESOLUTION = 0.05
 
 
 def drawn(*rows: str, resolution: float = RESOLUTION, origin: Pose = Pose(0.0, 0.0, 0.0)) -> OccupancyMap:  # noqa: B008 - immutable
-    """A map from rows of text, the uppermost first: ``#`` occupied, ``?`` unknown, anything else free."""
+    """Return a map from rows of text, the uppermost first: ``#`` occupied, ``?`` unknown, anything else free."""
     values = {'#': OCCUPIED, '?': UNKNOWN}
     cells = numpy.array([[values.get(mark, FREE) for mark in row] for row in reversed(rows)], numpy.int8)
     return OccupancyMap(cells, resolution, origin)
@@ -43,7 +43,8 @@ def worlds(
     border: bool | None = None,
     resolutions: Sequence[float] = (0.02, 0.05, 0.1, 0.3),
 ) -> OccupancyMap:
-    """A map of rectangular blocks, some of them of unknown cells, turned and shifted; a border closes it, or may."""
+    """Return a map of rectangular blocks, some of them of unknown cells, turned and shifted; a border closes it, or
+    may."""
     height, width = draw(st.integers(least, size)), draw(st.integers(least, size))
     cells = numpy.zeros((height, width), numpy.int8)
     corner = st.tuples(st.integers(0, height - 1), st.integers(0, width - 1))
@@ -101,7 +102,7 @@ class Scanner:
         self._robot = Robot('lidar', RobotModel(lidar=model), Pose(0.0, 0.0, 0.0), seed)
 
     def scan(self, pose: Pose) -> NDArray[numpy.float32]:
-        """What it sees at a pose."""
+        """Return what it sees at a pose."""
         self._robot.pose = pose
         self._robot.see(0.0, self._rays.cast([self._robot.sensor(-1)], outlines([]))[0])
         assert self._robot.scan is not None

@@ -17,7 +17,8 @@ from .errors import RefusedError, UsageError
 
 
 def read_text_file(file: str, most: int) -> str:
-    """The text (UTF-8) of a file of at most ``most`` bytes. Raises UsageError when it cannot be read, or is longer."""
+    """Return the text (UTF-8) of a file of at most ``most`` bytes. Raises UsageError when it cannot be read, or is
+    longer."""
     try:
         return text_files.read_text(file, most)
     except TextFileError as error:
@@ -39,7 +40,7 @@ _MOST_BYTES: Final = 4_000_000
 
 
 def read_skill_files(files: Sequence[str], base: SkillLibrary) -> SkillLibrary:
-    """What ``base`` has, and what the files add, one after the other.
+    """Return what ``base`` has, and what the files add, one after the other.
 
     Raises:
         RefusedError: with all that is wrong with a file.
@@ -51,7 +52,7 @@ def read_skill_files(files: Sequence[str], base: SkillLibrary) -> SkillLibrary:
 
 
 def read_skills_of(file: str, base: SkillLibrary) -> SkillLibrary:
-    """What ``base`` has, and what one file adds. Raises RefusedError."""
+    """Return what ``base`` has, and what one file adds. Raises RefusedError."""
     try:
         return read_skills(read_text(file, _MOST_BYTES), file, base)
     except TextFileError as error:
@@ -61,6 +62,6 @@ def read_skills_of(file: str, base: SkillLibrary) -> SkillLibrary:
 
 
 def _located(file: str, problem: str) -> LoadError:
-    """A problem that begins with file and line."""
+    """Return a problem that begins with file and line."""
     line, _, message = problem.removeprefix(f'{file}:').partition(': ')
     return LoadError(file, int(line), 1, '', message)

@@ -39,7 +39,7 @@ class Gates(Behavior):
     manifest = BehaviorManifest('Gates')
 
     def create(self) -> OperatableStateMachine:
-        """The ring."""
+        """Return the ring."""
         machine = OperatableStateMachine(outcomes=['done'])
         with machine:
             for here, there in itertools.pairwise((*GATES, GATES[0])):
@@ -48,7 +48,8 @@ class Gates(Behavior):
 
 
 def offer_gates(directory: Path) -> dict[str, str]:
-    """The environment in which an executive finds the behavior as an installed one, by metadata in ``directory``."""
+    """Return the environment in which an executive finds the behavior as an installed one, by metadata in
+    ``directory``."""
     metadata = directory / 'gates-0.dist-info'
     metadata.mkdir()
     (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: gates\nVersion: 0\n')

@@ -16,7 +16,7 @@ from workspace.workspace import Workspace
 
 
 def run(workspace: Workspace) -> int:
-    """Runs `python3 benchmarks NAME --output FILE.json` for each; gives the exit code, 1 when one of them fails."""
+    """Run `python3 benchmarks NAME --output FILE.json` for each; gives the exit code, 1 when one of them fails."""
     layout = workspace.layout
     directory = layout.out / 'bench'
     directory.mkdir(parents=True, exist_ok=True)
@@ -43,7 +43,7 @@ def run(workspace: Workspace) -> int:
 
 
 def _machine(root: Path) -> dict[str, Any]:
-    """What the figures depend on."""
+    """Return what the figures depend on."""
     commit = subprocess.run(['git', 'rev-parse', '--short', 'HEAD'], cwd=root, capture_output=True, text=True)
     return {
         'time': datetime.now(UTC).isoformat(timespec='seconds'),

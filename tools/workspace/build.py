@@ -47,11 +47,11 @@ class Build:
         self._stamp = layout.build / STAMP
 
     def was_done(self) -> bool:
-        """Whether the workspace was built on this underlay before."""
+        """Return whether the workspace was built on this underlay before."""
         return read_stamp(self._stamp).get('identity') == self._identity()
 
     def ensure(self, lock: int, beside: Callable[[int], AbstractContextManager[None]]) -> None:
-        """Builds what has to be; where there is anything, in the context `beside(lock)`. `lock` is held open by colcon.
+        """Build what has to be; where there is anything, in the context `beside(lock)`. `lock` is held open by colcon.
 
         Raises CommandError when a package does not build.
         """
@@ -122,7 +122,7 @@ class Build:
         return {**self._environment, **environment}
 
     def _progress(self, log: Path, count: int) -> str:
-        """What is built, and what is being built; with how much of it where `make` or `ninja` say so."""
+        """Return what is built, and what is being built; with how much of it where `make` or `ninja` say so."""
         text = log.read_text(encoding='utf-8', errors='replace')
         done = re.findall(r'^Finished <<< (\S+)', text, re.MULTILINE)
         parts = [f'{len(done)} of {count} packages built']
@@ -141,7 +141,7 @@ class Build:
         return ['/bin/sh', '-c', setup, 'sh', self._venv.colcon_defaults, *command]
 
     def _identity(self) -> dict[str, Any]:
-        """What everything was built with. When it differs, nothing in the build space is of use."""
+        """Return what everything was built with. When it differs, nothing in the build space is of use."""
         python = self._venv.interpreter() if self._underlay.is_wheels else sys.version
         return {
             'format': _FORMAT,
@@ -200,7 +200,7 @@ class Build:
 
 
 def _end_of(file: Path) -> str:
-    """The last lines of `file`; none when there is no such file yet."""
+    """Return the last lines of `file`; none when there is no such file yet."""
     try:
         return file.read_text(encoding='utf-8', errors='replace')[-2000:]
     except FileNotFoundError:

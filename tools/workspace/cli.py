@@ -23,7 +23,7 @@ _INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; gives the exit code."""
+    """Run one command; gives the exit code."""
     parser = argparse.ArgumentParser(
         prog='tools/workspace.sh', description='Set-up, checks and tests of the workspace.'
     )
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _set_up(layout: Layout) -> Workspace:
-    """Makes sure that everything is installed and built."""
+    """Make sure that everything is installed and built."""
     start = time.monotonic()
     workspace = Workspace(layout, os.environ)
     with _alone(layout) as lock:
@@ -76,7 +76,7 @@ def _set_up(layout: Layout) -> Workspace:
 
 @contextmanager
 def _alone(layout: Layout) -> Iterator[int]:
-    """Waits until no other set-up or clean of this workspace is at work; gives the descriptor that keeps it so."""
+    """Wait until no other set-up or clean of this workspace is at work; gives the descriptor that keeps it so."""
     lock = os.open(layout.root, os.O_RDONLY)
     try:
         try:

@@ -44,12 +44,13 @@ class CommandError(WorkspaceError):
         return self.code < 0
 
     def tail(self, lines: int = 25) -> list[str]:
-        """The last lines of the log."""
+        """Return the last lines of the log."""
         return self.log.read_text(encoding='utf-8', errors='replace').splitlines()[-lines:]
 
 
 def of_system(error: OSError, root: Path) -> WorkspaceError:
-    """What the operating system refused to the tooling of the workspace at `root`, with what usually mends it."""
+    """Return what the operating system refused to the tooling of the workspace at `root`, with what usually mends
+    it."""
     what = f'{error.filename or root}: {error.strerror or error}'
     if error.errno in (errno.EACCES, errno.EPERM):
         return WorkspaceError(what, write_remedy(root))
@@ -61,10 +62,10 @@ def of_system(error: OSError, root: Path) -> WorkspaceError:
 
 
 def _is_full(directory: Path) -> bool:
-    """When it is, a log there may lack the words that say so."""
+    """Return when it is, a log there may lack the words that say so."""
     return shutil.disk_usage(directory).free < 1_000_000
 
 
 def write_remedy(root: Path) -> str:
-    """What makes the workspace at `root` writable."""
+    """Return what makes the workspace at `root` writable."""
     return f'sudo chown -R "$(id -u)" {shlex.quote(str(root))}   (or clone to a place of your own)'

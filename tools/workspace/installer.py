@@ -89,7 +89,7 @@ class Run(Protocol):
 
 
 def bundled_pip() -> Path | None:
-    """The wheel of pip that came with this Python; distributions of Linux keep it in a place of their own."""
+    """Return the wheel of pip that came with this Python; distributions of Linux keep it in a place of their own."""
     places = [Path(place) for place in (sysconfig.get_config_var('WHEEL_PKG_DIR'),) if place]
     ensurepip = importlib.util.find_spec('ensurepip')
     if ensurepip is not None and ensurepip.origin:
@@ -158,7 +158,8 @@ class Installer:
 
 
 def cache_variables(environment: Mapping[str, str], spare: Path) -> dict[str, str]:
-    """The variable by which uv and pip keep what they download in `spare`, where they could not write to their cache.
+    """Return the variable by which uv and pip keep what they download in `spare`, where they could not write to their
+    cache.
 
     The home of a user of a container may be no directory, or one of somebody else. Without a cache uv does nothing, and
     pip builds no wheels.
@@ -172,7 +173,7 @@ def cache_variables(environment: Mapping[str, str], spare: Path) -> dict[str, st
 
 
 def uv_variables(configuration: str, environment: Mapping[str, str]) -> dict[str, str]:
-    """The variables by which uv looks where pip would look, from what `pip config list` prints.
+    """Return the variables by which uv looks where pip would look, from what `pip config list` prints.
 
     What `environment` says to uv itself holds before that. Raises WorkspaceError for a setting that uv may not know.
     """
@@ -196,7 +197,7 @@ def uv_variables(configuration: str, environment: Mapping[str, str]) -> dict[str
 
 
 def progress_of_uv(log: Path) -> str:
-    """How much of what uv downloads is here, from its output. It names the large files only."""
+    """Return how much of what uv downloads is here, from its output. It names the large files only."""
     text = log.read_text(encoding='utf-8', errors='replace')
     packages = re.search(r'Resolved (\d+) packages', text)
     if packages is None:
@@ -212,7 +213,7 @@ def progress_of_uv(log: Path) -> str:
 
 
 def progress_of_pip(log: Path, expected: int) -> str:
-    """How many packages pip has inspected, of about `expected`, from its output."""
+    """Return how many packages pip has inspected, of about `expected`, from its output."""
     text = log.read_text(encoding='utf-8', errors='replace')
     collected = _names(re.findall(r'Collecting ([\w.-]+)', text))
     if 'Installing collected packages' in text:

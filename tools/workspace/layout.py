@@ -81,11 +81,11 @@ class Layout:
         return self.root / 'benchmarks'
 
     def packages(self) -> list[Package]:
-        """The ROS packages, by name: the directories directly below the root that have a package.xml."""
+        """Return the ROS packages, by name: the directories directly below the root that have a package.xml."""
         return _packages_in(self.root)
 
     def stand_ins(self, prefixes: Iterable[Path]) -> list[Package]:
-        """Those packages in underlay/, interfaces of others, that are installed under none of the prefixes.
+        """Return those packages in underlay/, interfaces of others, that are installed under none of the prefixes.
 
         A plain `colcon build` never sees them.
         """
@@ -116,7 +116,7 @@ STAMP = 'flexbt-stamp.json'
 
 
 def read_stamp(file: Path) -> dict[str, Any]:
-    """The content of `file`; empty when there is none, or it is damaged."""
+    """Return the content of `file`; empty when there is none, or it is damaged."""
     try:
         content = json.loads(file.read_text(encoding='utf-8'))
     except (OSError, ValueError):
@@ -125,7 +125,7 @@ def read_stamp(file: Path) -> dict[str, Any]:
 
 
 def write_stamp(file: Path, content: dict[str, Any]) -> None:
-    """Replaces `file` at once, so that an interruption leaves the old or the new one."""
+    """Replace `file` at once, so that an interruption leaves the old or the new one."""
     file.parent.mkdir(parents=True, exist_ok=True)
     fresh = file.with_name(file.name + '.new')
     fresh.write_text(json.dumps(content, indent=1, sort_keys=True) + '\n', encoding='utf-8')
@@ -133,7 +133,7 @@ def write_stamp(file: Path, content: dict[str, Any]) -> None:
 
 
 def remove(path: Path) -> None:
-    """Removes a directory, a file or a link, if there is one; the stamp first, in case of an interruption."""
+    """Remove a directory, a file or a link, if there is one; the stamp first, in case of an interruption."""
     if path.is_dir() and not path.is_symlink():
         (path / STAMP).unlink(missing_ok=True)
         shutil.rmtree(path)
@@ -142,7 +142,7 @@ def remove(path: Path) -> None:
 
 
 def hash_of(files: Iterable[Path], root: Path, *, names_only: Iterable[Path] = ()) -> str:
-    """A hash of the names (below `root`) and contents of `files`, and of the names alone of `names_only`."""
+    """Return a hash of the names (below `root`) and contents of `files`, and of the names alone of `names_only`."""
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(f'{file.relative_to(root)}\0'.encode())

@@ -22,14 +22,14 @@ class Check:
 
 
 def run(workspace: Workspace) -> int:
-    """Runs all checkers; gives the exit code."""
+    """Run all checkers; gives the exit code."""
     failed = failing_checks(workspace)
     print(f'lint: failed: {", ".join(failed)}' if failed else 'lint: passed')
     return 1 if failed else 0
 
 
 def failing_checks(workspace: Workspace, *, alone: bool = True) -> list[str]:
-    """Runs all checkers, reports what they find, gives the names of those that found something.
+    """Run all checkers, reports what they find, gives the names of those that found something.
 
     `alone`: whether nothing else is written to the terminal meanwhile.
 
@@ -61,7 +61,7 @@ def failing_checks(workspace: Workspace, *, alone: bool = True) -> list[str]:
 
 
 def all_checks(workspace: Workspace) -> list[Check]:
-    """The checkers and what they are run on."""
+    """Return the checkers and what they are run on."""
     layout = workspace.layout
     scripts = [*sorted(layout.tools.glob('*.sh')), layout.root / '.ci' / 'run']
     return [
@@ -74,7 +74,7 @@ def all_checks(workspace: Workspace) -> list[Check]:
 
 
 def _typed_files(workspace: Workspace) -> list[Path]:
-    """What mypy checks: the modules of all packages, the tooling, benchmarks, and the tests.
+    """Return what mypy checks: the modules of all packages, the tooling, benchmarks, and the tests.
 
     Not setup.py and conftest.py, of which there are several of the same module name.
     """

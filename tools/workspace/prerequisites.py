@@ -49,7 +49,7 @@ class Missing:
 
 
 def check(underlay: Underlay, layout: Layout, environment: Mapping[str, str]) -> None:
-    """Raises WorkspaceError that names everything that is missing, with the commands that install it."""
+    """Raise WorkspaceError that names everything that is missing, with the commands that install it."""
     missing = list(_missing(underlay, layout, environment))
     if not missing:
         return
@@ -63,7 +63,7 @@ def check(underlay: Underlay, layout: Layout, environment: Mapping[str, str]) ->
 
 
 def suitable_cmake(environment: Mapping[str, str]) -> bool:
-    """Whether the machine's own CMake is one that can build the interfaces."""
+    """Return whether the machine's own CMake is one that can build the interfaces."""
     version = _version_of('cmake', environment)
     return version is not None and OLDEST_CMAKE <= version < FIRST_BAD_CMAKE
 

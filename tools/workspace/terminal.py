@@ -63,7 +63,7 @@ class Step:
 
 @contextmanager
 def step(label: str, *, alone: bool = True) -> Iterator[Step]:
-    """Shows `label`, and at the end how it went and how long it took. Set `outcome` for another word than done."""
+    """Show `label`, and at the end how it went and how long it took. Set `outcome` for another word than done."""
     shown = Step(label, alone=alone)
     try:
         yield shown
@@ -74,7 +74,7 @@ def step(label: str, *, alone: bool = True) -> Iterator[Step]:
 
 
 def last_line(log: Path) -> str:
-    """The last line in `log` that is not empty."""
+    """Return the last line in `log` that is not empty."""
     with log.open('rb') as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - 500))
@@ -94,7 +94,7 @@ def run_logged(
     remedy: str = '',
     keep_open: Sequence[int] = (),
 ) -> None:
-    """Runs `command` with its output in `log`, and shows meanwhile what `progress` reads in it.
+    """Run `command` with its output in `log`, and shows meanwhile what `progress` reads in it.
 
     The descriptors `keep_open` stay open in the command, so that a lock lasts as long as it does. When we are
     interrupted the command is too, with all that it started.
@@ -113,7 +113,7 @@ def start_logged(
     directory: Path,
     keep_open: Sequence[int] = (),
 ) -> subprocess.Popen[bytes]:
-    """Starts what `finish_logged` waits for: a command with its output in `log`, as `run_logged`."""
+    """Start what `finish_logged` waits for: a command with its output in `log`, as `run_logged`."""
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open('wb') as output:
         return subprocess.Popen(
@@ -137,7 +137,7 @@ def finish_logged(
     progress: Callable[[Path], str] = last_line,
     remedy: str = '',
 ) -> None:
-    """Waits for the end of a command, as `run_logged`."""
+    """Wait for the end of a command, as `run_logged`."""
     try:
         while True:
             try:
@@ -153,7 +153,7 @@ def finish_logged(
 
 
 def stop_group(process: subprocess.Popen[bytes] | subprocess.Popen[str], patience: float = 5.0) -> None:
-    """Ends a process that leads its own group, and the group: by SIGINT, after `patience` seconds by SIGKILL."""
+    """End a process that leads its own group, and the group: by SIGINT, after `patience` seconds by SIGKILL."""
     for number, seconds in ((signal.SIGINT, patience), (signal.SIGKILL, patience)):
         try:
             os.killpg(process.pid, number)
@@ -167,7 +167,7 @@ def stop_group(process: subprocess.Popen[bytes] | subprocess.Popen[str], patienc
 
 
 def report(error: WorkspaceError) -> None:
-    """Says what went wrong on stderr: the end of the log where there is one, the message, the remedy."""
+    """Say what went wrong on stderr: the end of the log where there is one, the message, the remedy."""
     lines = []
     if isinstance(error, CommandError):
         lines += [f'    {line}' for line in error.tail()]

@@ -81,7 +81,7 @@ class Tally:
 
 
 def run(workspace: Workspace) -> int:
-    """Runs everything; gives the exit code. The last line printed is the summary."""
+    """Run everything; gives the exit code. The last line printed is the summary."""
     packages = {package.name: package for package in workspace.layout.packages() if package.test_modules()}
     runs = [_Run(workspace, package) for package in packages.values()]
     runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
@@ -100,7 +100,7 @@ def run(workspace: Workspace) -> int:
 
 
 def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) -> list[str]:
-    """Lets the runs come to their end, `LANES` at a time; what has not by the deadline (monotonic) is stopped.
+    """Let the runs come to their end, `LANES` at a time; what has not by the deadline (monotonic) is stopped.
 
     The first of them go on while `lint` is at work, which mostly needs one processor; gives what that found.
     """
@@ -152,7 +152,7 @@ class _Run:
         return LONGEST.index(self._package.name) if self._package.name in LONGEST else len(LONGEST)
 
     def forget(self) -> None:
-        """Removes the results of an earlier one."""
+        """Remove the results of an earlier one."""
         self._result_file.unlink(missing_ok=True)
 
     def start(self) -> None:
@@ -179,7 +179,7 @@ class _Run:
         print(f'tests of {self}: begun', flush=True)
 
     def ended(self) -> bool:
-        """Whether it has; when it is seen for the first time, that is told."""
+        """Return whether it has; when it is seen for the first time, that is told."""
         if self._process is None or self._process.returncode is not None:
             return self._process is not None
         if self._process.poll() is None:
@@ -188,13 +188,13 @@ class _Run:
         return True
 
     def stop(self) -> None:
-        """Ends what still runs of it."""
+        """End what still runs of it."""
         if self._process is not None and not self.ended():
             self._was_stopped = True
             stop_group(self._process)
 
     def count(self, tally: Tally) -> None:
-        """Adds the results to the tally, and an end that leaves open what other tests there are."""
+        """Add the results to the tally, and an end that leaves open what other tests there are."""
         label = f' [{self._variant}]' if self._variant else ''
         own = Tally()
         _count(self._result_file, self._package.name, label, own)
@@ -205,7 +205,8 @@ class _Run:
         tally.failures += own.failures
 
     def _bad_ending(self, results: Tally) -> str:
-        """How pytest ended, unless the results say so, too: 1 is that of failures, 5 that of nothing but skipped."""
+        """Return how pytest ended, unless the results say so, too: 1 is that of failures, 5 that of nothing but
+        skipped."""
         if self._process is None:
             return 'did not begin'
         if self._was_stopped:
@@ -249,7 +250,7 @@ def _show_results(workspace: Workspace) -> None:
 
 
 def _count(file: Path, package: str, label: str, tally: Tally) -> None:
-    """Adds the results in a JUnit file to the tally. A file that is missing or damaged is a failure of the package.
+    """Add the results in a JUnit file to the tally. A file that is missing or damaged is a failure of the package.
 
     The `label` tells the names of tests that run more than once apart.
     """

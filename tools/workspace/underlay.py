@@ -69,7 +69,7 @@ class Underlay:
 
 
 def detect(environment: Mapping[str, str], layout: Layout) -> Underlay:
-    """The underlay that `environment` asks for.
+    """Return the underlay that `environment` asks for.
 
     A sourced installation is a directory on AMENT_PREFIX_PATH that has rclpy and is not a virtual environment:
     the wheels set ROS_DISTRO and AMENT_PREFIX_PATH too, those of this clone as well as those of another.

@@ -68,11 +68,11 @@ class VirtualEnvironment:
         return self.path / 'colcon-defaults.yaml'
 
     def is_current(self) -> bool:
-        """Whether there is nothing to do. Reads a few small files only."""
+        """Return whether there is nothing to do. Reads a few small files only."""
         return self._has_chosen_python() and read_stamp(self._stamp) == self._wanted()
 
     def ensure(self, lock: int) -> None:
-        """Makes the environment, or installs what changed. `lock` is held open by the commands.
+        """Make the environment, or installs what changed. `lock` is held open by the commands.
 
         Raises CommandError when Python fails, or uv and pip.
         """
@@ -86,7 +86,7 @@ class VirtualEnvironment:
         write_stamp(self._stamp, self._wanted())
 
     def interpreter(self) -> str:
-        """The interpreter and its version, as the identity of what is built with it."""
+        """Return the interpreter and its version, as the identity of what is built with it."""
         home = read_stamp(self._stamp).get('interpreter', '')
         return str(home)
 
@@ -106,7 +106,7 @@ class VirtualEnvironment:
         return [self._layout.tools / name for name in (_LOCK, _CMAKE_REQUIREMENTS, _UV_REQUIREMENT)]
 
     def _usable(self) -> bool:
-        """Whether what is there can be completed: of the right Python, and at this place."""
+        """Return whether what is there can be completed: of the right Python, and at this place."""
         if not self._stamp.exists() or not self._has_chosen_python():
             return False
         look = 'import sys; print(sys.prefix); sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))'
@@ -119,7 +119,7 @@ class VirtualEnvironment:
         return answer.returncode == 0 and answer.stdout.strip() == str(self.path) and not moved
 
     def _has_chosen_python(self) -> bool:
-        """Whether its interpreter exists, and is the one that PYTHON names where that is set."""
+        """Return whether its interpreter exists, and is the one that PYTHON names where that is set."""
         chosen = self._environment.get('PYTHON')
         return self.python.exists() and (not chosen or self.python.resolve() == _BASE_PYTHON.resolve())
 
@@ -143,7 +143,7 @@ class VirtualEnvironment:
             raise
 
     def _installed(self) -> set[str]:
-        """The names and versions of what is installed."""
+        """Return the names and versions of what is installed."""
         return {path.name for path in self.path.glob('lib/python3.*/site-packages/*.dist-info')}
 
     def _run(

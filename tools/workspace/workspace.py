@@ -46,7 +46,7 @@ class Workspace:
         self._build = Build(layout, self.underlay, self.venv, self.clean_environment)
 
     def is_installed(self) -> bool:
-        """Whether the tools are there, and everything was built once (which may be out of date)."""
+        """Return whether the tools are there, and everything was built once (which may be out of date)."""
         return self._build.was_done() and (not self.underlay.is_wheels or self.venv.is_current())
 
     def ensure(self, lock: int) -> None:
@@ -58,7 +58,7 @@ class Workspace:
 
     @contextmanager
     def _compiled_loops(self, lock: int) -> Iterator[None]:
-        """What numba compiles: otherwise each of the processes of the first start does it for itself.
+        """Provide what numba compiles: otherwise each of the processes of the first start does it for itself.
 
         It needs nothing of what is built, and a processor that the build of the interfaces leaves idle.
         """
@@ -96,7 +96,7 @@ class Workspace:
         return {**self.clean_environment, 'FLEXBT_ROOT': str(self.layout.root)}
 
     def become(self, command: Sequence[str | Path]) -> NoReturn:
-        """Replaces this process by `command`."""
+        """Replace this process by `command`."""
         os.chdir(self.layout.root)
         words = [str(word) for word in self.inside(command)]
         os.execve(words[0], words, self.environment)

@@ -344,7 +344,8 @@ class ActionCall:
         self._finish(GoalStatus.LOST, reason)
 
     def _is_gone(self) -> bool:
-        """Whether the server is known to be gone, or has been out of reach for longer than an outage may last."""
+        """Return whether the server is known to be gone, or has been out of reach for longer than an outage may
+        last."""
         if self._servers is not None and self._servers.are_gone:
             return not self._may_come_back()
         now = self._runtime.steady.now()
@@ -355,7 +356,7 @@ class ActionCall:
         return now - self._gone_since >= self._outage_timeout and not self._may_come_back()
 
     def _may_come_back(self) -> bool:
-        """Whether a server that cannot be reached may still work on the goal."""
+        """Return whether a server that cannot be reached may still work on the goal."""
         servers = self._servers
         if servers is None:
             return False
@@ -406,7 +407,7 @@ class ActionCall:
         return handle.cancel_goal_async()
 
     def _own_handle(self) -> Any:
-        """A handle for a goal whose acceptance is not known, good for canceling it."""
+        """Return a handle for a goal whose acceptance is not known, good for canceling it."""
         response = self._link.action_type.Impl.SendGoalService.Response(accepted=True)
         return ClientGoalHandle(self._link.client, self._goal_id, response)
 

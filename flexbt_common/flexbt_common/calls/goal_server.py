@@ -159,7 +159,7 @@ class ServedGoal:
         self._active, self._withdrawn = False, True
 
     def as_accepted(self) -> ServedGoal:
-        """The goal as it was when it was accepted, for who works on it next."""
+        """Return the goal as it was when it was accepted, for who works on it next."""
         return ServedGoal(self._server, self._handle)
 
     def _end(self, event: GoalEvent, result: Any) -> None:
@@ -315,7 +315,7 @@ class GoalServer:
 
 
 def goal_servers(runtime: NodeRuntime) -> Mapping[str, GoalServer]:
-    """The goal servers of a node, by the names of their actions. For the executor thread."""
+    """Return the goal servers of a node, by the names of their actions. For the executor thread."""
     return MappingProxyType(runtime.once(goal_servers, _no_servers))
 
 

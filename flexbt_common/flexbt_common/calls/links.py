@@ -193,7 +193,7 @@ class ServerLinks(Generic[LinkT]):
         self._links: WeakLruCache[tuple[Any, str], LinkT] = WeakLruCache(MOST_LINKS)
 
     def link(self, server_type: Any, name: str) -> LinkT:
-        """The link to the server ``name``; made now if there is none yet."""
+        """Return the link to the server ``name``; made now if there is none yet."""
         key = server_type, name
         known = self._links.used(key)
         return known if known is not None else self._runtime.call(lambda: self._links.get(key, lambda: self._new(*key)))

@@ -338,8 +338,8 @@ class LivelinessWatch:
         return self.alive is True and not self.late and self._token.says_ready
 
     def has_ended(self, writer: bytes) -> bool:
-        """Whether a writer of this node, on any topic, is of a process that has ended for certain, which the middleware
-        tells only when the lease of its participant is over."""
+        """Return whether a writer of this node, on any topic, is of a process that has ended for certain, which the
+        middleware tells only when the lease of its participant is over."""
         return self._token.has_ended(writer)
 
     def is_gone(self, writer: bytes) -> bool:
@@ -511,7 +511,7 @@ class _SeenToken:
             self._replaced.popitem(last=False)
 
     def _several(self) -> str:
-        """What is wrong while several processes say that they hold the token; '' when it is one."""
+        """Return what is wrong while several processes say that they hold the token; '' when it is one."""
         since = self._runtime.steady.now() - _WORDLESS_SECONDS
         self._namesakes = {
             one: heard for one, heard in self._namesakes.items() if heard > since and not one.has_ended()
@@ -636,7 +636,7 @@ class ProcessIdentity:
         return bool(self.host) and self.host == ProcessIdentity.own().host
 
     def has_ended(self) -> bool:
-        """Whether the process has ended for certain."""
+        """Return whether the process has ended for certain."""
         if not self.is_here:
             return False
         try:

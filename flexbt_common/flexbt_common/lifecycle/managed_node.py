@@ -52,11 +52,11 @@ class ExtendedLifecycleNode(LargeQueueNode, LifecycleNode):
         return str(self._get_state(GetState.Request(), GetState.Response()).current_state.label)
 
     def answer_get_state(self, request: Any, response: Any) -> Any:
-        """The state, as rclpy knows it."""
+        """Return the state, as rclpy knows it."""
         return self._get_state(request, response)
 
     def answer_change_state(self, request: Any, response: Any) -> Any:
-        """Whether the transition was made; a coroutine, if it takes its time."""
+        """Return whether the transition was made; a coroutine, if it takes its time."""
         raise NotImplementedError
 
     def destroy_node(self) -> None:
@@ -431,7 +431,7 @@ class NodeScope(NodeRuntime):
                 destroy(entity)
 
     def _entities(self) -> dict[Any, Callable[[Any], object]]:
-        """What there is on the node, and how each is destroyed.
+        """Return what there is on the node, and how each is destroyed.
 
         Event handlers go with their topic. The node's own subscription to the simulated time is none of ours.
         """
@@ -489,7 +489,7 @@ class DiagnosticsPublisher:
 def diagnostic_status(
     runtime: NodeRuntime, what: str, level: bytes, message: str, values: Mapping[str, str] | None = None
 ) -> DiagnosticStatus:
-    """What is to be told of one thing of a node: ``level`` is one of the constants of DiagnosticStatus."""
+    """Return what is to be told of one thing of a node: ``level`` is one of the constants of DiagnosticStatus."""
     return DiagnosticStatus(
         level=level,
         name=f'{runtime.node.get_fully_qualified_name()}: {what}',

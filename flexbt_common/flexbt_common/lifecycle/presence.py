@@ -134,7 +134,7 @@ class PresenceWatch:
         self._listeners.append(on_change)
 
     def has_gone(self, participant: bytes) -> bool:
-        """Whether a participant has held tokens, and they have ended, or have not been heard for the lease."""
+        """Return whether a participant has held tokens, and they have ended, or have not been heard for the lease."""
         return participant in self._ended
 
     def _on_message(self, received: Received) -> None:

@@ -98,7 +98,7 @@ def offline_default_context() -> Iterator[None]:
 
 @contextmanager
 def undiscovered() -> Iterator[None]:
-    """The nodes of contexts that are made in the block discover nobody, and are discovered by nobody."""
+    """Provide the nodes of contexts that are made in the block discover nobody, and are discovered by nobody."""
     before = os.environ.get(RANGE)
     os.environ[RANGE] = 'OFF'
     try:
@@ -114,7 +114,8 @@ _SIMULATED_TIME: Final = ('--ros-args', '-p', 'use_sim_time:=true')
 
 
 def _without_name(args: Sequence[str]) -> Iterator[str]:
-    """The arguments without the rules that rename every node of the process, as launch files give them for one node."""
+    """Yield the arguments without the rules that rename every node of the process, as launch files give them for one
+    node."""
     words = iter(args)
     for word in words:
         if word not in _REMAP:
@@ -126,6 +127,6 @@ def _without_name(args: Sequence[str]) -> Iterator[str]:
 
 
 def _nodes_in(context: Context) -> list[Node]:
-    """The nodes of a context. rclpy keeps no list of them; what nobody holds any more has been collected, and one whose
-    constructor has raised has no context."""
+    """Return the nodes of a context. rclpy keeps no list of them; what nobody holds any more has been collected, and
+    one whose constructor has raised has no context."""
     return [one for one in gc.get_objects() if issubclass(type(one), Node) and getattr(one, 'context', None) is context]

@@ -18,7 +18,7 @@ from flexbt_core.values.text_files import open_regular
 
 
 def loaded_function(library: str, name: str, result: Any, *arguments: Any, is_short: bool = False) -> Any:
-    """A public function of rcl, rcutils, rmw_fastrtps or Fast DDS, by its name in the library that is loaded.
+    """Return a public function of rcl, rcutils, rmw_fastrtps or Fast DDS, by its name in the library that is loaded.
 
     One that ``is_short`` keeps the lock of the interpreter, as rclpy's own calls do: to get it back may take longer.
 
@@ -128,7 +128,8 @@ def ignore_each_other(first: Node, second: Node) -> None:
 
 
 def _prefix_of(node: Node) -> bytes:
-    """What the identifiers of all that is in the participant of a node begin with; empty when it is not known."""
+    """Return what the identifiers of all that is in the participant of a node begin with; empty when it is not
+    known."""
     participant = participant_address(node)
     if participant is None:
         return b''
@@ -180,7 +181,7 @@ def _decide() -> None:
 
 
 def is_dynamic(profile: Path) -> bool:
-    """Whether this file of Fast DDS has the room given back for every topic.
+    """Return whether this file of Fast DDS has the room given back for every topic.
 
     Each profile of writers and readers in it must say so, and there must be a default one of each: heeded without a
     word of it, Fast DDS refuses messages that are larger than the first. The profile of a topic has the topic's name.

@@ -57,7 +57,7 @@ class QosMisfits:
         return self._texts.get(topic, '')
 
     def watched(self, events: Events, topic: str) -> Events:
-        """The callbacks for the events of an endpoint, with ours unless they have their own or want none."""
+        """Return the callbacks for the events of an endpoint, with ours unless they have their own or want none."""
         if events.incompatible_qos is not None or not events.use_default_callbacks:
             return events
         watched = copy(events)

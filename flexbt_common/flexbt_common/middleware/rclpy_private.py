@@ -50,7 +50,7 @@ class PrivatePart:
     parameters: int | None = None
 
     def fault(self) -> str:
-        """What is wrong with it; '' when it is as expected."""
+        """Return what is wrong with it; '' when it is as expected."""
         where = f'{self.owner.__module__}.{self.owner.__qualname__}.{self.name}'
         if not (hasattr(self.owner, self.name) or self.name in _named_in_methods(self.owner)):
             return f'{where} is missing'
@@ -155,12 +155,12 @@ def _faults(use: PrivateUse) -> tuple[str, ...]:
 
 
 def is_usable(use: PrivateUse) -> bool:
-    """Whether rclpy has all the parts for it, and the environment does not forbid them."""
+    """Return whether rclpy has all the parts for it, and the environment does not forbid them."""
     return os.environ.get(SWITCH, '0') in ('', '0') and not _faults(use)
 
 
 def warnings() -> Iterator[str]:
-    """A line for each use for which a part is missing: which ones, and what is slower or lost."""
+    """Yield a line for each use for which a part is missing: which ones, and what is slower or lost."""
     for use in _USES:
         if _faults(use):
             yield f'this version of rclpy is not fully known: {", ".join(_faults(use))}. Without: {use.loss}'
@@ -237,7 +237,7 @@ class ExtendedExecutor(SingleThreadedExecutor):
     """How answers are sent once more."""
 
     def takes(self) -> dict[str, Take]:
-        """How what has come is taken, for each kind of entity as wait sets name it; waitables are 'waitable'."""
+        """Return how what has come is taken, for each kind of entity as wait sets name it; waitables are 'waitable'."""
         return {
             'timer': self._take_timer,
             'subscription': self._take_subscription,
@@ -248,12 +248,12 @@ class ExtendedExecutor(SingleThreadedExecutor):
         }
 
     def own_guards(self) -> tuple[Any, ...]:
-        """The guard conditions by which the executor itself is woken."""
+        """Return the guard conditions by which the executor itself is woken."""
         return self._guard, self._sigint_gc
 
     def taking_all(self, subscription: Subscription) -> Callable[[Subscription], object] | None:
-        """What takes all messages of a subscription that there are, and calls for them what is to be called; None where
-        rclpy takes one. A callback may have that as ``take_all`` (received_messages.py).
+        """Return what takes all messages of a subscription that there are, and calls for them what is to be called;
+        None where rclpy takes one. A callback may have that as ``take_all`` (received_messages.py).
         """
         taking: Callable[[Subscription], object] | None = getattr(subscription.callback, 'take_all', None)
         return taking
@@ -296,7 +296,7 @@ def trigger_again(guard: Any) -> None:
 
 
 def wait_set(count: NumberOfEntities, context: Any) -> Any:
-    """A wait set with room for so many entities."""
+    """Return a wait set with room for so many entities."""
     return rclpy_implementation.WaitSet(
         count.num_subscriptions,
         count.num_guard_conditions,
@@ -343,7 +343,7 @@ class ExtendedActionServer(ActionServer):
     """rclpy's action server, whose results and cancels are answered by a subclass. ACTION_SERVER is to be usable."""
 
     def refused_cancel(self, request: Any) -> Any | None:
-        """The answer to a request to cancel; None for rclpy's."""
+        """Return the answer to a request to cancel; None for rclpy's."""
         raise NotImplementedError
 
     def on_result_request(self, request_header: Any, goal_id: bytes) -> None:
@@ -351,7 +351,7 @@ class ExtendedActionServer(ActionServer):
         raise NotImplementedError
 
     def knows(self, goal_id: bytes) -> bool:
-        """Whether the goal is in the list of goals."""
+        """Return whether the goal is in the list of goals."""
         return goal_id in self._goal_handles
 
     def update(self, handle: ServerGoalHandle, event: GoalEvent) -> int | None:
@@ -406,7 +406,7 @@ class ExtendedActionServer(ActionServer):
 
 
 def given_parameters(node: Node) -> Mapping[str, Parameter]:
-    """The parameters that arguments and files give to a node, declared or not; none without PARAMETERS."""
+    """Return the parameters that arguments and files give to a node, declared or not; none without PARAMETERS."""
     return node._parameter_overrides if is_usable(PARAMETERS) else {}
 
 

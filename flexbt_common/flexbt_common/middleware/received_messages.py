@@ -85,7 +85,7 @@ class Received:
         return self.writer[:8]
 
     def unpack(self, message_type: type[Any]) -> Any:
-        """The message.
+        """Return the message.
 
         Raises:
             ValueError: these bytes are no such message, or it is too large.
@@ -159,7 +159,7 @@ class ReceivedMessages:
             pass
 
     def _take_next(self) -> bool:
-        """Whether there was one."""
+        """Return whether there was one."""
         assert self._taker is not None
         received = self._taker.take(self.subscription, self._limit)
         if received is None:
@@ -189,13 +189,14 @@ class ReceivedMessages:
 
 
 def guid_prefix_of(writer: bytes) -> bytes:
-    """The participant of the domain that a writer belongs to: the first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1). With a
-    middleware that is not DDS, no two writers have the same."""
+    """Return the participant of the domain that a writer belongs to: the first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1).
+    With a middleware that is not DDS, no two writers have the same."""
     return writer[:12]
 
 
 def writer_name(node: Node, topic: str, writer: bytes) -> str:
-    """The node that a writer on a topic belongs to, for people; '' when it is unknown, or not there (any more)."""
+    """Return the node that a writer on a topic belongs to, for people; '' when it is unknown, or not there (any
+    more)."""
     if writer == UNKNOWN_WRITER:
         return ''
     for endpoint in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
@@ -207,7 +208,7 @@ def writer_name(node: Node, topic: str, writer: bytes) -> str:
 
 
 def reports_writers() -> bool:
-    """Whether messages come with their writers in this process."""
+    """Return whether messages come with their writers in this process."""
     return is_usable(EXECUTOR) and _Taker.make() is not None
 
 
@@ -276,7 +277,7 @@ class _Taker:
             return None
 
     def take(self, subscription: Subscription, limit: int) -> Received | None:
-        """The next message; None when there is none, or none that can be taken."""
+        """Return the next message; None when there is none, or none that can be taken."""
         taken, info = _Bytes(), _MessageInfo()
         if self._init(ctypes.byref(taken), 0, ctypes.byref(self._allocator)) != _OK:
             self._forget_error()

@@ -95,7 +95,7 @@ class MachineBox:
         return f'{self.id}in'
 
     def all_edges(self) -> Iterator[Edge]:
-        """The edges of the container and of those in it."""
+        """Yield the edges of the container and of those in it."""
         yield from self.edges
         for inner in self.boxes:
             if isinstance(inner, MachineBox):
@@ -103,8 +103,9 @@ class MachineBox:
 
 
 def machine_graph(states: Sequence[DrawnState]) -> MachineBox:
-    """The graph of a machine: ``states`` depth first, the root first, whose position in it is the number in the names:
-    ``s3`` is a state, ``s3o0`` the transition of its outcome 0, ``m1`` a container. What leads nowhere is left out.
+    """Return the graph of a machine: ``states`` depth first, the root first, whose position in it is the number in the
+    names: ``s3`` is a state, ``s3o0`` the transition of its outcome 0, ``m1`` a container. What leads nowhere is left
+    out.
     """
     places = {state.path: place for place, state in enumerate(states)}
 
@@ -141,7 +142,7 @@ BEGIN: Final = '●'
 
 
 def machine_as_dot(graph: MachineBox, title: str) -> Iterator[str]:
-    """The picture in the language of Graphviz, from the initial state down.
+    """Yield the picture in the language of Graphviz, from the initial state down.
 
     Elements have identifiers: ``s3`` is the state at position 3 of the structure, ``m1`` the frame of a container,
     ``s3o0`` the transition of an outcome.
@@ -196,7 +197,7 @@ def _dot_state(box: StateBox) -> Iterator[str]:
 
 
 def machine_as_mermaid(graph: MachineBox, title: str) -> Iterator[str]:
-    """The picture in the language of Mermaid."""
+    """Yield the picture in the language of Mermaid."""
     yield from MERMAID_HEAD
     yield from _mermaid_machine(graph, title)
     for edge in graph.all_edges():

@@ -134,7 +134,8 @@ def _mermaid_line(line: str) -> str:
 
 
 def finished(picture: str, style: str = STYLE) -> str:
-    """An SVG of Graphviz with a style sheet, and below it a legend of the kinds of nodes and transitions in it."""
+    """Return an SVG of Graphviz with a style sheet, and below it a legend of the kinds of nodes and transitions in
+    it."""
     match = re.search(r'<svg width="(\d+)pt" height="(\d+)pt"\s+viewBox="0.00 0.00 ([\d.]+) ([\d.]+)"', picture)
     if match is None:
         return picture
@@ -200,7 +201,8 @@ _WHEEL: Final = 'flexbt_common.pictures.graphviz_wheel'
 
 
 def svg(dot_source: str) -> str:
-    """The picture that Graphviz makes, with style and legend. Raises ResourceError when there is none, or it fails."""
+    """Return the picture that Graphviz makes, with style and legend. Raises ResourceError when there is none, or it
+    fails."""
     name, command = graphviz_command()
     try:
         done = subprocess.run(  # noqa: S603
@@ -214,7 +216,8 @@ def svg(dot_source: str) -> str:
 
 
 def graphviz_command() -> tuple[str, list[str]]:
-    """What is there of Graphviz, and the command that makes SVG of what it reads: its program, or that of the wheel.
+    """Return what is there of Graphviz, and the command that makes SVG of what it reads: its program, or that of the
+    wheel.
 
     Raises:
         ResourceError: there is neither.

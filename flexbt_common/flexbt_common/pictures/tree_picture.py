@@ -95,7 +95,7 @@ Trees = Sequence[tuple[str, Sequence[DrawnNode]]]
 
 
 def trees_as_dot(trees: Trees) -> Iterator[str]:
-    """The picture in the language of Graphviz; the element of node n of tree m has the identifier ``tMnN``."""
+    """Yield the picture in the language of Graphviz; the element of node n of tree m has the identifier ``tMnN``."""
     yield from DOT_HEAD
     grows_right = any(_leaves(nodes) > MOST_ABREAST for _, nodes in trees)
     if grows_right:
@@ -113,7 +113,7 @@ def _leaves(nodes: Sequence[DrawnNode]) -> int:
 
 
 def trees_as_mermaid(trees: Trees) -> Iterator[str]:
-    """The picture in the language of Mermaid."""
+    """Yield the picture in the language of Mermaid."""
     yield from MERMAID_HEAD
     for number, (title, nodes) in enumerate(trees):
         yield f'  subgraph t{number}["{mermaid_text([title])}"]'
@@ -122,7 +122,7 @@ def trees_as_mermaid(trees: Trees) -> Iterator[str]:
 
 
 def dot_tree(prefix: str, nodes: Sequence[DrawnNode], *, grows_right: bool = False) -> Iterator[str]:
-    """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0.
+    """Yield the nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0.
 
     ``grows_right``: the last one first, for a graph that grows to the right, in which Graphviz begins at the bottom.
     """
@@ -146,7 +146,8 @@ def dot_tree(prefix: str, nodes: Sequence[DrawnNode], *, grows_right: bool = Fal
 
 
 def mermaid_tree(prefix: str, nodes: Sequence[DrawnNode]) -> Iterator[str]:
-    """The nodes and edges of a tree in Mermaid's language; its nodes are called ``prefix`` and a number from 0."""
+    """Yield the nodes and edges of a tree in Mermaid's language; its nodes are called ``prefix`` and a number from
+    0."""
     for position, node in enumerate(nodes):
         opening, closing = _SHAPES[node.shape][1].split('|')
         yield f'    {prefix}{position}{opening}{mermaid_text(node.label())}{closing}:::{node.shape.value}'

@@ -90,7 +90,7 @@ class WatchedThread:
         self._health.forget(self)
 
     def hang(self, now: float) -> Hang:
-        """What there is to say of it while it does not answer."""
+        """Return what there is to say of it while it does not answer."""
         thread = self._thread
         frame = None if thread is None or thread.ident is None else sys._current_frames().get(thread.ident)
         where = self._where() if self._where else '' if frame is None else _place(frame)
@@ -131,7 +131,7 @@ class WatchedLoop:
 
     @contextlib.contextmanager
     def resting(self) -> Iterator[None]:
-        """The block only waits; on the thread of the loop."""
+        """Provide the block only waits; on the thread of the loop."""
         with self._lock:
             self._is_resting = True
             answer, self._answer = self._answer, None

@@ -71,7 +71,7 @@ _AWAITING_TURN: Final = 0.02
 
 
 def is_misfit(event: QoSPublisherEventType | QoSSubscriptionEventType) -> bool:
-    """Whether the event says that the two ends of a topic do not fit each other."""
+    """Return whether the event says that the two ends of a topic do not fit each other."""
     return (type(event), event) in _MISFITS
 
 
@@ -81,7 +81,7 @@ def make_executor(
     on_turn: Callable[[], object],
     later: Later,
 ) -> NodeExecutor | StockNodeExecutor:
-    """The best executor that this version of rclpy allows.
+    """Return the best executor that this version of rclpy allows.
 
     ``on_fault(error)`` is told what a callback lets escape; the others are called all the same. ``on_turn()`` is called
     when the wait is over, before any callback (by rclpy's own loop, before the wait). ``later`` is for answers of
@@ -549,7 +549,7 @@ class _Entities:
         self._held.close()
 
     def _awaited(self, subscription: Subscription) -> Callable[[], bool] | None:
-        """Whether somebody waits for its messages; None: always."""
+        """Return whether somebody waits for its messages; None: always."""
         if is_clock_subscription(subscription):
             return self._is_time_awaited
         is_awaited: Callable[[], bool] | None = getattr(subscription.callback, 'is_awaited', None)

@@ -292,7 +292,7 @@ class NodeRuntime:
         namespace: str | None = None,
         node_class: type[LargeQueueNode] = LargeQueueNode,
     ) -> Iterator[NodeRuntime]:
-        """A runtime for the length of a ``with`` block; by default without the arguments of the process."""
+        """Provide a runtime for the length of a ``with`` block; by default without the arguments of the process."""
         runtime = cls(name, args=args, parameters=parameters, namespace=namespace, node_class=node_class)
         try:
             yield runtime
@@ -394,7 +394,7 @@ class NodeRuntime:
                 self._calls.discard(future)
 
     def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
-        """What ``make`` makes, the first time that somebody asks, for all who ask; on the executor thread."""
+        """Return what ``make`` makes, the first time that somebody asks, for all who ask; on the executor thread."""
         if key not in self._made:
             self._made[key] = make(self)
         made: T = self._made[key]
@@ -683,8 +683,8 @@ def _tell_unknown_parameters(runtime: NodeRuntime) -> None:
 
 @contextlib.contextmanager
 def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
-    """A file from which a byte can be read for each SIGINT and SIGTERM, which do nothing else any more; and what puts a
-    byte there without a signal, from any thread.
+    """Provide a file from which a byte can be read for each SIGINT and SIGTERM, which do nothing else any more; and
+    what puts a byte there without a signal, from any thread.
 
     The C handler writes the byte on whatever thread the signal arrives: no code of ours is interrupted at an
     unsuitable moment, nothing is lost during set-up, and a second signal finds nobody.

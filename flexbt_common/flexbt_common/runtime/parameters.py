@@ -108,12 +108,12 @@ class ParameterDeclarer:
     def real(
         self, name: str, default: float, least: float, most: float, description: str, read_only: bool = True
     ) -> float:
-        """A number within bounds, both included."""
+        """Return a number within bounds, both included."""
         bounds = [FloatingPointRange(from_value=least, to_value=most)]
         return float(self._declare(name, default, description, read_only, floating_point_range=bounds))
 
     def integer(self, name: str, default: int, least: int, most: int, description: str) -> int:
-        """A whole number within bounds, both included."""
+        """Return a whole number within bounds, both included."""
         bounds = [IntegerRange(from_value=least, to_value=most, step=1)]
         return int(self._declare(name, default, description, integer_range=bounds))
 
@@ -122,7 +122,7 @@ class ParameterDeclarer:
         return [float(value) for value in self._declare(name, list(default), description)]
 
     def text(self, name: str, default: str, description: str) -> str:
-        """A string."""
+        """Return a string."""
         return str(self._declare(name, default, description))
 
     def texts(self, name: str, default: Sequence[str], description: str) -> tuple[str, ...]:
@@ -257,7 +257,7 @@ def _words(type: Parameter.Type) -> str:
 
 
 def _as_yaml(value: Any) -> str:
-    """A value as one writes it in a parameter file."""
+    """Return a value as one writes it in a parameter file."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
     return short_repr(list(value) if isinstance(value, array.array) else value)
@@ -342,8 +342,8 @@ def _unknown_type(parameter: Any) -> str:
 
 
 def unknown_parameters(nodes: Sequence[Node]) -> Iterator[str]:
-    """A line for each parameter that arguments or files have given to nodes of a process, and that none of them has
-    declared."""
+    """Yield a line for each parameter that arguments or files have given to nodes of a process, and that none of them
+    has declared."""
     known = tuple(name for node in nodes for name in node.get_parameters_by_prefix(''))
     for name in dict.fromkeys(name for node in nodes for name in given_parameters(node)):
         if not any(node.has_parameter(name) for node in nodes) and not name.startswith(_OF_QOS):
@@ -351,7 +351,7 @@ def unknown_parameters(nodes: Sequence[Node]) -> Iterator[str]:
 
 
 def refuse_while_configured(node: LifecycleNode, parameters: list[Parameter], state: str) -> SetParametersResult:
-    """Whether these parameters can be set while the node is in ``state``: a callback for setting parameters."""
+    """Return whether these parameters can be set while the node is in ``state``: a callback for setting parameters."""
     for parameter in parameters:
         if state != 'unconfigured' and node.has_parameter(parameter.name):
             descriptor = node.describe_parameter(parameter.name)

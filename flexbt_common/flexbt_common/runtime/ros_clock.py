@@ -92,7 +92,7 @@ class RosClock:
         return now / _NANOSECONDS
 
     def stamp(self) -> Time:
-        """The present ROS time, for the header of a message."""
+        """Return the present ROS time, for the header of a message."""
         self._runtime.simulated_time.take_newest()
         return self._ros_clock.now().to_msg()
 
@@ -312,5 +312,5 @@ def watch_clock_publishers(node: Node, on_change: Callable[[], object]) -> None:
 
 
 def is_clock_subscription(subscription: Subscription) -> bool:
-    """Whether it is the one by which rclpy's clocks get the simulated time."""
+    """Return whether it is the one by which rclpy's clocks get the simulated time."""
     return isinstance(getattr(subscription.callback, '__self__', None), TimeSource)

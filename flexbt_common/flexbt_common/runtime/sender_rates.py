@@ -27,7 +27,7 @@ class SenderRates:
         self._credits: OrderedDict[bytes, tuple[float, float]] = OrderedDict()  # and when they were counted
 
     def allows(self, sender: bytes) -> bool:
-        """Whether a message of a sender is within its rate; counts it then."""
+        """Return whether a message of a sender is within its rate; counts it then."""
         now = self._now()
         credit, since = self._credits.pop(sender, (self._burst, now))
         credit = min(self._burst, credit + (now - since) * self._rate)

@@ -23,11 +23,11 @@ class WeakLruCache(Generic[Key, Thing]):
         self._lock = threading.Lock()
 
     def find(self, key: Key) -> Thing | None:
-        """The thing of this key, if there is one."""
+        """Return the thing of this key, if there is one."""
         return self._all.get(key)
 
     def used(self, key: Key) -> Thing | None:
-        """The thing of this key, if there is one; it is used now."""
+        """Return the thing of this key, if there is one; it is used now."""
         with self._lock:
             thing = self._all.get(key)
             if thing is not None:
@@ -35,7 +35,7 @@ class WeakLruCache(Generic[Key, Thing]):
             return thing
 
     def get(self, key: Key, make: Callable[[], Thing]) -> Thing:
-        """The thing of this key, made now if there is none. Whoever goes on to use it has to hold it."""
+        """Return the thing of this key, made now if there is none. Whoever goes on to use it has to hold it."""
         with self._lock:
             thing = self._all.get(key)
             if thing is None:

@@ -52,7 +52,7 @@ def subject_fields(subject: DecisionSubject | None) -> dict[str, Any]:
 
 
 def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
-    """An entry for a value, and what of it is not shown."""
+    """Return an entry for a value, and what of it is not shown."""
     poses = _poses(value)
     try:
         if poses is not None:
@@ -71,7 +71,7 @@ def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
 
 
 def _poses(value: Any) -> Sequence[Any] | None:
-    """The poses of a path or a list of poses; None for another value, and for one without poses."""
+    """Return the poses of a path or a list of poses; None for another value, and for one without poses."""
     poses = getattr(value, 'poses', None) if _is_message(value) else value  # other objects have code of their own
     if type(poses) is not list or not poses or not _is_message(poses[0]):
         return None

@@ -144,7 +144,7 @@ def sanitize_message(message: Any) -> None:
 
 
 def _made_sendable(value: Any, slot: Any, key: str) -> Any:
-    """The value itself where nothing had to be changed, or where it is a message."""
+    """Return the value itself where nothing had to be changed, or where it is a message."""
     if isinstance(slot, AbstractString | AbstractWString):
         limit = LIMITS.get(key, TEXT)
         made = sanitize_for_message(value, None if len(value) <= limit else limit - _TOLD)

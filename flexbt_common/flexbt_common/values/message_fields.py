@@ -15,23 +15,23 @@ _SECOND = 1_000_000_000
 
 
 def seconds_of(message: Any) -> float:
-    """A Time or Duration, s."""
+    """Return a Time or Duration, s."""
     return float(message.sec) + float(message.nanosec) * 1e-9
 
 
 def time_message(seconds: float) -> Time:
-    """A point of time, s."""
+    """Return a point of time, s."""
     return time_of_nanoseconds(round(seconds * 1e9))
 
 
 def time_of_nanoseconds(nanoseconds: int) -> Time:
-    """A point of time, ns."""
+    """Return a point of time, ns."""
     whole, rest = divmod(nanoseconds, _SECOND)
     return Time(sec=whole, nanosec=rest)
 
 
 def duration_message(seconds: float) -> Duration:
-    """A length of time, s."""
+    """Return a length of time, s."""
     whole, rest = divmod(round(seconds * 1e9), _SECOND)
     return Duration(sec=whole, nanosec=rest)
 
@@ -44,7 +44,7 @@ _POINT: Final = struct.Struct('<2d')
 
 
 def poses_of(field: Any) -> list[PoseStamped]:
-    """What is in such a field."""
+    """Return what is in such a field."""
     return list(getattr(field, 'goals', field))
 
 

@@ -119,7 +119,7 @@ def message_type_name(message: type[Any]) -> str:
 
 
 def class_of_slot(slot: Any) -> type[Any]:
-    """The class of the messages in a field that rosidl describes as a NamespacedType."""
+    """Return the class of the messages in a field that rosidl describes as a NamespacedType."""
     package, *_ = slot.namespaces
     message = resolve_type(f'{package}/msg/{slot.name}').message
     assert message is not None  # a NamespacedType is a message
@@ -279,7 +279,7 @@ def to_plain(value: Any, resolved: ValueType) -> Any:
 
 
 def from_plain(plain: Any, resolved: ValueType) -> Any:
-    """The value that plain data stands for, checked.
+    """Return the value that plain data stands for, checked.
 
     Raises:
         FieldError: unknown field, or data that does not fit the type.
@@ -381,7 +381,7 @@ def _value_of_slot(plain: Any, slot: Any, path: str) -> Any:
 
 
 def _as_rclpy_list(items: list[Any], slot: Any) -> Any:
-    """The container in which rclpy's messages hold the elements of this slot."""
+    """Return the container in which rclpy's messages hold the elements of this slot."""
     element = slot.value_type.typename if isinstance(slot.value_type, BasicType) else ''
     if element not in _ARRAY_CODES:
         return items

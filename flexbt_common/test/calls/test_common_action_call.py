@@ -283,7 +283,7 @@ class OvertakingServer(ActionServer):
 
 @pytest.fixture
 def cancels_answered(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The answers to cancels that calls have dealt with."""
+    """Return the answers to cancels that calls have dealt with."""
     answers: list[Any] = []
     deal_with = ActionCall._cancel_answered
 
@@ -421,7 +421,7 @@ def wait_for_line(child: PythonProcess, line: str) -> None:
 
 @pytest.fixture
 def children() -> Iterator[list[PythonProcess]]:
-    """Those that a test starts, the newest last; all are ended."""
+    """Yield those that a test starts, the newest last; all are ended."""
     started: list[PythonProcess] = []
     yield started
     for child in started:

@@ -415,7 +415,7 @@ def test_a_goal_with_the_id_of_an_old_one_has_a_result_of_its_own(served: Served
 
 
 def test_many_goals_of_two_clients_end_as_they_were_ended(served: Served) -> None:
-    """Ends come at once, later, or after a cancel, on the server's thread and from timers."""
+    """End come at once, later, or after a cancel, on the server's thread and from timers."""
     chance = random.Random(7)
     steady = served.runtime.steady
 

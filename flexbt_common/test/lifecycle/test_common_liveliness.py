@@ -65,7 +65,7 @@ ARGUMENTS = ('--ros-args', '-r', '__ns:=/robot1')
 
 @contextlib.contextmanager
 def start(program: str = PROGRAM) -> Iterator[PythonProcess]:
-    """A living process. It is killed at the end of the block, if it was not before."""
+    """Provide a living process. It is killed at the end of the block, if it was not before."""
     with python_process(['-c', program, *ARGUMENTS]) as process:
         try:
             assert process.stdout is not None and process.stdout.readline() == 'ready\n'
@@ -75,14 +75,14 @@ def start(program: str = PROGRAM) -> Iterator[PythonProcess]:
 
 
 def latest() -> float:
-    """When a death that was just now has to be noticed at the latest, in uncontended time. A process that is new waits
-    longer for the first assertion.
+    """Return when a death that was just now has to be noticed at the latest, in uncontended time. A process that is new
+    waits longer for the first assertion.
     """
     return uncontended_time() + max(LEASE_SECONDS, STARTED + START_SECONDS - time.monotonic()) + 1.5
 
 
 def alive_writers(runtime: NodeRuntime) -> set[bytes]:
-    """Those of the token's topic that the middleware takes for alive, also those that were killed lately."""
+    """Return those of the token's topic that the middleware takes for alive, also those that were killed lately."""
     endpoints = runtime.node.get_publishers_info_by_topic('/robot1/living/alive')
     return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}
 

@@ -35,7 +35,7 @@ from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 
 def speed(node: Node) -> float:
-    """Declares the parameter, and gives its value."""
+    """Declare the parameter, and gives its value."""
     return ParameterDeclarer(node).real('speed', 1.0, 0.0, 9.0, 'speed in m/s')
 
 
@@ -111,7 +111,7 @@ class Bench:
             raise FlexbtError(f'{step} fails')
 
     def entities(self) -> Counter[type]:
-        """What there is on the node, by kind."""
+        """Return what there is on the node, by kind."""
 
         def count() -> Counter[type]:
             node = self.managed

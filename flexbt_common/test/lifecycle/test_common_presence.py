@@ -39,7 +39,7 @@ class Watcher:
         return when[0], when[1]
 
     def participants(self) -> set[bytes]:
-        """Those whose tokens are heard."""
+        """Return those whose tokens are heard."""
         return self._runtime.call(lambda: {token.participant for token in self._watch._heard})
 
     def has_gone(self, participant: bytes) -> bool:
@@ -84,7 +84,7 @@ def test_a_silence_is_noticed_after_the_lease_and_the_next_word_ends_it(watcher:
             assert time.monotonic() < end
 
         def say() -> tuple[float, float]:
-            """When it was heard; a word may get lost."""
+            """Return when it was heard; a word may get lost."""
             while watcher.changes.empty():
                 publisher.publish(PeerStatus(name='ann', alive=True))
                 with contextlib.suppress(AssertionError):

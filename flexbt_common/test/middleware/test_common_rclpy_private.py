@@ -39,7 +39,7 @@ OF_SEVERAL_CLASSES = ('_handle', '_lock', '_goal_handles')
 
 
 def run(pattern: str, replacement: str, stock: str = '0') -> list[str]:
-    """The uses that are left in a process whose rclpy is changed, and then the warnings of its nodes, each once.
+    """Return the uses that are left in a process whose rclpy is changed, and then the warnings of its nodes, each once.
 
     There a node with all that is made of private parts serves goals, a cancel, services and a transition.
     """

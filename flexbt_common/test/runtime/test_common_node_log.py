@@ -72,7 +72,7 @@ def runtime() -> Iterator[NodeRuntime]:
 
 @pytest.fixture
 def logged(runtime: NodeRuntime) -> list[str]:
-    """What the node says on /rosout, which is what it writes everywhere."""
+    """Return what the node says on /rosout, which is what it writes everywhere."""
     heard: list[str] = []
     latched = QoSProfile(depth=1000, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 

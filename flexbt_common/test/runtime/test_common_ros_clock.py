@@ -80,7 +80,7 @@ def test_others_are_silent_only_as_long_as_wall_and_world_go_on() -> None:
     heard = HandledTime(wall, world)
 
     def after(seconds: float, simulated: float | None = None) -> float:
-        """What counts of so much wall time, in which simulated time comes to be this."""
+        """Return what counts of so much wall time, in which simulated time comes to be this."""
         before = heard.handled
         wall.advance(seconds)
         if simulated is not None:

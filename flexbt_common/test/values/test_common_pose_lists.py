@@ -29,7 +29,7 @@ def test_poses_are_read_as_they_were_given(message: Any) -> None:
 
 
 def path_of(frames: Sequence[str], frame: str = 'map') -> Path:
-    """A path with a pose in each of the frames."""
+    """Return a path with a pose in each of the frames."""
     path = Path()
     path.header.frame_id = frame
     for number, name in enumerate(frames):

@@ -38,7 +38,7 @@ COMMON_INTERFACES = (
 
 
 def installed_messages() -> list[str]:
-    """Every message of the common interfaces that are installed here."""
+    """Return every message of the common interfaces that are installed here."""
     packages = set(COMMON_INTERFACES) & set(get_resources('rosidl_interfaces'))
     names = []
     for package in sorted(packages):

@@ -46,7 +46,7 @@ class CommandBuilder:
         return self.operator
 
     def command(self, view: View, kind: CommandKind) -> OperatorCommand:
-        """A new command for the run that is shown, with nothing filled in that only some kinds have.
+        """Return a new command for the run that is shown, with nothing filled in that only some kinds have.
 
         A STOP is for whichever executive is there: the one that is shown may not be it.
 
@@ -132,7 +132,7 @@ class CommandBuilder:
         return replace(self.command(view, CommandKind.REPEAT), path=path)
 
     def at_path(self, kind: CommandKind, view: View, path: str) -> OperatorCommand:
-        """A command for a state or container, active or not: lock or unlock it, set or clear a breakpoint.
+        """Return a command for a state or container, active or not: lock or unlock it, set or clear a breakpoint.
 
         Raises:
             RefusedError: there is no such state.
@@ -232,7 +232,8 @@ class CommandBuilder:
         return replace(self.command(view, CommandKind.DECLINE), decision_id=decision.id)
 
     def to_requester(self, kind: CommandKind, view: View, operator: str = '') -> OperatorCommand:
-        """A command about another operator, by default the one who asks for the authority: hand it over, or refuse.
+        """Return a command about another operator, by default the one who asks for the authority: hand it over, or
+        refuse.
 
         Raises:
             RefusedError: no name, and nobody or several ask for it.
@@ -315,7 +316,7 @@ def _active_path(view: View, text: str) -> str:
 
 
 def _known_path(view: View, text: str) -> str:
-    """The path of a state or container of the run, active or not, from the path or its last labels."""
+    """Return the path of a state or container of the run, active or not, from the path or its last labels."""
     known = [state.path for state in view.structure.states] if view.structure else list(view.active_levels)
     if text in known or not known:
         return text
@@ -330,7 +331,7 @@ def _known_path(view: View, text: str) -> str:
 
 
 def find_behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:
-    """The behavior called ``name``, or ``package/name``, as the executive finds it.
+    """Return the behavior called ``name``, or ``package/name``, as the executive finds it.
 
     Raises:
         RefusedError: there is none, or several packages have one.

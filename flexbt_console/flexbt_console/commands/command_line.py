@@ -166,7 +166,7 @@ EXIT_CODES: Final = {
 
 
 def overview() -> str:
-    """The help of the whole console."""
+    """Return the help of the whole console."""
     lines = [
         'usage: console [COMMAND] [ARGUMENT ...] [OPTION ...] [--ros-args ...]',
         '',
@@ -185,7 +185,7 @@ def overview() -> str:
 
 
 def command_help(spec: CommandSpec) -> str:
-    """The help of one command."""
+    """Return the help of one command."""
     lines = _help_of(spec, f'console {spec.usage}', spec.options)
     lines += ['', 'options of every command:']
     lines += _table([(option.usage, option.help) for option in COMMON_OPTIONS])
@@ -193,7 +193,7 @@ def command_help(spec: CommandSpec) -> str:
 
 
 def prompt_help(leaving: str) -> list[str]:
-    """The help of the interactive prompt; ``leaving`` is what happens when the operator leaves it."""
+    """Return the help of the interactive prompt; ``leaving`` is what happens when the operator leaves it."""
     rows = [(' '.join([spec.name, *(argument.usage for argument in spec.arguments)]), spec) for spec in COMMANDS]
     return [
         'While a decision is shown, in short: a number or name chooses an outcome;',
@@ -210,7 +210,7 @@ def prompt_help(leaving: str) -> list[str]:
 
 
 def prompt_command_help(spec: CommandSpec) -> list[str]:
-    """The help of one command at the interactive prompt."""
+    """Return the help of one command at the interactive prompt."""
     return _help_of(spec, spec.prompt_usage, spec.prompt_options)
 
 

@@ -39,8 +39,8 @@ class Offer(NamedTuple):
 
 
 def offers(text: str, view: View) -> list[Offer]:
-    """What a line may become: by words that complete it, and, while it begins with no command, also each command of
-    which words of its name, or of what it does, begin with those of the line."""
+    """Return what a line may become: by words that complete it, and, while it begins with no command, also each command
+    of which words of its name, or of what it does, begin with those of the line."""
     begun = text[: len(text) - len(text.rpartition(' ')[2])]
     specs = {spec.name: spec for spec in COMMANDS if spec.in_prompt}
     abouts = {} if begun else {spec.name: spec.summary for spec in specs.values()}
@@ -79,7 +79,7 @@ def _after(spec: CommandSpec, given: list[str], last: str, view: View) -> Iterab
 def next_words(
     spec: CommandSpec, given: list[str], last: str, known: Iterable[Option], view: View, robots: tuple[str, ...] = ()
 ) -> tuple[Iterable[str], bool]:
-    """The words that may come next behind a command with these options, and whether the robot may know some."""
+    """Return the words that may come next behind a command with these options, and whether the robot may know some."""
     options = {option.name: option for option in known}
     words: list[str] = []
     expecting = None
@@ -108,7 +108,7 @@ def next_words(
 
 
 def _single(words: Iterable[str]) -> Iterable[str]:
-    """Those that are one word when they are typed."""
+    """Return those that are one word when they are typed."""
     return (word for word in words if ' ' not in word)
 
 
@@ -155,12 +155,13 @@ class ShellLine(NamedTuple):
 
 
 def completion_script(shell: str) -> str:
-    """What a shell has to read."""
+    """Return what a shell has to read."""
     return _SCRIPT.format(shell=shell, prepare=_PREPARE_ZSH if shell == 'zsh' else '')
 
 
 def read_line(text: str) -> ShellLine | None:
-    """What is typed of a line that begins with the name of the program; None where nothing of ours can follow."""
+    """Return what is typed of a line that begins with the name of the program; None where nothing of ours can
+    follow."""
     for end in ('', '"', "'"):  # a quote may be open
         try:
             words = shlex.split(text + _CURSOR + end)
@@ -185,7 +186,7 @@ def read_line(text: str) -> ShellLine | None:
 
 
 def shell_words(line: ShellLine, view: View, robots: tuple[str, ...] = ()) -> tuple[list[str], bool]:
-    """The words that the one at the cursor may become, and whether more of them may be known to the robot."""
+    """Return the words that the one at the cursor may become, and whether more of them may be known to the robot."""
     spec = line.spec or CommandSpec('', '', COMMANDS[0].action)
     known = (*spec.options, *COMMON_OPTIONS)
     option, equals, value = line.last.partition('=')
@@ -202,8 +203,8 @@ def shell_words(line: ShellLine, view: View, robots: tuple[str, ...] = ()) -> tu
 
 
 def as_typed(words: list[str], line: ShellLine, shell: str) -> list[str]:
-    """The words as a shell takes them. A blank ends a word that is whole; of what bash takes for several words, because
-    of ``=`` or ``:`` in it, it wants the last one, and in a quote what is quoted."""
+    """Return the words as a shell takes them. A blank ends a word that is whole; of what bash takes for several words,
+    because of ``=`` or ``:`` in it, it wants the last one, and in a quote what is quoted."""
     if line.unquoted is not None:
         return [word[len(line.unquoted) :] for word in words] if shell == 'bash' else words
     quoted = [re.sub(r'([^\w@%+=:,./-])', r'\\\1', word) + ('' if word.endswith('=') else ' ') for word in words]
@@ -212,7 +213,7 @@ def as_typed(words: list[str], line: ShellLine, shell: str) -> list[str]:
 
 
 def _before_quote(text: str, quote: str) -> str:
-    """What of the last word, as it will be, stands before the quote that is open at the end."""
+    """Return what of the last word, as it will be, stands before the quote that is open at the end."""
     while text:
         text = text[: text.rindex(quote)]
         try:
@@ -223,6 +224,6 @@ def _before_quote(text: str, quote: str) -> str:
 
 
 def _is_command(words: list[str], number: int) -> bool:
-    """Whether that word is no option, and no value of one."""
+    """Return whether that word is no option, and no value of one."""
     values = {option.name for option in COMMON_OPTIONS if option.value is not None}
     return not words[number].startswith('-') and (number == 0 or words[number - 1] not in values)

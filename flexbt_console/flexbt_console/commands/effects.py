@@ -39,29 +39,29 @@ from .spec import DECISION, UNSEEN, Answers, CommandLine, ConsoleHistory, RobotQ
 
 
 def alone(kind: CommandKind) -> Send:
-    """A command without arguments of its own."""
+    """Return a command without arguments of its own."""
     return Send((kind,), lambda line, view, make: make.command(view, kind))
 
 
 def at_path(kind: CommandKind) -> Send:
-    """A command for the state or container that the line names."""
+    """Return a command for the state or container that the line names."""
     return Send((kind,), lambda line, view, make: make.at_path(kind, view, line.words[0]))
 
 
 def to_requester(kind: CommandKind) -> Send:
-    """A command about an operator who asks for the authority."""
+    """Return a command about an operator who asks for the authority."""
     return Send((kind,), lambda line, view, make: make.to_requester(kind, view, line.first_word))
 
 
 def check_input(line: CommandLine) -> None:
-    """Raises UsageError: neither a value, nor that it is declined."""
+    """Raise UsageError: neither a value, nor that it is declined."""
     if not line.has('--decline') and not line.words:
         assert line.spec is not None
         raise UsageError(f'usage: {line.spec.usage}')
 
 
 def check_note(line: CommandLine) -> None:
-    """Raises UsageError: it is empty, or too long."""
+    """Raise UsageError: it is empty, or too long."""
     if len(line.text) > NOTE_LENGTH:
         raise UsageError(f'the note has {len(line.text)} characters; at most {NOTE_LENGTH} are taken')
     if not line.text.strip():
@@ -85,7 +85,7 @@ def _switch(line: CommandLine, view: View, make: CommandBuilder) -> OperatorComm
 
 
 def _check_listed(line: CommandLine, view: View) -> None:
-    """Raises NotShownError: the behavior may be one that was synthesized, and nobody here can have seen its machine."""
+    """Raise NotShownError: the behavior may be one that was synthesized, and nobody here can have seen its machine."""
     if view.behaviors is None and not line.has(UNSEEN):
         message = view.snapshot.message if view.snapshot is not None else ''
         why = f' ({one_line(message, 300)})' if message else ''

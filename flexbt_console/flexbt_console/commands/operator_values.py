@@ -136,7 +136,7 @@ def retry_count(text: str) -> int:
 
 
 def capability_text(file: str) -> str:
-    """The text of a capability file of this computer. Raises UsageError when it cannot be read."""
+    """Return the text of a capability file of this computer. Raises UsageError when it cannot be read."""
     try:
         text = read_text(file, _CAPABILITIES)
     except TextFileError as error:
@@ -158,7 +158,7 @@ def port_number(text: str) -> int:
 
 
 def full_namespace(text: str) -> str:
-    """The namespace of a robot, as the operator gives it, from the root on.
+    """Return the namespace of a robot, as the operator gives it, from the root on.
 
     Raises:
         UsageError: ROS allows no such name.
@@ -186,7 +186,7 @@ def load_places(file: Path) -> dict[str, FramedPose]:
 
 
 def value_text(text: str, type: str, places: Mapping[str, FramedPose]) -> str:
-    """The text of a value of ``type`` (as in BlackboardEntry), from what the operator wrote; checked.
+    """Return the text of a value of ``type`` (as in BlackboardEntry), from what the operator wrote; checked.
 
     A message type that is not installed here is left to the executive to check.
 
@@ -207,7 +207,7 @@ def value_text(text: str, type: str, places: Mapping[str, FramedPose]) -> str:
 
 
 def answer(decision: Decision, text: str, places: Mapping[str, FramedPose]) -> InputValue:
-    """The value that answers an input request.
+    """Return the value that answers an input request.
 
     Raises:
         RefusedError: it is no value of the wanted type, or none of the allowed ones.

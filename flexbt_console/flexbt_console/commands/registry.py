@@ -494,7 +494,7 @@ COMMANDS: Final = (
 
 
 def find(name: str) -> CommandSpec | None:
-    """The command of that name."""
+    """Return the command of that name."""
     return next((spec for spec in COMMANDS if spec.name == name), None)
 
 

@@ -127,11 +127,11 @@ class ConsoleHistory(Protocol):
     """What the console knows beside the view."""
 
     def log(self, count: int) -> tuple[LogLine, ...]:
-        """The latest lines of the log."""
+        """Return the latest lines of the log."""
         ...
 
     def events(self, count: int) -> tuple[ExecutiveEvent, ...]:
-        """The latest transitions and commands."""
+        """Return the latest transitions and commands."""
         ...
 
 
@@ -145,7 +145,7 @@ class RobotQueries(Protocol):
     """A robot that is asked. Not on the executor thread; each method raises ConsoleError."""
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """The userdata of the run; '' is the path of every active machine, and no keys are all."""
+        """Return the userdata of the run; '' is the path of every active machine, and no keys are all."""
         ...
 
     def synthesis(
@@ -166,8 +166,8 @@ class RobotQueries(Protocol):
         ...
 
     def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
-        """The picture with trees, map and plan, and with the scan if it is to come every so many seconds; as soon as
-        what is wanted ``has_arrived``, or what there is after ``timeout`` seconds.
+        """Return the picture with trees, map and plan, and with the scan if it is to come every so many seconds; as
+        soon as what is wanted ``has_arrived``, or what there is after ``timeout`` seconds.
         """
         ...
 
@@ -277,14 +277,14 @@ class CommandSpec:
         return bool(self.arguments) and self.arguments[0].spaced
 
     def joined(self, words: Sequence[str]) -> tuple[str, ...]:
-        """The words of a line, one for each argument, also for one that is written with spaces."""
+        """Return the words of a line, one for each argument, also for one that is written with spaces."""
         if not self.is_spaced:
             return tuple(words)
         first = next((index for index, word in enumerate(words) if '=' in word), len(words))
         return (*[' '.join(words[:first])][: bool(first)], *words[first:])
 
     def arguments_at(self, index: int) -> list[Argument]:
-        """The arguments that the word of that index may be, the last of them first."""
+        """Return the arguments that the word of that index may be, the last of them first."""
         found: list[Argument] = []
         required = 0
         for place, argument in enumerate(self.arguments):
@@ -311,20 +311,21 @@ class CommandLine:
     ros_arguments: tuple[str, ...] = ()
 
     def has(self, name: str) -> bool:
-        """Whether the option was given."""
+        """Return whether the option was given."""
         return name in self.options
 
     def value(self, name: str) -> str:
-        """The value of an option, the last one when it was given again; empty when it was not given."""
+        """Return the value of an option, the last one when it was given again; empty when it was not given."""
         values = self.options.get(name)
         return values[-1] if values else ''
 
     def values(self, name: str) -> list[str]:
-        """All values of a repeated option."""
+        """Return all values of a repeated option."""
         return self.options.get(name, [])
 
     def seconds(self, name: str) -> float | None:
-        """The value of an option in seconds; None when it was not given. Raises UsageError as :func:`seconds`."""
+        """Return the value of an option in seconds; None when it was not given. Raises UsageError as
+        :func:`seconds`."""
         return seconds(self.value(name)) if self.has(name) else None
 
     @property
@@ -338,7 +339,7 @@ class CommandLine:
         return ' '.join(self.words)
 
     def bound_to(self, decision_id: str) -> CommandLine:
-        """The line with the decision named that it answers."""
+        """Return the line with the decision named that it answers."""
         return replace(self, options={**self.options, DECISION: [decision_id]})
 
 
@@ -365,7 +366,7 @@ def levels(typed: Typed) -> Iterable[str]:
 
 
 def behaviors(typed: Typed) -> Iterable[str]:
-    """Those that cannot be loaded come last: whoever starts one is told why it cannot be."""
+    """Return those that cannot be loaded come last: whoever starts one is told why it cannot be."""
     return (one.name for one in sorted(typed.view.behaviors or (), key=lambda one: bool(one.error)))
 
 
@@ -417,12 +418,12 @@ def userdata_paths(typed: Typed) -> Iterable[str]:
 
 
 def robot_names(typed: Typed) -> Iterable[str]:
-    """The namespaces of the robots of the domain."""
+    """Return the namespaces of the robots of the domain."""
     return typed.robots
 
 
 def short_answers(typed: Typed) -> Iterable[str]:
-    """What may be typed in short, without a command: the choices of the oldest decision, or the places."""
+    """Return what may be typed in short, without a command: the choices of the oldest decision, or the places."""
     decision = typed.view.decision
     if decision is None:
         return ()

@@ -49,7 +49,7 @@ class ExecutiveSender:
         self._there_until = now()
 
     def has_sent(self, participant: bytes) -> bool:
-        """Whether what a participant has sent is the executive's, as far as is known."""
+        """Return whether what a participant has sent is the executive's, as far as is known."""
         if self._participant == UNKNOWN_WRITER and len(self._early) < _MOST_REPLACED:
             self._early.add(participant)
         if UNKNOWN_WRITER in (participant, self._participant) or participant == self._participant:
@@ -59,7 +59,7 @@ class ExecutiveSender:
         return self._is_silent() or not self._is_still_there()
 
     def follow(self, participant: bytes, *, answers: bool = False) -> Succession:
-        """A participant has sent a status that is the executive's, or that ``answers`` a STOP in its place."""
+        """Return a participant has sent a status that is the executive's, or that ``answers`` a STOP in its place."""
         before, self._participant = self._participant, participant
         if before == UNKNOWN_WRITER:
             return Succession.INSTEAD if self._early - {participant} else Succession.SAME
@@ -91,7 +91,8 @@ class ExecutiveSender:
 
 
 def interface_problem(node: Any, topic: str) -> str:
-    """What is wrong with who is at the other side of a topic that ``node`` publishes or subscribes; empty: nothing."""
+    """Return what is wrong with who is at the other side of a topic that ``node`` publishes or subscribes; empty:
+    nothing."""
     resolved = node.resolve_topic_name(topic)
     publishers = node.get_publishers_info_by_topic(resolved)
     subscriptions = node.get_subscriptions_info_by_topic(resolved)

@@ -89,7 +89,7 @@ class FleetLink:
             runtime.call(self._look)
 
     def robot(self, name: str) -> tuple[Mirror, ExecutiveLink]:
-        """The mirror and the link of a robot. Raises KeyError when it is not known."""
+        """Return the mirror and the link of a robot. Raises KeyError when it is not known."""
         return self._joined[name]
 
     def open(self, name: str) -> None:
@@ -138,7 +138,7 @@ class FleetLink:
         self._runtime.call_near(max(began + pause, now + (now - began) / LOOK_SHARE), LOOK_TOLERANCE, self._look)
 
     def _found(self) -> set[str]:
-        """The names of the robots whose executive is there; updates who publishes for them."""
+        """Return the names of the robots whose executive is there; updates who publishes for them."""
         node = self._runtime.node
         owners = {}
         for topic, types in node.get_topic_names_and_types():
@@ -154,8 +154,8 @@ class FleetLink:
         return {*owners}
 
     def _has_room(self, shares: Counter[bytes], owner: bytes) -> bool:
-        """Whether one more robot of a participant may be joined; makes room by leaving one that is gone, or else one of
-        the participant with the most."""
+        """Return whether one more robot of a participant may be joined; makes room by leaving one that is gone, or else
+        one of the participant with the most."""
         droppable = [name for name in self.fleet.names if name not in self._kept]
         if len(droppable) < MOST_ROBOTS:
             return True

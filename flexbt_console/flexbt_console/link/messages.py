@@ -39,7 +39,7 @@ N = TypeVar('N', int, float)
 
 
 def snapshot_record(message: ExecutiveStatus) -> records.ExecutiveSnapshot:
-    """The record of a status."""
+    """Return the record of a status."""
     return records.ExecutiveSnapshot(
         executive_id=message.executive_id,
         sequence=message.sequence,
@@ -102,7 +102,7 @@ def guard_record(message: StopGuardStatus) -> records.StopGuard:
 
 
 def structure_record(message: BehaviorStructure) -> records.Structure:
-    """The record of a state machine."""
+    """Return the record of a state machine."""
     return records.Structure(
         run_id=message.run_id,
         behavior=message.behavior,
@@ -122,7 +122,7 @@ def structure_record(message: BehaviorStructure) -> records.Structure:
 
 
 def behaviors_record(message: BehaviorList) -> records.BehaviorList:
-    """The record of a list of behaviors."""
+    """Return the record of a list of behaviors."""
     return records.BehaviorList(
         executive_id=message.executive_id,
         behaviors=tuple(
@@ -158,13 +158,13 @@ def behaviors_record(message: BehaviorList) -> records.BehaviorList:
 
 
 def places_record(message: PlaceList) -> dict[str, records.FramedPose]:
-    """The places that a robot knows, by name."""
+    """Return the places that a robot knows, by name."""
     poses = ((place.name, _pose(place.pose)) for place in message.places)
     return {name: pose for name, pose in poses if name and pose is not None}
 
 
 def log_record(message: ExecutiveLog) -> records.LogLine:
-    """The record of a line of the log."""
+    """Return the record of a line of the log."""
     return records.LogLine(
         executive_id=message.executive_id,
         sequence=message.sequence,
@@ -177,7 +177,7 @@ def log_record(message: ExecutiveLog) -> records.LogLine:
 
 
 def event_records(message: ExecutiveEvents) -> list[records.ExecutiveEvent]:
-    """The records of what has happened."""
+    """Return the records of what has happened."""
     return [
         records.ExecutiveEvent(
             executive_id=message.executive_id,
@@ -199,7 +199,7 @@ def event_records(message: ExecutiveEvents) -> list[records.ExecutiveEvent]:
 
 
 def subjects_record(message: DecisionSubjects) -> records.Subjects:
-    """The record of what decisions are about."""
+    """Return the record of what decisions are about."""
     return records.Subjects(
         executive_id=message.executive_id,
         subjects=tuple(
@@ -210,7 +210,8 @@ def subjects_record(message: DecisionSubjects) -> records.Subjects:
 
 
 def _subject_value(entry: BlackboardEntry) -> records.SubjectValue:
-    """A value with its points or its pose; one whose type is not installed here, or that is damaged, has only text."""
+    """Return a value with its points or its pose; one whose type is not installed here, or that is damaged, has only
+    text."""
     try:
         if entry.type == 'nav_msgs/msg/Path' and entry.data:  # the same, and quicker
             return _path_value(entry, path_points(bytes(entry.data), len(entry.data))[1])
@@ -235,7 +236,7 @@ def _path_value(entry: BlackboardEntry, points: Sequence[tuple[float, float]]) -
 
 
 def command_message(record: records.OperatorCommand, now: float) -> ExecutiveCommand:
-    """The message of a command; ``now`` is the time of this computer in seconds."""
+    """Return the message of a command; ``now`` is the time of this computer in seconds."""
     return ExecutiveCommand(
         id=record.id,
         stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)),
@@ -311,12 +312,12 @@ def _pose(message: Any) -> records.FramedPose | None:
 
 
 def is_length(value: float) -> bool:
-    """Whether it can be a coordinate, m: finite, and not so large that nobody could draw it."""
+    """Return whether it can be a coordinate, m: finite, and not so large that nobody could draw it."""
     return abs(value) <= FARTHEST
 
 
 def known_constant(constants: type[E], value: int) -> E:
-    """A constant of a message; one that a newer sender may have added is the first of them, UNKNOWN or IDLE."""
+    """Return a constant of a message; one that a newer sender may have added is the first of them, UNKNOWN or IDLE."""
     try:
         return constants(value)
     except ValueError:

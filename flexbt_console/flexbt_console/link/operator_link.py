@@ -203,7 +203,7 @@ class ExecutiveLink:
             self._waiting.discard(changed)
 
     def live_view(self, timeout: float) -> View:
-        """The picture, as soon as it is live.
+        """Return the picture, as soon as it is live.
 
         Raises:
             NoLinkError: it was not within ``timeout`` seconds; says what is known.
@@ -223,7 +223,7 @@ class ExecutiveLink:
         return self.wait_for(settled, timeout)
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """The userdata of the run, see :func:`userdata`. Raises what that raises."""
+        """Return the userdata of the run, see :func:`userdata`. Raises what that raises."""
         from .queries import userdata  # what only this command needs
 
         return userdata(self._runtime, self._namespace, path, keys, timeout)
@@ -250,8 +250,8 @@ class ExecutiveLink:
         return self._synthesis_query().cancel(timeout)
 
     def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
-        """The picture with trees, map and plan, and with the scan if it is to come every so many seconds; as soon as
-        what is wanted ``has_arrived``, or what there is after ``timeout`` seconds. Not on the executor thread.
+        """Return the picture with trees, map and plan, and with the scan if it is to come every so many seconds; as
+        soon as what is wanted ``has_arrived``, or what there is after ``timeout`` seconds. Not on the executor thread.
 
         They come meanwhile only, unless somebody looks at them, see :meth:`open_surroundings`.
 
@@ -411,7 +411,7 @@ class ExecutiveLink:
         return on_message
 
     def _unpacked(self, received: Received, message_type: Any, topic: str) -> Any | None:
-        """A message; None for what is none, or has too much in it."""
+        """Return a message; None for what is none, or has too much in it."""
         try:
             message = received.unpack(message_type)
             check_limits(message)

@@ -98,7 +98,7 @@ class _Stand:
         return now - self._since
 
     def is_over(self) -> bool:
-        """Whether it has stood, and is not known to be there any more."""
+        """Return whether it has stood, and is not known to be there any more."""
         return self._pose is not None and not self._is_there()
 
     def _is_there(self) -> bool:
@@ -184,7 +184,7 @@ class ScanLink:
         self._place()
 
     def _is_due(self) -> bool:
-        """Whether the next scan is to be looked at."""
+        """Return whether the next scan is to be looked at."""
         return self._runtime.steady.now() >= self._looked_at + (1.0 - TOLERANCE) * self._pause
 
     @property
@@ -258,7 +258,8 @@ class ScanLink:
 
 
 def points_of(scan: Any, where: Rigid) -> Points:
-    """Where the beams of a scan that was taken there have met something. Raises ValueError for a scan that is none."""
+    """Return where the beams of a scan that was taken there have met something. Raises ValueError for a scan that is
+    none."""
     angles = scan.angle_min, scan.angle_increment * _step(scan)
     if not all(map(math.isfinite, angles)) or not all(map(is_length, where.translation)):
         raise ValueError(f'angles of {angles[0]:g} and {angles[1]:g} rad, taken at {where.translation}')
@@ -288,7 +289,7 @@ def _less(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _is_same(before: list[float], now: list[float]) -> bool:
-    """Whether the lidar meets what it met, as far as its noise lets one say so."""
+    """Return whether the lidar meets what it met, as far as its noise lets one say so."""
     different = sum(abs(one - other) > SAME_RANGE for one, other in zip(before, now, strict=False))
     return len(before) == len(now) and different <= SAME_SHARE * len(now)
 

@@ -34,7 +34,7 @@ class SimulatorLink:
         return tuple((name, *where) for name, where in list(self._dropped.items())) if self._found else ()
 
     def is_possible(self) -> bool:
-        """Whether there is a simulator, as it was some seconds ago at most. From any thread."""
+        """Return whether there is a simulator, as it was some seconds ago at most. From any thread."""
         now = time.monotonic()
         if now >= self._look_at:
             self._look_at = now + _LOOK_SECONDS

@@ -84,15 +84,15 @@ class CommandTracker:
         return tracked
 
     def get(self, command_id: str) -> TrackedCommand | None:
-        """The command of that identifier, or None when it is unknown or forgotten."""
+        """Return the command of that identifier, or None when it is unknown or forgotten."""
         return self._commands.get(command_id)
 
     def latest(self) -> TrackedCommand | None:
-        """The command that was given last."""
+        """Return the command that was given last."""
         return next(reversed(self._commands.values()), None)
 
     def pending(self) -> tuple[TrackedCommand, ...]:
-        """The commands that wait for an answer, oldest first."""
+        """Return the commands that wait for an answer, oldest first."""
         return tuple(c for c in self._commands.values() if c.state is CommandState.PENDING)
 
     def passed_over(self) -> frozenset[str]:
@@ -101,7 +101,7 @@ class CommandTracker:
         return frozenset(tracked.command.id for tracked in self.pending() if tracked.is_passed_over)
 
     def due(self, now: float, reachable: bool = True) -> list[OperatorCommand]:
-        """The commands to be sent now, for the first time or again; ends those whose time is over.
+        """Return the commands to be sent now, for the first time or again; ends those whose time is over.
 
         While the executive is not ``reachable``, only STOPs are handed out, which others may hear, and of other
         commands no time between sends is lost. A STOP that only the stop guard has confirmed is for the executive, too.
@@ -131,7 +131,7 @@ class CommandTracker:
         return min(times, default=None)
 
     def _sent(self) -> list[TrackedCommand]:
-        """The commands that are sent until the executive has answered, or their time is over."""
+        """Return the commands that are sent until the executive has answered, or their time is over."""
         return [
             tracked
             for tracked in self._commands.values()

@@ -51,7 +51,7 @@ class RobotOverview:
 
 
 def overview_of(name: str, view: View) -> RobotOverview:
-    """What a robot needs, by its picture."""
+    """Return what a robot needs, by its picture."""
     snapshot = view.snapshot
     if snapshot is None or view.link is LinkState.LOST:
         return RobotOverview(name, view, Urgency.UNREACHABLE, view.age or 0.0)
@@ -105,7 +105,7 @@ class Fleet:
             self._listeners.append(listener)
 
     def mirror(self, name: str) -> Mirror:
-        """The mirror of a robot. Raises KeyError when it is not known."""
+        """Return the mirror of a robot. Raises KeyError when it is not known."""
         with self._lock:
             return self._mirrors[name]
 
@@ -116,7 +116,7 @@ class Fleet:
             return tuple(sorted(self._mirrors))
 
     def overview(self) -> list[RobotOverview]:
-        """The robots, the most urgent first; of the same urgency, who has waited longest."""
+        """Return the robots, the most urgent first; of the same urgency, who has waited longest."""
         with self._lock:
             mirrors = sorted(self._mirrors.items())
         robots = [overview_of(name, mirror.view()) for name, mirror in mirrors]

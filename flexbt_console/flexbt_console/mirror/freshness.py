@@ -104,7 +104,7 @@ class Freshness:
         self._confirmed = self._confirmed or self._transit is not None
 
     def wants_ping(self, now: float) -> bool:
-        """Whether an echo would tell more: there was none for some time, or messages come and are not live."""
+        """Return whether an echo would tell more: there was none for some time, or messages come and are not live."""
         return not self._ahead or now - self._echoed > PING_PERIOD or self.state(now) is not LinkState.LIVE
 
     def sender_gone(self) -> None:
@@ -116,13 +116,14 @@ class Freshness:
         return None if self._arrived is None else max(0.0, now - self._arrived) + self._lateness()
 
     def silent(self, now: float, listened: float = math.inf) -> bool:
-        """Whether the sender should have been heard again by now, by who has ``listened`` for so many seconds since."""
+        """Return whether the sender should have been heard again by now, by who has ``listened`` for so many seconds
+        since."""
         if self._arrived is None or self._gone:
             return True
         return min(now - self._arrived, listened) > LIVE_PERIODS * self._period
 
     def state(self, now: float) -> LinkState:
-        """What may be claimed at ``now``."""
+        """Return what may be claimed at ``now``."""
         age = self.age(now)
         if age is None or self._gone or age > self._lost_age:
             return LinkState.LOST

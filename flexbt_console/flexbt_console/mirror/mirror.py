@@ -301,7 +301,8 @@ class Mirror:
         self._tell(Change.SURROUNDINGS)
 
     def wants_ping(self) -> bool:
-        """Whether an echo of the executive would tell more of the age of the picture, see :meth:`receive_pong`."""
+        """Return whether an echo of the executive would tell more of the age of the picture, see
+        :meth:`receive_pong`."""
         with self._lock:
             return self._freshness.wants_ping(self._now())
 
@@ -312,8 +313,8 @@ class Mirror:
         self._tell(Change.LINK)
 
     def is_silent(self, listened: float = math.inf) -> bool:
-        """Whether the executive should have been heard again by now, or was never heard; we have ``listened`` for so
-        many seconds since, and were held up ourselves otherwise."""
+        """Return whether the executive should have been heard again by now, or was never heard; we have ``listened``
+        for so many seconds since, and were held up ourselves otherwise."""
         with self._lock:
             return self._freshness.silent(self._now(), listened)
 
@@ -356,7 +357,7 @@ class Mirror:
         return tracked
 
     def due_commands(self, reachable: bool) -> list[OperatorCommand]:
-        """The commands to be sent now; ends those whose deadline is over."""
+        """Return the commands to be sent now; ends those whose deadline is over."""
         with self._lock:
             before = len(self._commands.pending())
             send = self._commands.due(self._now(), reachable)
@@ -381,14 +382,14 @@ class Mirror:
             return self._commands.passed_over()
 
     def command(self, command_id: str) -> TrackedCommand | None:
-        """What became of a command."""
+        """Return what became of a command."""
         with self._lock:
             return self._commands.get(command_id)
 
     # What is known
 
     def view(self) -> View:
-        """The picture at this moment, and how old it is."""
+        """Return the picture at this moment, and how old it is."""
         with self._lock:
             now = self._now()
             snapshot = self._snapshot
@@ -414,12 +415,13 @@ class Mirror:
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:
-        """The last lines of the log in the order in which they were written, those of an earlier executive first."""
+        """Return the last lines of the log in the order in which they were written, those of an earlier executive
+        first."""
         with self._lock:
             return self._log.latest(count)
 
     def events(self, count: int = LOG_LENGTH) -> tuple[ExecutiveEvent, ...]:
-        """The last transitions and commands in their order, those of an earlier executive first.
+        """Return the last transitions and commands in their order, those of an earlier executive first.
 
         A gap in their numbers is what was left out, or lost.
         """
@@ -435,7 +437,7 @@ class Mirror:
             return self._on_clock(self._freshness.next_change(now))
 
     def _now(self) -> float:
-        """The time by which everything here is dated, s; it goes on while the computer sleeps."""
+        """Return the time by which everything here is dated, s; it goes on while the computer sleeps."""
         self._asleep = max(self._asleep, self._seconds_asleep())
         return self._clock.now() + self._asleep
 
@@ -493,7 +495,7 @@ class Mirror:
 
 
 def _copied(value: Any) -> Any:
-    """What can change is copied; records cannot."""
+    """Return what can change is copied; records cannot."""
     if isinstance(value, (list, deque)):
         return copy(value)
     if not isinstance(value, (dict, Freshness, CommandTracker, NumberedList, Trees, UnexpectedMotionDetector)):
@@ -547,11 +549,11 @@ class NumberedList(Generic[N]):
         return True
 
     def of(self, executive_id: str) -> list[N]:
-        """Those of one start of the executive, in their order."""
+        """Return those of one start of the executive, in their order."""
         return self._known.get(executive_id, [])
 
     def latest(self, count: int) -> tuple[N, ...]:
-        """The latest in their order, those of an earlier executive first."""
+        """Return the latest in their order, those of an earlier executive first."""
         known = [one for of_executive in self._known.values() for one in of_executive]
         return tuple(known[-count:]) if count > 0 else ()
 
@@ -604,7 +606,7 @@ def _told_before(decision: Decision, told: Sequence[LogLine], left: Sequence[Exe
 
 
 def _to(path: str, left: Sequence[ExecutiveEvent]) -> ExecutiveEvent | None:
-    """The latest transition to a state, or to a container around it."""
+    """Return the latest transition to a state, or to a container around it."""
     return next((one for one in reversed(left) if one.target and f'{path}/'.startswith(f'{one.target}/')), None)
 
 

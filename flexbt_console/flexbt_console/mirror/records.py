@@ -110,7 +110,7 @@ POSE_TYPES: Final = frozenset({'geometry_msgs/PoseStamped', 'geometry_msgs/Pose'
 
 
 def plain_type(type: str) -> str:
-    """The name of a type without ``/msg``."""
+    """Return the name of a type without ``/msg``."""
     return type.replace('/msg/', '/')
 
 
@@ -333,7 +333,7 @@ class Structure:
     states: tuple[StateStructure, ...] = ()
 
     def state(self, path: str) -> StateStructure | None:
-        """The state or container of that path."""
+        """Return the state or container of that path."""
         return next((state for state in self.states if state.path == path), None)
 
 

@@ -106,24 +106,24 @@ class MirroredTree:
         return self.gone_at is not None
 
     def children(self, uid: int) -> tuple[MirroredNode, ...]:
-        """The children of a node, in their order; of 0, the root."""
+        """Return the children of a node, in their order; of 0, the root."""
         return tuple(node for node in self.nodes if node.parent == uid)
 
     def status(self, uid: int) -> MirroredStatus:
-        """The status of a node."""
+        """Return the status of a node."""
         return self.statuses[uid - 1] if 0 < uid <= len(self.statuses) else MirroredStatus.IDLE
 
     def last_end(self, uid: int) -> MirroredStatus:
-        """How a node ended the last time in this run; IDLE when it has not."""
+        """Return how a node ended the last time in this run; IDLE when it has not."""
         return self.last[uid - 1] if 0 < uid <= len(self.last) else MirroredStatus.IDLE
 
     def shown_status(self, uid: int) -> MirroredStatus:
-        """The status of a node; of one that is idle, how it ended before."""
+        """Return the status of a node; of one that is idle, how it ended before."""
         status = self.status(uid)
         return status if status is not MirroredStatus.IDLE else self.last_end(uid)
 
     def seconds(self, uid: int) -> float:
-        """How long a node has had its status."""
+        """Return how long a node has had its status."""
         return max(0.0, self.stamp - self.since[uid - 1]) if 0 < uid <= len(self.since) else 0.0
 
     @property
@@ -233,7 +233,7 @@ class Trees:
         return True
 
     def runs(self, now: float = 0.0) -> tuple[MirroredTree, ...]:
-        """The runs whose nodes are known: those that go on first, then the others; the latest of each first."""
+        """Return the runs whose nodes are known: those that go on first, then the others; the latest of each first."""
         for run_id, run in list(self._runs.items()):
             if run.gone_at is not None and now - run.gone_at > GONE_SECONDS:
                 del self._runs[run_id]
@@ -273,8 +273,8 @@ class Trees:
 
 
 def _of(run: MirroredTree, structure: int, nodes: Sequence[MirroredNode]) -> MirroredTree:
-    """The run when its nodes are those of ``structure``: of others than before it keeps what is known of the nodes that
-    both have, which come first."""
+    """Return the run when its nodes are those of ``structure``: of others than before it keeps what is known of the
+    nodes that both have, which come first."""
     if structure == run.structure:
         return run
     both = zip(run.nodes, nodes, strict=False)

@@ -99,7 +99,7 @@ class View:
         return self.decisions[0] if self.decisions else None
 
     def pending(self, decision_id: str) -> Decision | None:
-        """The pending decision of that identifier."""
+        """Return the pending decision of that identifier."""
         return next((decision for decision in self.decisions if decision.id == decision_id), None)
 
     def subject(self, decision: Decision) -> Subject | None:
@@ -119,7 +119,8 @@ class View:
         return self.drawn_for(self.decision)
 
     def drawn_for(self, decision: Decision | None) -> Surroundings:
-        """What is around the robot, with the path and the goal that a decision is about in the place of the plan.
+        """Return what is around the robot, with the path and the goal that a decision is about in the place of the
+        plan.
 
         Another plan could be taken for what is asked about. So none is drawn while a decision waits, unless a state is
         driving along it.
@@ -138,7 +139,7 @@ class View:
         return around if drives and not self.lacks(decision) else replace(around, plan=())
 
     def turned_to(self, decision_id: str) -> View:
-        """The same picture with that decision before those that have waited longer, if it is pending."""
+        """Return the same picture with that decision before those that have waited longer, if it is pending."""
         found = self.pending(decision_id)
         if found is None or self.snapshot is None or found is self.decision:
             return self
@@ -170,7 +171,8 @@ class View:
         return tuple(sorted(levels, key=lambda path: path.count('/'), reverse=True))
 
     def own_activity(self, state: ActiveState) -> tuple[str, ...]:
-        """What an active state says that it is doing, without the running nodes of its tree, where that is known."""
+        """Return what an active state says that it is doing, without the running nodes of its tree, where that is
+        known."""
         nodes = {node.path for run in self.trees if run.run_id == state.tree_run_id for node in run.nodes}
         return tuple(line for line in state.activity if line not in nodes)
 

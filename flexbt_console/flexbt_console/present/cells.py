@@ -45,12 +45,12 @@ def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
 
 
 def width(text: str) -> int:
-    """The cells that a text takes."""
+    """Return the cells that a text takes."""
     return len(text) if text.isascii() else sum(map(_cells, f' {text}', text))
 
 
 def in_cells(text: str) -> list[str]:
-    """What stands in each cell; '' in the second one of a wide character."""
+    """Return what stands in each cell; '' in the second one of a wide character."""
     cells: list[str] = []
     for begin, end, taken in split_graphemes(text)[0]:
         if taken == 0 and cells:
@@ -76,5 +76,5 @@ def _begin(text: str, cells: int) -> str:
 
 @lru_cache(4096)
 def _cells(before: str, character: str) -> int:
-    """The cells that a character takes behind another one, which a variation selector may make wide."""
+    """Return the cells that a character takes behind another one, which a variation selector may make wide."""
     return cell_len(before + character) - cell_len(before)

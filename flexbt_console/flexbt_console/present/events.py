@@ -54,7 +54,8 @@ class Follower:
         self._told: set[tuple[str, int]] = set()
 
     def events(self, view: View) -> list[Event]:
-        """What is new. Heartbeats are no events, and there are none before an executive had the time to be heard."""
+        """Return what is new. Heartbeats are no events, and there are none before an executive had the time to be
+        heard."""
         if view.listening:
             return []
         events: list[Event] = []
@@ -92,7 +93,7 @@ class Follower:
         return events
 
     def _link_text(self, view: View) -> list[str]:
-        """A link that is late is LIVE or LOST soon."""
+        """Return a link that is late is LIVE or LOST soon."""
         if self._told_link is not None and view.link is LinkState.STALE and view.problem == self._told_link[1]:
             return []
         if self._told_link == (view.link, view.problem):
@@ -104,7 +105,7 @@ class Follower:
 
 
 def _essence(view: View) -> ExecutiveSnapshot | None:
-    """The snapshot without what a heartbeat alone changes."""
+    """Return the snapshot without what a heartbeat alone changes."""
     snapshot = view.snapshot
     if snapshot is None:
         return None
@@ -113,7 +114,7 @@ def _essence(view: View) -> ExecutiveSnapshot | None:
 
 
 def _run_essence(snapshot: ExecutiveSnapshot) -> tuple[Any, ...]:
-    """What is told of a run; what has not stopped yet is told once."""
+    """Return what is told of a run; what has not stopped yet is told once."""
     is_stopping = snapshot.state is ExecutiveState.STOPPING
     message = bool(snapshot.message) if is_stopping else snapshot.message
     return snapshot.state, snapshot.run_id, snapshot.outcome, message

@@ -24,7 +24,8 @@ def encode_json(value: Any) -> str:
 
 
 def status_json(view: View) -> dict[str, Any]:
-    """The picture and how old it is. ``link`` is live, stale or lost; everything else is only as good as that."""
+    """Return the picture and how old it is. ``link`` is live, stale or lost; everything else is only as good as
+    that."""
     snapshot = view.snapshot
     shown = (field.name for field in dataclasses.fields(snapshot) if field.name != 'results') if snapshot else ()
     known = {name: getattr(snapshot, name) for name in shown}
@@ -33,14 +34,14 @@ def status_json(view: View) -> dict[str, Any]:
 
 
 def robots_json(robots: Sequence[RobotOverview]) -> list[dict[str, Any]]:
-    """The robots, the most urgent first, each with its status."""
+    """Return the robots, the most urgent first, each with its status."""
     return [
         {'robot': one.name, 'urgency': one.urgency, 'waiting': one.seconds, **status_json(one.view)} for one in robots
     ]
 
 
 def structure_json(known: Structure) -> dict[str, Any]:
-    """The state machine of a run; transitions as objects."""
+    """Return the state machine of a run; transitions as objects."""
     return {
         'run_id': known.run_id,
         'behavior': known.behavior,
@@ -61,9 +62,9 @@ def structure_json(known: Structure) -> dict[str, Any]:
 
 
 def tree_json(run: MirroredTree, failures: Sequence[Sequence[MirroredNode]]) -> dict[str, Any]:
-    """A run of a tree: of each node its status, how it had ended before (``last``), and for how long, s. ``failures``
-    are the identifiers of nodes that have failed, each with those that have failed by it. With ``server_gone`` nothing
-    runs: the statuses are the last that were heard."""
+    """Return a run of a tree: of each node its status, how it had ended before (``last``), and for how long, s.
+    ``failures`` are the identifiers of nodes that have failed, each with those that have failed by it. With
+    ``server_gone`` nothing runs: the statuses are the last that were heard."""
     return {
         'run_id': run.run_id,
         'tree': run.tree,
@@ -86,7 +87,7 @@ def tree_json(run: MirroredTree, failures: Sequence[Sequence[MirroredNode]]) -> 
 
 
 def map_json(view: View) -> dict[str, Any]:
-    """What is around the robot, m. The cells of the map are no part of it."""
+    """Return what is around the robot, m. The cells of the map are no part of it."""
     around = view.drawn
     names = ('width', 'height', 'resolution', 'x', 'y')
     return {
@@ -101,7 +102,7 @@ def map_json(view: View) -> dict[str, Any]:
 
 
 def result_json(name: str, tracked: TrackedCommand, exit_code: ExitCode, **more: Any) -> dict[str, Any]:
-    """What became of a command. ``duration`` is in seconds."""
+    """Return what became of a command. ``duration`` is in seconds."""
     return {
         'command': name,
         'id': tracked.command.id,
@@ -115,7 +116,7 @@ def result_json(name: str, tracked: TrackedCommand, exit_code: ExitCode, **more:
 
 
 def failure_json(name: str, exit_code: ExitCode, reason: str) -> dict[str, Any]:
-    """A command that was not sent or not answered."""
+    """Return a command that was not sent or not answered."""
     return {'command': name, 'result': exit_code.name.lower(), 'reason': reason, 'exit_code': int(exit_code)}
 
 

@@ -91,12 +91,12 @@ class Frame:
         return None if dot is None else (dot[0] // 2, dot[1] // 4)
 
     def centre(self, column: int, row: int) -> Point:
-        """The point in the middle of a character."""
+        """Return the point in the middle of a character."""
         return self.x + (2 * column + 1) * self.step, self.y + (4 * (self.rows - row) - 2) * self.step
 
 
 def frame_for(map: GridMap | None, others: Iterable[Point], columns: int, rows: int) -> Frame:
-    """The smallest frame that shows all of the map, or all other points where there is none."""
+    """Return the smallest frame that shows all of the map, or all other points where there is none."""
     if map is not None:
         (left, bottom), (width, height) = (map.x, map.y), map.size
     else:
@@ -125,7 +125,8 @@ class MapCanvas:
         columns: int,
         rows: int,
     ) -> tuple[Frame, list[list[Cell]]]:
-        """The frame, and its characters row by row from the top. Of a scan what is on the map already is left out."""
+        """Return the frame, and its characters row by row from the top. Of a scan what is on the map already is left
+        out."""
         points = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
         frame = frame_for(around.map, [*points, *around.plan, *around.driven, *around.scan], columns, rows)
         dots: dict[tuple[int, int], Layer] = {}
@@ -208,7 +209,8 @@ def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) 
 
 
 def map_lines(view: View, size: tuple[int, int]) -> list[str]:
-    """The map of so many columns and rows, in lines; the last ones tell where the robot is, and what the signs mean."""
+    """Return the map of so many columns and rows, in lines; the last ones tell where the robot is, and what the signs
+    mean."""
     signs, robot = glyphs(), view.snapshot.robot_pose if view.snapshot else None
     columns, rows = size[0], max(1, size[1] - 2)
     _, cells = MapCanvas(signs).draw(view.drawn, robot, view.places, None, columns, rows)
@@ -218,7 +220,7 @@ def map_lines(view: View, size: tuple[int, int]) -> list[str]:
 
 
 def where_text(view: View) -> str:
-    """Where the robot is, and how long its plan is."""
+    """Return where the robot is, and how long its plan is."""
     robot = view.snapshot.robot_pose if view.snapshot else None
     blind = blind_text(view.snapshot) if view.snapshot else ''
     where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else blind or 'pose unknown'
@@ -283,7 +285,7 @@ _ROBOT: Final = '#008a5e'
 
 
 def map_image(around: Surroundings, robot: FramedPose | None, places: Mapping[str, FramedPose]) -> Image:
-    """The map, its longer side of :data:`PIXELS`."""
+    """Return the map, its longer side of :data:`PIXELS`."""
     from PIL import Image, ImageDraw, ImageFont  # what only an image needs
 
     points = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]

@@ -95,14 +95,14 @@ def link_line(view: View) -> str:
 
 
 def age_text(seconds: float) -> str:
-    """A duration: 0.4 s, 75 s, 12 min, 3.2 h."""
+    """Return a duration: 0.4 s, 75 s, 12 min, 3.2 h."""
     if seconds < 120.0:
         return f'{seconds:.1f} s'
     return f'{seconds / 60.0:.0f} min' if seconds < 7200.0 else f'{seconds / 3600.0:.1f} h'
 
 
 def autonomy_text(level: int) -> str:
-    """A level of autonomy with its name: 2 High."""
+    """Return a level of autonomy with its name: 2 High."""
     try:
         return f'{level} {AutonomyLevel(level).name.capitalize()}'
     except ValueError:
@@ -123,14 +123,14 @@ def blind_text(snapshot: ExecutiveSnapshot) -> str:
 
 
 def pose_text(value: FramedPose | None) -> str:
-    """A pose in metres and radians."""
+    """Return a pose in metres and radians."""
     if value is None:
         return 'unknown'
     return f'x {value.x:.2f} m  y {value.y:.2f} m  yaw {value.yaw:.2f} rad  ({one_line(value.frame)})'
 
 
 def peer_line(peer: Peer) -> str:
-    """A node that the executive depends on; in capitals when it is not there, and what is wrong with it."""
+    """Return a node that the executive depends on; in capitals when it is not there, and what is wrong with it."""
     word, tone = 'ok', Tone.PLAIN
     if not peer.expected:
         word, tone = 'not seen', Tone.DIM
@@ -145,7 +145,7 @@ def peer_line(peer: Peer) -> str:
 
 
 def what_runs(view: View) -> str:
-    """What runs, or how the last run ended, without the reason."""
+    """Return what runs, or how the last run ended, without the reason."""
     snapshot = view.snapshot
     if snapshot is None:
         return ''
@@ -164,7 +164,7 @@ def what_runs(view: View) -> str:
 
 
 def behavior_line(view: View) -> str:
-    """What runs, or how the last run ended, and why."""
+    """Return what runs, or how the last run ended, and why."""
     what, snapshot = what_runs(view), view.snapshot
     why = f' ({one_line(snapshot.message)})' if snapshot is not None and snapshot.message else ''
     tone = Tone.WARNING if why and view.running else tone_of(what)
@@ -172,7 +172,7 @@ def behavior_line(view: View) -> str:
 
 
 def authority_text(snapshot: ExecutiveSnapshot) -> str:
-    """Who may command, and who asks for it."""
+    """Return who may command, and who asks for it."""
     asking = ', '.join(map(one_line, snapshot.authority_requests))
     return (one_line(snapshot.authority) or 'nobody: every operator may command') + (
         f'  (asked for by {asking})' if asking else ''
@@ -180,7 +180,8 @@ def authority_text(snapshot: ExecutiveSnapshot) -> str:
 
 
 def authority_asked_line(snapshot: ExecutiveSnapshot, operator: str | None) -> str:
-    """Who asks this operator for the authority, and by which key of screen and page that is answered; '' for nobody."""
+    """Return who asks this operator for the authority, and by which key of screen and page that is answered; '' for
+    nobody."""
     if snapshot.authority != operator or not snapshot.authority_requests:
         return ''
     oldest, *others = snapshot.authority_requests
@@ -189,12 +190,12 @@ def authority_asked_line(snapshot: ExecutiveSnapshot, operator: str | None) -> s
 
 
 def decision_line(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
-    """A pending decision of a snapshot in one line, with the identifier by which it is answered."""
+    """Return a pending decision of a snapshot in one line, with the identifier by which it is answered."""
     return f'[{one_line(pending.id)}] {asked_text(pending, snapshot)}'
 
 
 def asked_text(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
-    """What a pending decision of a snapshot asks."""
+    """Return what a pending decision of a snapshot asks."""
     where = one_line(pending.path)
     prompt = f': {one_line(pending.prompt)}' if pending.prompt else ''
     if pending.kind is DecisionKind.INPUT:
@@ -214,8 +215,8 @@ def _required(level: int) -> str:
 
 
 def reason_lines(pending: Decision, view: View) -> list[str]:
-    """What the state has said about why it wants that, or what was told before it came to that; nothing when nothing
-    was said.
+    """Return what the state has said about why it wants that, or what was told before it came to that; nothing when
+    nothing was said.
     """
     reason = view.reasons.get(pending.id)
     if reason is None:
@@ -247,7 +248,7 @@ def _subject_text(value: SubjectValue, view: View) -> str:
 
 
 def choice_line(pending: Decision) -> str:
-    """What may be chosen, numbered; the outcome that is wanted is marked."""
+    """Return what may be chosen, numbered; the outcome that is wanted is marked."""
     return '  '.join(
         f'{number} {one_line(choice)}{"*" if choice == pending.outcome else ""}'
         for number, choice in enumerate(pending.choices, 1)
@@ -255,7 +256,7 @@ def choice_line(pending: Decision) -> str:
 
 
 def status_lines(view: View) -> list[str]:
-    """The whole picture."""
+    """Return the whole picture."""
     shown = [_labelled('link', link_line(view))]
     shown += [_labelled('', alarm)] if (alarm := alarm_line(view)) else []
     if view.problem:
@@ -297,7 +298,7 @@ def _labelled(label: str, line: str) -> str:
 
 
 def not_paused_lines(state: ActiveState) -> list[str]:
-    """What of a paused state goes on all the same."""
+    """Return what of a paused state goes on all the same."""
     return [Line(f'goes on: {one_line(text)}', Tone.WARNING) for text in state.not_paused]
 
 
@@ -325,7 +326,8 @@ def machine_text_lines(behavior: Behavior) -> list[str]:
 
 
 def behaviors_lines(known: Sequence[Behavior], *, with_machines: bool = False) -> list[str]:
-    """The behaviors and their parameters; of those that were synthesized the machine, or how many lines it has."""
+    """Return the behaviors and their parameters; of those that were synthesized the machine, or how many lines it
+    has."""
     shown = []
     for behavior in known:
         error = f'  CANNOT BE USED: {one_line(behavior.error)}' if behavior.error else ''
@@ -349,7 +351,7 @@ def behaviors_lines(known: Sequence[Behavior], *, with_machines: bool = False) -
 
 
 def structure_lines(known: Structure, view: View) -> list[str]:
-    """The state machine, indented; active states are marked, each transition with what it requires."""
+    """Return the state machine, indented; active states are marked, each transition with what it requires."""
     active = set(view.active_levels)
     shown = [f'{one_line(known.behavior)}']
     for state in known.states:
@@ -366,7 +368,7 @@ def structure_lines(known: Structure, view: View) -> list[str]:
 
 
 def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
-    """A line of the log with severity and state; continuation lines are indented."""
+    """Return a line of the log with severity and state; continuation lines are indented."""
     severity = '' if line.severity in (LogSeverity.INFO, LogSeverity.UNKNOWN) else f'{line.severity.name}: '
     where = f'{one_line(line.path)}: ' if line.path else ''
     stamp = f'{stamp_text(line.stamp)}  ' if with_time else ''
@@ -386,7 +388,7 @@ def alarm_line(view: View) -> str:
 
 
 def robot_line(robot: RobotOverview) -> str:
-    """A robot among several: what it needs and for how long, what runs, and where; and what it lacks."""
+    """Return a robot among several: what it needs and for how long, what runs, and where; and what it lacks."""
     view = robot.view
     if robot.is_unreachable:
         return Line(f'{one_line(robot.name):<12} {unreachable_text(view)}', _URGENCY_TONES[robot.urgency])
@@ -421,7 +423,7 @@ def left_out_text(count: int, option: str = '--namespace') -> list[str]:
 
 
 def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
-    """A transition, or what became of somebody's command."""
+    """Return a transition, or what became of somebody's command."""
     stamp = f'{stamp_text(event.stamp)}  ' if with_time else ''
     if event.kind is EventKind.TRANSITION:
         way = one_line(event.outcome) or one_line(event.reason)
@@ -435,7 +437,8 @@ def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
 
 
 def progress_text(progress: DriveProgress, places: Mapping[str, FramedPose]) -> str:
-    """How far the robot has come, in short: to kitchen  4.2 m  18 s  2 poses  1 recovery; '' when nothing is known."""
+    """Return how far the robot has come, in short: to kitchen  4.2 m  18 s  2 poses  1 recovery; '' when nothing is
+    known."""
     goal = progress.goal
     parts = [
         f'to {place_text(goal, places)}' if goal is not None else '',
@@ -448,21 +451,22 @@ def progress_text(progress: DriveProgress, places: Mapping[str, FramedPose]) -> 
 
 
 def place_text(pose: FramedPose, places: Mapping[str, FramedPose]) -> str:
-    """The name of the place that is nearest to a pose, if it is within :data:`PLACE_RADIUS`; or else its x and y."""
+    """Return the name of the place that is nearest to a pose, if it is within :data:`PLACE_RADIUS`; or else its x and
+    y."""
     near = [(math.dist((pose.x, pose.y), (at.x, at.y)), name) for name, at in places.items() if at.frame == pose.frame]
     distance, name = min(near, default=(math.inf, ''))
     return one_line(name) if distance <= PLACE_RADIUS else f'x {pose.x:.2f} y {pose.y:.2f}'
 
 
 def stamp_text(stamp: float) -> str:
-    """A time on the executive's clock: the time of day here, or the seconds of simulated time."""
+    """Return a time on the executive's clock: the time of day here, or the seconds of simulated time."""
     if stamp >= FIRST_WALL_TIME:
         return time.strftime('%H:%M:%S', time.localtime(stamp))
     return f'{stamp:.1f} s'.rjust(8)
 
 
 def command_result_lines(tracked: TrackedCommand) -> list[str]:
-    """What became of a command; continuation lines of the reason are indented."""
+    """Return what became of a command; continuation lines of the reason are indented."""
     name, duration = one_line(tracked.label, LABEL_LENGTH), tracked.duration
     is_stop = tracked.command.kind is CommandKind.STOP
     if tracked.state is CommandState.APPLIED:
@@ -482,7 +486,7 @@ def command_result_lines(tracked: TrackedCommand) -> list[str]:
 
 
 def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
-    """The keys of each machine with type and value; long values are cut."""
+    """Return the keys of each machine with type and value; long values are cut."""
     shown = []
     for scope in scopes:
         shown.append(one_line(scope.path))
@@ -495,7 +499,7 @@ def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
 
 
 def synthesis_lines(made: Synthesis) -> list[str]:
-    """The machine that was made, what was taken for granted, and how it is started; or why there is none."""
+    """Return the machine that was made, what was taken for granted, and how it is started; or why there is none."""
     if not made.behavior:
         return [one_line(line) for line in made.explanation]
     return [
@@ -506,7 +510,7 @@ def synthesis_lines(made: Synthesis) -> list[str]:
 
 
 def places_lines(known: Mapping[str, FramedPose]) -> list[str]:
-    """The named places."""
+    """Return the named places."""
     shown = [
         f'{one_line(name)}  x {place.x:.2f}  y {place.y:.2f}  yaw {place.yaw:.2f}  ({one_line(place.frame)})'
         for name, place in sorted(known.items())

@@ -30,7 +30,7 @@ class Line(str):
     __slots__ = ('tone',)
 
     def __new__(cls, text: str, tone: Tone) -> Line:
-        """The text, and what it is to its reader."""
+        """Return the text, and what it is to its reader."""
         line = super().__new__(cls, text)
         line.tone = tone
         return line
@@ -39,18 +39,18 @@ class Line(str):
 
 
 def tone_of(line: str) -> Tone:
-    """The tone of a line; a text alone is plain."""
+    """Return the tone of a line; a text alone is plain."""
     return line.tone if isinstance(line, Line) else Tone.PLAIN
 
 
 def coloured(line: str, has_colours: bool) -> str:
-    """The line with its tone as a colour, if the terminal has colours."""
+    """Return the line with its tone as a colour, if the terminal has colours."""
     tone = tone_of(line)
     return f'\x1b[{tone.value}m{line}\x1b[0m' if has_colours and tone.value else str(line)
 
 
 def has_colours(stream: TextIO) -> bool:
-    """Whether colours may be written: to a terminal, unless NO_COLOR (no-color.org) is set."""
+    """Return whether colours may be written: to a terminal, unless NO_COLOR (no-color.org) is set."""
     return stream.isatty() and not os.environ.get('NO_COLOR') and os.environ.get('TERM') != 'dumb'
 
 
@@ -128,8 +128,8 @@ _COERCED: Final = frozenset({'C.UTF-8', 'C.utf8', 'UTF-8'})
 
 
 def glyphs() -> Glyphs:
-    """Those of this terminal: ASCII when FLEXBT_ASCII is set, where the locale has no others, and for a terminal of
-    DEC's, which has none either."""
+    """Return those of this terminal: ASCII when FLEXBT_ASCII is set, where the locale has no others, and for a terminal
+    of DEC's, which has none either."""
     given = os.environ.get
     character_type = given('LC_CTYPE', '')
     # Python takes UTF-8 for C, also where somebody has asked for C (PEP 538 and 540).

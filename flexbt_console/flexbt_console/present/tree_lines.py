@@ -28,7 +28,7 @@ SHOWN_SECONDS: Final = 1.0
 
 
 def tree_lines(run: MirroredTree, columns: int, rows: int, signs: Glyphs) -> list[str]:
-    """The tree in at most so many rows of so many cells: a title, then the nodes around those that act.
+    """Return the tree in at most so many rows of so many cells: a title, then the nodes around those that act.
 
     A condition has a question mark behind its name. A node that was halted shows, dimmed, how it had ended before: the
     reason of a failure stays to be seen. All are dim when the server is gone. Where there is no room for all, controls
@@ -59,7 +59,7 @@ def tree_lines(run: MirroredTree, columns: int, rows: int, signs: Glyphs) -> lis
 
 
 def whole_tree_lines(run: MirroredTree, signs: Glyphs) -> list[str]:
-    """The whole tree, however much that is, and behind it what has failed, each with what failed by it."""
+    """Return the whole tree, however much that is, and behind it what has failed, each with what failed by it."""
     shown = [_title(run), *(_node_line(run, node, depth, signs) for node, depth in _in_order(run, lambda node: True))]
     for leaf, *above in chains_of_failures(run):
         by_it = f', and so {", ".join(one_line(node.name) for node in above)}' if above else ''
@@ -68,7 +68,8 @@ def whole_tree_lines(run: MirroredTree, signs: Glyphs) -> list[str]:
 
 
 def chains_of_failures(run: MirroredTree) -> list[list[MirroredNode]]:
-    """Each node that has failed by itself, not by its children, and those above it that have failed, the nearest first.
+    """Return each node that has failed by itself, not by its children, and those above it that have failed, the nearest
+    first.
 
     One that was halted since counts by how it had ended.
     """
@@ -85,7 +86,7 @@ def chains_of_failures(run: MirroredTree) -> list[list[MirroredNode]]:
 
 
 def acting_lines(run: MirroredTree) -> list[str]:
-    """Each leaf that acts, with the time that it has taken and all that has a name around it, the nearest first.
+    """Return each leaf that acts, with the time that it has taken and all that has a name around it, the nearest first.
 
     The one that has acted longest comes first: others that come and go do not move it.
     """
@@ -195,7 +196,7 @@ def _node_line(run: MirroredTree, node: MirroredNode, depth: int, signs: Glyphs)
 
 
 def _cut_line(line: str, columns: int) -> str:
-    """What is deep loses of its indent what its name needs; the rest is cut."""
+    """Return what is deep loses of its indent what its name needs; the rest is cut."""
     text = line.lstrip(' ')
     indent = min(len(line) - len(text), columns // 3)
     return Line(cut(' ' * indent + text, columns), tone_of(line))

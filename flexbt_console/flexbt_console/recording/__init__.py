@@ -14,7 +14,7 @@ __all__ = ['open_recording', 'write_recording']
 
 
 def open_recording(file: Path) -> RunPlayer:
-    """A recording to be shown, see :class:`RunPlayer`. Raises what that raises."""
+    """Return a recording to be shown, see :class:`RunPlayer`. Raises what that raises."""
     from .player import RunPlayer  # it loads ROS, which who only asks for help does without
 
     return RunPlayer(file)

@@ -144,20 +144,21 @@ class RunPlayer:
         self.mirror.receive_scan(shown, SCAN_SECONDS - (self.time - self._times[at]))
 
     def _unpacked(self, place: int) -> Any:
-        """Raises LimitExceededError for a message with too much in it."""
+        """Raise LimitExceededError for a message with too much in it."""
         message = _message(self._messages[place])
         check_limits(message)
         return message
 
     def next_said(self, by: int) -> float:
-        """The time of the next (1) or the last (-1) moment at which the executive said something."""
+        """Return the time of the next (1) or the last (-1) moment at which the executive said something."""
         said = [time for time, one in zip(self._times, self._messages, strict=True) if one.topic in _SAID]
         if by > 0:
             return next((time for time in said if time > self.time), self.duration) + MOMENT
         return next((time for time in reversed(said) if time < self.time - 2.0 * MOMENT), 0.0) + MOMENT
 
     def find(self, text: str) -> float:
-        """The time of the next moment in which something is said that has this text in it, in any case of its letters.
+        """Return the time of the next moment in which something is said that has this text in it, in any case of its
+        letters.
 
         Raises:
             RefusedError: there is none from here on.
@@ -184,7 +185,7 @@ _SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXE
 
 
 def _message(one: Recorded) -> Any:
-    """Raises ValueError for bytes that are no such message."""
+    """Raise ValueError for bytes that are no such message."""
     message_type = resolve_type(one.type).message
     assert message_type is not None  # as for all of TOPICS
     return Received(one.data, len(one.data), b'', 0.0).unpack(message_type)

@@ -184,7 +184,7 @@ def recover_run(file: Path, whole: Path) -> int:
 
 
 def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iterator[Recorded]:
-    """The messages of a file in the order in which they were heard. Where it was cut off or damaged it ends, and
+    """Yield the messages of a file in the order in which they were heard. Where it was cut off or damaged it ends, and
     ``at_damage`` is called.
 
     Raises UsageError when it is no MCAP file, or has a chunk of more than MOST_RECORD bytes.
@@ -216,7 +216,7 @@ def _messages(records: Iterator[object]) -> Iterator[Recorded]:
 
 
 def _unpacked(stream: IO[bytes]) -> Iterator[object]:
-    """The records of a file, those in its chunks, too.
+    """Yield the records of a file, those in its chunks, too.
 
     The size of what is unpacked is bounded: a chunk of some kB may stand for any amount. Raises whatever a damaged file
     leads to.
@@ -246,7 +246,7 @@ def _decompressed(chunk: Chunk) -> bytes:
 
 
 def _sound(records: Iterator[object], at_damage: Callable[[], object]) -> Iterator[object]:
-    """The records up to where the file is damaged, from which any exception may follow."""
+    """Yield the records up to where the file is damaged, from which any exception may follow."""
     try:
         yield from records
     except (OSError, UsageError):

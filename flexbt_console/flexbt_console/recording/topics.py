@@ -71,7 +71,7 @@ _PRIMITIVES: Final = frozenset(
 
 
 def full_definition(type: str) -> str:
-    """The text of a message definition and of all that it consists of, in the encoding ``ros2msg`` of MCAP.
+    """Return the text of a message definition and of all that it consists of, in the encoding ``ros2msg`` of MCAP.
 
     ``type`` is a name such as ``nav_msgs/msg/Path`` of an installed package. Raises OSError or LookupError when its
     definition is not there.
@@ -87,7 +87,8 @@ def full_definition(type: str) -> str:
 
 
 def fields_of(definition: str) -> list[str]:
-    """The lines of a definition that say how its messages are written: all but comments, constants and spaces."""
+    """Return the lines of a definition that say how its messages are written: all but comments, constants and
+    spaces."""
     lines = (' '.join(line.split('#')[0].split()) for line in definition.splitlines())
     return [line for line in lines if line and not _CONSTANT.match(line)]
 

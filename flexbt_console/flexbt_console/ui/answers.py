@@ -118,7 +118,7 @@ def _command(line: CommandLine, view: View, make: CommandBuilder, bound: Bound) 
 
 
 def _bind(line: CommandLine, view: View, bound: Bound) -> CommandLine:
-    """The line with the decision that it answers named in it."""
+    """Return the line with the decision that it answers named in it."""
     assert line.spec is not None and isinstance(line.spec.action, Send)
     answers = line.spec.action.answers
     if answers is None or line.has(DECISION) or answers.names_its_own(line, view):
@@ -151,7 +151,7 @@ def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> 
 
 
 def choose(chosen: str, view: View, make: CommandBuilder, decision: Decision, *, unseen: bool = False) -> Meaning:
-    """The command by which a decision is answered: one of its choices, or the value that it asks for, as text.
+    """Return the command by which a decision is answered: one of its choices, or the value that it asks for, as text.
 
     ``unseen``: the operator was asked, and insists, although what the decision is about was not received.
 
@@ -243,7 +243,7 @@ class ShownDecision:
         return (self._bound, self._hasty) if self._typing else (self._shown, False)
 
     def take(self) -> tuple[str | None, bool]:
-        """What the line, which is finished, is bound to."""
+        """Return what the line, which is finished, is bound to."""
         bound = self.bound
         self._typing = False
         return bound

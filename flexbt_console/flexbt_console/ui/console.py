@@ -118,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _can_show_screen() -> bool:
-    """Whether the library of the screen is installed, and this terminal can place its cursor."""
+    """Return whether the library of the screen is installed, and this terminal can place its cursor."""
     return _is_installed(_INTERACTIVE[Mode.SCREEN]) and os.environ.get('TERM', 'dumb') != 'dumb'
 
 
@@ -172,7 +172,7 @@ def _complete(line: CommandLine) -> ExitCode:
 
 
 def _known_of_robots(typed: ShellLine) -> tuple[View, tuple[str, ...]]:
-    """The picture of the robot that a line is for, or which robots there are, if its name is what is typed."""
+    """Return the picture of the robot that a line is for, or which robots there are, if its name is what is typed."""
     named = {'--namespace': [typed.namespace]} if typed.namespace and not typed.names_robot else {}
     line = CommandLine(None, options={**named, '--observer': []})
 
@@ -360,7 +360,8 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
 
 
 def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, FramedPose]:
-    """The places beside those of the robot, from the first file given: option, environment, parameter of the node."""
+    """Return the places beside those of the robot, from the first file given: option, environment, parameter of the
+    node."""
     file = line.value('--places') or os.environ.get('FLEXBT_PLACES', '')
     if not file:
         node = runtime.node

@@ -166,7 +166,7 @@ def _authority(view: View, operator: str | None) -> list[str]:
 
 
 def _is_held_or_asked_for(view: View, operator: str | None) -> bool:
-    """Whether the authority keeps this operator from commanding, or somebody asks this operator for it."""
+    """Return whether the authority keeps this operator from commanding, or somebody asks this operator for it."""
     snapshot = view.snapshot
     if snapshot is None or operator is None:
         return False
@@ -369,7 +369,7 @@ HOW_KEYS_SEND: Final = (
 
 
 def help_lines() -> list[str]:
-    """The table, for people, and the signs of the decision bar."""
+    """Return the table, for people, and the signs of the decision bar."""
     keys = [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]
     signs = [f'{sign:>6}  {"":<14} {what}' for sign, what in SIGNS]
     return [*keys, '', HOW_KEYS_SEND, '', 'In the bar of the decision:', *signs]

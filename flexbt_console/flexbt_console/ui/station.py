@@ -112,11 +112,11 @@ class SentCommands:
         self._sent[command_id] = _Sent(mirror, self._clock.now())
 
     def __bool__(self) -> bool:
-        """Whether there is a command of which more may be told."""
+        """Return whether there is a command of which more may be told."""
         return bool(self._sent)
 
     def updates(self) -> list[list[str]]:
-        """The lines of each command whose state has changed since the last call, in the order of sending."""
+        """Return the lines of each command whose state has changed since the last call, in the order of sending."""
         updates = []
         for command_id, sent in list(self._sent.items()):
             tracked = sent.mirror.command(command_id)
@@ -212,6 +212,6 @@ class Restarts:
         self._known = ''
 
     def told(self, view: View) -> list[str]:
-        """What is to be told of this view."""
+        """Return what is to be told of this view."""
         before, self._known = self._known, view.snapshot.executive_id if view.snapshot is not None else self._known
         return [RESTARTED] if before not in ('', self._known) else []

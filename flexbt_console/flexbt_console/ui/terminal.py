@@ -134,8 +134,8 @@ LINE_BYTES = 4_000
 
 class _Terminal(io.FileIO):
     def write(self, data: Any) -> int:
-        """Where nothing can be written any more it is lost: an error would end Textual's thread that writes, and who
-        has 30 things to write afterwards waits for that thread for ever."""
+        """Return where nothing can be written any more it is lost: an error would end Textual's thread that writes, and
+        who has 30 things to write afterwards waits for that thread for ever."""
         try:
             return super().write(data)
         except OSError:

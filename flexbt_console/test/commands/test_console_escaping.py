@@ -42,7 +42,7 @@ HOSTILE = st.one_of(
 
 
 def harmless(text: str) -> bool:
-    """Whether a terminal shows exactly these characters."""
+    """Return whether a terminal shows exactly these characters."""
     return all(unicodedata.category(character) not in ('Cc', 'Cf', 'Cs', 'Co', 'Cn', 'Zl', 'Zp') for character in text)
 
 

@@ -61,7 +61,7 @@ def pose_at(x: float, y: float) -> PoseStamped:
 
 
 def subjects(number: int = 2, **values: Any) -> Subjects:
-    """What the decision is about, as it comes over the link."""
+    """Return what the decision is about, as it comes over the link."""
     shown = values or {'path': Path(poses=[pose_at(0.0, 0.0), pose_at(3.0, 4.0)]), 'goal': pose_at(5.0, 4.0)}
     message = DecisionSubjects(executive_id='e', subjects=[subject_message('r-1', number, shown)])
     return subjects_record(message)
@@ -85,7 +85,7 @@ def show(mirror: Mirror, *decisions: Decision, **more: Any) -> None:
 
 
 def told_everywhere(view: View) -> dict[str, str]:
-    """What is told of the decision, by user interface."""
+    """Return what is told of the decision, by user interface."""
     page = parts_of(view, 'ann')['decisions'][0]
     return {
         'line mode': '\n'.join(status_lines(view)),

@@ -27,7 +27,7 @@ ROBOT = View(
 
 
 def completed(text: str, view: View = ROBOT, program: str = 'bash', robots: tuple[str, ...] = ()) -> list[str]:
-    """What Tab makes of the line."""
+    """Return what Tab makes of the line."""
     line = read_line(text)
     return as_typed(shell_words(line, view, robots)[0], line, program) if line is not None else []
 

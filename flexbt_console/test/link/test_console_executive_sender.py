@@ -24,14 +24,14 @@ class Domain:
         self.sender = ExecutiveSender(lambda one: one in self.there, lambda: self.is_silent, lambda: self.now)
 
     def status(self, participant: bytes) -> Succession | None:
-        """What becomes of a status that a participant sends."""
+        """Return what becomes of a status that a participant sends."""
         if not self.sender.has_sent(participant):
             return REFUSED
         self.is_silent = False
         return self.sender.follow(participant)
 
     def late(self, participant: bytes) -> Succession | None:
-        """The same, when the executive has not been heard for too long."""
+        """Return the same, when the executive has not been heard for too long."""
         self.is_silent = True
         return self.status(participant)
 

@@ -68,7 +68,7 @@ def station(namespace: str) -> Iterator[Station]:
 
 @contextmanager
 def recording(file: Path, namespace: str) -> Iterator[ForkedProcess | subprocess.Popen[bytes]]:
-    """A recorder, a process, that hears what is said in a namespace."""
+    """Provide a recorder, a process, that hears what is said in a namespace."""
     words = ['--ros-args', '-r', f'__ns:=/{namespace}', '-p', f'file:={file}']
     arguments = ['-m', 'flexbt_console.recording.recorder', *words]
     loaded = (
@@ -88,7 +88,7 @@ def recording(file: Path, namespace: str) -> Iterator[ForkedProcess | subprocess
 def ready_recorder(
     at: Station, file: Path, namespace: str
 ) -> Iterator[tuple[ForkedProcess | subprocess.Popen[bytes], LivelinessWatch]]:
-    """A recorder that has said that it is ready."""
+    """Provide a recorder that has said that it is ready."""
     token = LivelinessWatch(at.runtime, 'recorder', lambda _alive: None)
     wait_until(lambda: not token.ready, 'end of the recorder before')
     with recording(file, namespace) as process:
@@ -98,17 +98,17 @@ def ready_recorder(
 
 
 def written(file: Path) -> list[Recorded]:
-    """What a recorder has written so far."""
+    """Return what a recorder has written so far."""
     return list(read_run(file)) if file.stat().st_size else []
 
 
 def has_command(id: str, messages: Iterable[Recorded]) -> bool:
-    """Whether a command is among what was recorded."""
+    """Return whether a command is among what was recorded."""
     return any(one.topic == 'executive/command' and id.encode() in one.data for one in messages)
 
 
 def run_recorded(executives: Any, file: Path, namespace: str, end: int) -> Any:
-    """A run of the scripted executive with a decision and its answer; gives the last picture of the console."""
+    """Return a run of the scripted executive with a decision and its answer; gives the last picture of the console."""
     executives(namespace, heartbeat=0.1)
     with station(namespace) as at, ready_recorder(at, file, namespace) as (process, _):
         view = at.wait(lambda view: view.live and view.behaviors)
@@ -387,7 +387,7 @@ def test_of_scans_some_are_recorded_and_none_that_is_huge(tmp_path: Path) -> Non
 
 
 def compressed(file: Path, compression: CompressionType, messages: int, size: int) -> Path:
-    """A file whose one chunk is small, and holds much."""
+    """Return a file whose one chunk is small, and holds much."""
     with file.open('wb') as stream:
         writer = Writer(stream, chunk_size=10**10, compression=compression)
         writer.start(profile='ros2', library='test')

@@ -203,7 +203,7 @@ def test_transforms_of_a_robot_that_stands_are_not_heard_until_something_changes
         x, told_at, reach, sequence = 5.0, 5.0, 2.0, 0
 
         def shows(is_heard: bool) -> bool:
-            """Whether the scan is where it belongs, and whether transforms are heard, too."""
+            """Return whether the scan is where it belongs, and whether transforms are heard, too."""
             nonlocal sequence
             sequence += 1
             mirror.receive_snapshot(

@@ -11,7 +11,7 @@ from flexbt_core.clock.clock import ManualClock
 
 
 def robot(executive: str, *decisions: str) -> View:
-    """What a robot asks."""
+    """Return what a robot asks."""
     asked = tuple(Decision(one, DecisionKind.CHOICE, '/S') for one in decisions)
     return View(LinkState.LIVE, 0.0, snapshot=ExecutiveSnapshot(executive, 0, decisions=asked))
 

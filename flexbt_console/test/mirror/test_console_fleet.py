@@ -85,7 +85,7 @@ def test_a_robot_that_misses_a_heartbeat_needs_nobody_any_more() -> None:
 
 
 def watch(snapshots: list[ExecutiveSnapshot]) -> list[bool]:
-    """Whether there is an alarm after each of them, one second apart."""
+    """Return whether there is an alarm after each of them, one second apart."""
     watched, alarms = UnexpectedMotionDetector(), []
     for second, snapshot in enumerate(snapshots):
         watched.receive(dataclasses.replace(snapshot, stamp=100.0 + second))

@@ -156,7 +156,7 @@ def test_each_field_of_a_message_is_mirrored_or_left_out_for_a_reason(record: An
 
 
 def constants_of(message: Any) -> dict[str, int]:
-    """The numbers among the constants of a message, by their names."""
+    """Return the numbers among the constants of a message, by their names."""
     return {
         name: value
         for name in dir(type(message))
@@ -180,7 +180,7 @@ def test_levels_and_liveness_are_those_of_the_engine_and_of_the_action() -> None
 
 
 def filled(message: Any, numbers: Any) -> Any:
-    """The message with every field other than its default, in all that it consists of."""
+    """Return the message with every field other than its default, in all that it consists of."""
     for name, type in message.get_fields_and_field_types().items():
         value = getattr(message, name)
         if hasattr(value, 'get_fields_and_field_types'):
@@ -194,7 +194,7 @@ def filled(message: Any, numbers: Any) -> Any:
 
 
 def element(type: str, numbers: Any) -> Any:
-    """A value of a type."""
+    """Return a value of a type."""
     if type.startswith('string'):
         return f'text {next(numbers)}'
     if type == 'boolean':
@@ -207,7 +207,7 @@ def element(type: str, numbers: Any) -> Any:
 
 
 def values(record: Any) -> list[tuple[str, Any]]:
-    """The fields of a record, and of the records in it, by their names."""
+    """Return the fields of a record, and of the records in it, by their names."""
     found = []
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)

@@ -80,7 +80,7 @@ def test_statuses_of_nodes_that_are_not_known_yet_are_shown_on_no_others() -> No
 
 
 def names(run: MirroredTree, rows: int) -> list[str]:
-    """The nodes on the screen: their names, in their order."""
+    """Return the nodes on the screen: their names, in their order."""
     return [re.sub(r' +[A-Z]+$|  \d+ s$', '', line.lstrip(' >?*x+-.')) for line in tree_lines(run, 80, rows, ASCII)[1:]]
 
 

@@ -50,7 +50,8 @@ class SeenRobot(NullRobot):
 
 
 def robot(run_id: str = 't', **around: Any) -> SeenRobot:
-    """A robot whose tree has recovered from a plan that failed, in a room of 4 x 2 m with a wall along its middle."""
+    """Return a robot whose tree has recovered from a plan that failed, in a room of 4 x 2 m with a wall along its
+    middle."""
     trees = Trees()
     trees.receive_structure('t', 'Errand', NODES, 1.0)
     changes = [StatusChange(2.0, uid, FAILURE) for uid in (3, 2)] + [StatusChange(3.0, uid, IDLE) for uid in (2, 3)]
@@ -67,7 +68,7 @@ def robot(run_id: str = 't', **around: Any) -> SeenRobot:
 
 
 def shown(seen: SeenRobot, *words: str) -> ShownAnswer:
-    """The answer of a command."""
+    """Return the answer of a command."""
     line = parse(words)
     check(line)
     assert line.spec is not None and isinstance(line.spec.action, Ask)

@@ -34,7 +34,7 @@ from flexbt_msgs.msg import ActiveState, ExecutiveLog, ExecutiveStatus, TreeNode
 
 
 def recording(file: Path) -> Path:
-    """A run of ten states, each for a second, in a room; for six seconds the lidar meets something 1 m ahead."""
+    """Return a run of ten states, each for a second, in a room; for six seconds the lidar meets something 1 m ahead."""
     said: list[tuple[float, str, Any]] = []
     for second in range(11):
         status = ExecutiveStatus(

@@ -163,7 +163,7 @@ class Robot:
         self.show()
 
     def station(self) -> Station:
-        """The robot as its operator has it."""
+        """Return the robot as its operator has it."""
         make = CommandBuilder(self.operator)
         return Station(self.mirror, self.link, make, 5.0, Attention(self.clock), 'stays', self.page)
 
@@ -241,7 +241,7 @@ async def seen(robot: Robot, pilot: Pilot[None]) -> None:
 
 
 def text_of(app: OperatorScreen) -> str:
-    """What is on the screen, without colours."""
+    """Return what is on the screen, without colours."""
     return '\n'.join(''.join(segment.text for segment in line) for line in app.screen._compositor.render_strips())
 
 
@@ -1456,7 +1456,7 @@ class Terminal:
         return '\n'.join(''.join(self.rows[row][column] for column in sorted(self.rows[row])) for row in self.rows)
 
     def shows(self, pane: Pane) -> bool:
-        """Whether it has the text that was given to a pane, at its place."""
+        """Return whether it has the text that was given to a pane, at its place."""
         left, top, width, height = pane.content_region
         given = [*pane._text.plain.split('\n'), *[''] * height][:height]
         columns = range(left + 1, left + 1 + width)
@@ -1775,7 +1775,7 @@ def test_each_key_of_the_footer_does_something_when_it_is_bold_and_says_why_not_
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         async def begin() -> dict[str, bool]:
-            """What is bold in the footer, and what is not."""
+            """Return what is bold in the footer, and what is not."""
             await pilot.press(*before)
             await seen(robots.robots[own], pilot)
             text = app.query_one('#keys', Pane)._text

@@ -20,7 +20,7 @@ KNOWN = ('KITTY_WINDOW_ID', 'WEZTERM_PANE', 'KONSOLE_VERSION', 'ITERM_SESSION_ID
 
 
 def written(attributes: bytes, environment: dict[str, str], columns: int = 80) -> bytes:
-    """What a program that looks for images writes to a terminal that answers DA1 with these attributes."""
+    """Return what a program that looks for images writes to a terminal that answers DA1 with these attributes."""
     terminal, other = os.openpty()
     fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', 24, columns, 10 * columns, 480))
     given = {name: value for name, value in os.environ.items() if name not in KNOWN} | environment

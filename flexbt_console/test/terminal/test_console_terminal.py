@@ -60,7 +60,7 @@ class Terminal:
         self._fd = -1
 
     def threads(self) -> int:
-        """How many threads the console has, those of the middleware left out, which have names."""
+        """Return how many threads the console has, those of the middleware left out, which have names."""
         process = Path('/proc', str(self.pid))
         names = [(thread / 'comm').read_text() for thread in process.glob('task/*')]
         return names.count((process / 'comm').read_text())

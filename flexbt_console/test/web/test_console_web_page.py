@@ -66,7 +66,7 @@ class Browser:
         return wait_until(done, lambda: self.driver.find_element(By.TAG_NAME, 'body').text, DEADLINE)
 
     def text(self, id: str) -> str:
-        """What is read at an element."""
+        """Return what is read at an element."""
         return str(self.driver.execute_script('return document.getElementById(arguments[0]).innerText', id))
 
     def until_text(self, id: str, text: str) -> None:

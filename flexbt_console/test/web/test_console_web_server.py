@@ -69,7 +69,7 @@ class Page:
         return self.told[-1]
 
     async def closed(self) -> int | None:
-        """The code with which the server closes the connection."""
+        """Return the code with which the server closes the connection."""
         async with asyncio.timeout(DEADLINE):
             while (await self.socket.receive()).type not in (WSMsgType.CLOSE, WSMsgType.CLOSED, WSMsgType.CLOSING):
                 pass

@@ -146,7 +146,7 @@ class WebRobot(NullRobot):
         return [command.kind for command in self.sent]
 
     def station(self, obstacles: Any = None) -> PageStation:
-        """What its page needs."""
+        """Return what its page needs."""
         return PageStation(self.mirror, self, CommandBuilder('ann'), 5.0, Attention(self.clock), obstacles=obstacles)
 
 
@@ -180,7 +180,7 @@ class WebRobots:
         self.opened.remove(name)
 
     def station(self, mirror: Mirror, link: RobotCommands) -> PageStation:
-        """What the page of one needs."""
+        """Return what the page of one needs."""
         known = (one for one in self.stations.values() if one.mirror is mirror)
         return next(known, PageStation(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock())))
 
@@ -189,7 +189,7 @@ class WebRobots:
 def served(
     stations: Mapping[str, PageStation] | WebRobots, access: Access | None = None, port: int = 0
 ) -> Iterator[int]:
-    """The server of these robots on a thread of its own, for the time of the context; gives its port."""
+    """Provide the server of these robots on a thread of its own, for the time of the context; gives its port."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()

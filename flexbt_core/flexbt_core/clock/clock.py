@@ -27,7 +27,7 @@ class Timer(Protocol):
     """A callback that is due at some time."""
 
     def cancel(self) -> None:
-        """Makes sure that the callback is not started any more. Harmless when it has run or was cancelled."""
+        """Make sure that the callback is not started any more. Harmless when it has run or was cancelled."""
 
 
 class Clock(Protocol):
@@ -37,7 +37,7 @@ class Clock(Protocol):
         """Time in seconds."""
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """Calls ``callback`` once, at or after ``when`` (also when that is past already); thread-safe.
+        """Call ``callback`` once, at or after ``when`` (also when that is past already); thread-safe.
 
         The callback runs on the clock's own thread: it has to be short and thread-safe.
         """
@@ -74,7 +74,7 @@ class ManualClock:
             return self._timers.earliest()
 
     def advance(self, seconds: float) -> None:
-        """Goes on by ``seconds``, calling what becomes due in the order of time, each at its own time.
+        """Go on by ``seconds``, calling what becomes due in the order of time, each at its own time.
 
         Callbacks may set further timers; those that are due within the same step are called in it.
         """
@@ -83,7 +83,7 @@ class ManualClock:
         self.set(self._now + seconds)
 
     def set(self, now: float) -> None:
-        """Goes to the time ``now``: forth as :meth:`advance`, or back, as simulated time does at a reset."""
+        """Go to the time ``now``: forth as :meth:`advance`, or back, as simulated time does at a reset."""
         while True:
             with self._lock:
                 due = self._timers.take(now)
@@ -154,7 +154,7 @@ class SteadyClock:
         return when - time.monotonic()
 
     def close(self) -> None:
-        """Drops all timers and ends the thread. May be called twice, and from a callback."""
+        """Drop all timers and ends the thread. May be called twice, and from a callback."""
         with self._condition:
             self._closed = True
             self._timers.clear()
@@ -220,7 +220,7 @@ class TimerQueue:
         self._limit = _FEW
 
     def __len__(self) -> int:
-        """How many are kept, including cancelled ones."""
+        """Return how many are kept, including cancelled ones."""
         return len(self._heap)
 
     def add(self, when: float, callback: Callable[[], None]) -> QueuedTimer:
@@ -240,17 +240,17 @@ class TimerQueue:
         return timer
 
     def is_first(self, timer: QueuedTimer) -> bool:
-        """Whether nothing is due before this timer."""
+        """Return whether nothing is due before this timer."""
         return self._heap[0] is timer
 
     def earliest(self) -> float | None:
-        """The time of the first timer, or None."""
+        """Return the time of the first timer, or None."""
         while self._heap and self._heap[0].callback is None:
             heapq.heappop(self._heap)
         return self._heap[0].when if self._heap else None
 
     def take(self, now: float) -> tuple[float, Callable[[], None]] | None:
-        """The first timer that is due at ``now``: its time, and what is to be called."""
+        """Return the first timer that is due at ``now``: its time, and what is to be called."""
         while self._heap and self._heap[0].when <= now:
             timer = heapq.heappop(self._heap)
             callback, timer.callback = timer.callback, None

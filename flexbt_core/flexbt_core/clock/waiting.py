@@ -77,7 +77,7 @@ class CoalescedTimers:
         return min((timer.latest for timer in self._timers), default=math.inf)
 
     def take_due(self, now: float) -> list[Callable[[], object]]:
-        """What may be called at ``now``, in the order of adding; it is not here any more."""
+        """Return what may be called at ``now``, in the order of adding; it is not here any more."""
         due = [timer.callback for timer in self._timers if timer.earliest <= now]
         if due:
             self._timers = [timer for timer in self._timers if timer.earliest > now]

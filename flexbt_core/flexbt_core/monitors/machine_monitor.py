@@ -20,7 +20,7 @@ Resources = Mapping[str, frozenset[str]]
 
 
 def declared_resources(machine: MachineDefinition) -> Resources:
-    """What the skills of the states of a machine declare."""
+    """Return what the skills of the states of a machine declare."""
     states = (node for node in machine.nodes() if isinstance(node, StateDefinition))
     return {one.path: found for one in states if (found := frozenset(state_skill(one.state).resources))}
 
@@ -166,7 +166,7 @@ class Visits:
         self._at = dict.fromkeys(paths, _EXITED)
 
     def entered(self, path: str) -> Violation | None:
-        """A state is entered."""
+        """Return a state is entered."""
         at = self._at
         was = at.get(path)
         at[path] = _ENTERED
@@ -180,7 +180,7 @@ class Visits:
         return None if was == _ENTERED else _wrong(path, f'{path} was left without having been entered')
 
     def passed_on(self, path: str) -> Violation | None:
-        """What follows a state comes next."""
+        """Return what follows a state comes next."""
         at = self._at
         was = at.get(path)
         if was is None:  # a machine has no callbacks
@@ -229,7 +229,7 @@ class Approvals:
         self._asked[decision.path] = decision
 
     def confirmed(self, decision_id: str) -> Violation | None:
-        """The operator has confirmed a request."""
+        """Return the operator has confirmed a request."""
         for path, decision in self._asked.items():
             if decision.id == decision_id:
                 self._given[path] = decision.outcome
@@ -243,7 +243,7 @@ class Approvals:
         self._asked.pop(path, None)
 
     def leaves(self, path: str, outcome: str, may_pass: bool) -> Violation | None:
-        """A state or machine is left by an outcome, which ``may_pass`` without the operator, or may not."""
+        """Return a state or machine is left by an outcome, which ``may_pass`` without the operator, or may not."""
         asked = self._asked.pop(path, None) if self._asked else None
         given = self._given.pop(path, None) if self._given else None
         if self._given or self._asked:  # what is in it is left, too

@@ -27,12 +27,12 @@ class Monitoring:
     requirements: Mapping[str, tuple[StatedRequirement, ...]] = field(default_factory=dict)
 
     def requirements_of(self, name: str) -> tuple[Requirement, ...]:
-        """Those that can be watched in a run."""
+        """Return those that can be watched in a run."""
         stated = (one.requirement for one in self.requirements.get(name, ()))
         return tuple(one for one in stated if not isinstance(one, PROVED_ONLY))
 
     def problems_of(self, name: str, known: Vocabulary) -> list[str]:
-        """What is required of that is not there, which nothing can watch."""
+        """Return what is required of that is not there, which nothing can watch."""
         return problems_with(self.requirements.get(name, ()), known, name)
 
 
@@ -54,6 +54,6 @@ class Findings:
 
 
 def violation_text(violation: Violation) -> str:
-    """A violation for operators."""
+    """Return a violation for operators."""
     rule = '' if violation.property is Property.REQUIREMENT else f' (it should be: {violation.property.value})'
     return f'monitor: {violation.text}{rule}'

@@ -77,7 +77,7 @@ def shared_keys(writers: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]
 
 
 def _shared(claims: Iterable[tuple[str, Iterable[str]]]) -> list[tuple[str, list[str]]]:
-    """What several claim, with their paths."""
+    """Return what several claim, with their paths."""
     found: dict[str, list[str]] = {}
     for path, things in claims:
         for thing in things:

@@ -213,8 +213,8 @@ def machine_vocabulary(machine: MachineDefinition) -> Vocabulary:
 
 
 def machine_parts(machine: MachineDefinition) -> NodesOrStates:
-    """What the machine is made of: its states and machines, with the keys that theirs stand for and what states were
-    made with, such as their ``tree``; and the transitions, ``/Path > outcome``, with the ``autonomy`` that they
+    """Return what the machine is made of: its states and machines, with the keys that theirs stand for and what states
+    were made with, such as their ``tree``; and the transitions, ``/Path > outcome``, with the ``autonomy`` that they
     require."""
     found: dict[str, list[NodeOrState]] = {}
     for node in machine.nodes():
@@ -253,7 +253,7 @@ def tree_vocabulary(leaves: Iterable[tuple[str, bool]], parts: NodesOrStates) ->
 
 
 def problems_with(stated: Iterable[StatedRequirement], known: Vocabulary, what: str) -> list[str]:
-    """Where requirements are about what ``what`` does not have, each with its place."""
+    """Return where requirements are about what ``what`` does not have, each with its place."""
     return [f'{one.place}: "{one.requirement}": {text}' for one in stated for text in _unknown(one, known, what)]
 
 

@@ -288,7 +288,7 @@ class Requirements:
             self.due = {one: due + passed for one, due in self.due.items()}
 
     def next_due(self) -> float | None:
-        """When something is overdue at the earliest."""
+        """Return when something is overdue at the earliest."""
         return min(self.due.values(), default=None) if self.due and self.paused_at is None else None
 
     def ended(self) -> None:
@@ -346,7 +346,7 @@ class Requirements:
 
 
 def _events(one: Requirement) -> set[str]:
-    """What a requirement wants to hear of."""
+    """Return what a requirement wants to hear of."""
     if isinstance(one, Never | AtMost | After | Possible):
         return {one.event}
     if isinstance(one, Before):
@@ -355,7 +355,7 @@ def _events(one: Requirement) -> set[str]:
 
 
 def _otherwise(one: IsA | Has, parts: Sequence[NodeOrState]) -> Iterator[str]:
-    """What parts of one name are that they should not be.
+    """Yield what parts of one name are that they should not be.
 
     Leaves without a name are called by their type, and a control, decorator or sub-tree may have that as its name: a
     type is that of the latter, and ports are those of whichever has them, and of all that are of its type.
@@ -387,7 +387,7 @@ def violation_of(requirement: Requirement, where: str, what: str) -> Violation:
 
 
 def _counting(times: tuple[float, ...], now: float) -> tuple[float, ...]:
-    """Which of these are to come, beyond what rounding makes of one that is now."""
+    """Return which of these are to come, beyond what rounding makes of one that is now."""
     return tuple(time for time in times if time > now + _ROUNDING)
 
 

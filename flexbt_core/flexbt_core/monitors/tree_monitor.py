@@ -68,7 +68,7 @@ class TreeMonitor:
     # -- for whoever makes and ticks the tree ------------------------------------------------------------------------
 
     def watched(self, definition: NodeDefinition, path: str) -> NodeDefinition:
-        """What is made in the place of a node: see ``substitute`` of :class:`Tree`."""
+        """Return what is made in the place of a node: see ``substitute`` of :class:`Tree`."""
         manifest = definition.manifest
         alias = self._alias(definition.tree_id or manifest.id, definition.name, path)
         if definition.tree_id is not None or not issubclass(manifest.node_class, LeafNode):

@@ -47,7 +47,7 @@ class GroundProblem:
 
 
 def ground(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Literal]) -> GroundProblem:
-    """The planning problem of a library with its objects.
+    """Return the planning problem of a library with its objects.
 
     What ``start`` does not name does not hold. There is an action for each way to bind the parameters of a skill for
     which preconditions that nothing changes hold, and for each of its outcomes that is completed and has an effect.
@@ -115,7 +115,7 @@ class Grounding:
         return literal.predicate not in self._changed
 
     def _holds(self, literal: Literal) -> bool:
-        """Whether a literal of objects holds that nothing changes."""
+        """Return whether a literal of objects holds that nothing changes."""
         if literal.predicate == EQUAL:
             return (literal.arguments[0] == literal.arguments[1]) is literal.positive
         return (literal.atom in self._start) is literal.positive
@@ -148,11 +148,11 @@ class Grounding:
                 )
 
     def conditions(self, skill: Skill, binding: Mapping[str, str]) -> set[Literal]:
-        """What has to hold before, of what skills change."""
+        """Return what has to hold before, of what skills change."""
         return {one.bound(binding) for one in skill.preconditions if not self._is_fixed(one)}
 
     def effects(self, outcome: Outcome, binding: Mapping[str, str]) -> set[Literal]:
-        """What holds afterwards, and what does not any more: also what cannot hold together with that."""
+        """Return what holds afterwards, and what does not any more: also what cannot hold together with that."""
         effects = {one.bound(binding) for one in outcome.effects}
         true = {one for one in effects if one.positive}
         false = effects - true
@@ -161,13 +161,13 @@ class Grounding:
         return true | (false - {~one for one in true})
 
     def _atoms_of(self, effects: set[Literal], *, added: bool) -> frozenset[str]:
-        """What effects make true, or false: atoms, and those that stand for a literal with ``not``."""
+        """Return what effects make true, or false: atoms, and those that stand for a literal with ``not``."""
         plain = {self._text(one) for one in effects if one.positive is added}
         opposite = {str(~one.atom) for one in effects if one.positive is not added and one.predicate in self._negated}
         return frozenset(plain | opposite)
 
     def _text(self, literal: Literal) -> str:
-        """The atom of a literal, as text."""
+        """Return the atom of a literal, as text."""
         found = self._texts.get(literal)
         if found is None:
             found = self._texts[literal] = str(literal.atom)
@@ -203,7 +203,7 @@ class Grounding:
         binding: dict[str, str] = {}
 
         def bind(bound: int) -> Iterator[dict[str, str]]:
-            """The ways to go on when the first ``bound`` parameters have objects."""
+            """Yield the ways to go on when the first ``bound`` parameters have objects."""
             nonlocal tried
             tried += 1
             if tried > MAX_TRIED:
@@ -231,7 +231,7 @@ def _too_many(skill: Skill) -> str:
 
 
 def argument_texts(skill: Skill, binding: Mapping[str, str], declared: Collection[str] = ()) -> dict[str, str]:
-    """How ports or parameters are given for these objects.
+    """Return how ports or parameters are given for these objects.
 
     ``declared`` are the ports that there are; none: they are not known. A parameter of the skill that is none of them
     matters to the literals alone, unless ``arguments`` speak of it.

@@ -52,7 +52,8 @@ class SkillLibrary(Immutable):
         types: Mapping[str, str] | None = None,
         objects: Mapping[str, str] | None = None,
     ) -> SkillLibrary:
-        """A library of skills, with the predicates that are declared along with them and those that are given."""
+        """Return a library of skills, with the predicates that are declared along with them and those that are
+        given."""
         library, problems = cls.joined(skills, predicates, types=types, objects=objects)
         if problems:
             raise SkillError(f'{" ".join(at)}: {text}' for at, text in problems)
@@ -67,7 +68,7 @@ class SkillLibrary(Immutable):
         types: Mapping[str, str] | None = None,
         objects: Mapping[str, str] | None = None,
     ) -> tuple[SkillLibrary, list[tuple[At, str]]]:
-        """The library, and what is wrong with it."""
+        """Return the library, and what is wrong with it."""
         by_name: dict[str, Skill] = {}
         known: dict[str, Predicate] = {}
         problems: list[tuple[At, str]] = []
@@ -86,7 +87,7 @@ class SkillLibrary(Immutable):
         return library, problems
 
     def is_kind_of(self, type: str, wanted: str) -> bool:
-        """Whether what has ``type`` has the type ``wanted``, too."""
+        """Return whether what has ``type`` has the type ``wanted``, too."""
         seen: set[str] = set()
         while type not in seen:
             if wanted in (type, ANYTHING):
@@ -96,13 +97,13 @@ class SkillLibrary(Immutable):
         return False
 
     def objects_of(self, type: str) -> list[str]:
-        """The objects of a type, in their order."""
+        """Return the objects of a type, in their order."""
         return [name for name, own in self.objects.items() if self.is_kind_of(own, type)]
 
     # -- what is wrong -----------------------------------------------------------------------------------------------
 
     def problems(self) -> Iterator[tuple[At, str]]:
-        """What is wrong: where, and what."""
+        """Yield what is wrong: where, and what."""
         known = {ANYTHING, *self.types, *self.types.values()}
         known |= {kind for predicate in self.predicates.values() for kind in predicate.parameters.values()}
         yield from self._of_types()
@@ -173,7 +174,7 @@ class SkillLibrary(Immutable):
                 )
 
     def problems_of(self, literal: Literal, parameters: Mapping[str, str] = MappingProxyType({})) -> Iterator[str]:
-        """What is wrong with a literal of objects, and of these parameters with their types."""
+        """Yield what is wrong with a literal of objects, and of these parameters with their types."""
         if literal.predicate == EQUAL:
             wanted: list[str] = [ANYTHING, ANYTHING]
         elif literal.predicate in self.predicates:
@@ -196,7 +197,7 @@ class SkillLibrary(Immutable):
 
 
 def clashes(library: SkillLibrary, literals: Iterable[Literal]) -> Iterator[tuple[Literal, Literal]]:
-    """Those that cannot hold at once, since their predicate is exclusive in a parameter."""
+    """Yield those that cannot hold at once, since their predicate is exclusive in a parameter."""
     first: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Literal] = {}
     for one in literals:
         predicate = library.predicates.get(one.predicate)

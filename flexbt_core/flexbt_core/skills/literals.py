@@ -36,12 +36,12 @@ _LONGEST: Final = 1000
 
 
 def is_name(text: str) -> bool:
-    """Whether predicates, types, parameters and outcomes can be called so."""
+    """Return whether predicates, types, parameters and outcomes can be called so."""
     return len(text) <= _LONGEST and re.fullmatch(_NAME, text) is not None
 
 
 def is_object(text: str) -> bool:
-    """Whether an object can be called so."""
+    """Return whether an object can be called so."""
     return len(text) <= _LONGEST and re.fullmatch(_TERM, text) is not None
 
 
@@ -65,7 +65,7 @@ class Literal:
         return Literal(self.predicate, self.arguments, not self.positive)
 
     def bound(self, binding: Mapping[str, str]) -> Literal:
-        """The literal with objects in the place of parameters; a name that is not in ``binding`` stays."""
+        """Return the literal with objects in the place of parameters; a name that is not in ``binding`` stays."""
         return Literal(self.predicate, tuple(binding.get(one, one) for one in self.arguments), self.positive)
 
     def __str__(self) -> str:
@@ -76,7 +76,7 @@ class Literal:
 
 
 def parse_literal(text: str) -> Literal:
-    """The literal that a text means.
+    """Return the literal that a text means.
 
     Raises:
         SkillError: it is none.
@@ -181,11 +181,11 @@ class Predicate(Immutable):
         object.__setattr__(self, 'parameters', MappingProxyType(dict(self.parameters)))
 
     def __call__(self, *arguments: str) -> Literal:
-        """The predicate of these arguments."""
+        """Return the predicate of these arguments."""
         return Literal(self.name, arguments)
 
     def problems(self) -> list[str]:
-        """What is wrong with it, taken by itself."""
+        """Return what is wrong with it, taken by itself."""
         found = []
         if not is_name(self.name) or self.name == 'not':
             found.append(f'{short_repr(self.name)} cannot name a predicate: letters, digits and _, a letter first')

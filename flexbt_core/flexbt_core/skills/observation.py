@@ -19,8 +19,8 @@ _UNSUCCESSFUL = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT)
 
 
 def claims(skill: Skill) -> dict[str, Any]:
-    """What a skill says that a run may contradict, as plain data; empty when there is nothing. Of parameters that are
-    not bound nothing is known."""
+    """Return what a skill says that a run may contradict, as plain data; empty when there is nothing. Of parameters
+    that are not bound nothing is known."""
     unbound = set(skill.parameters)
     needs = [str(one) for one in skill.preconditions if unbound.isdisjoint(one.arguments)]
     outcomes = {
@@ -78,7 +78,7 @@ class SkillMonitor:
         self._active: set[str] = set()
 
     def began(self, path: str) -> list[str]:
-        """A state is entered: what contradicts its skill, as lines for people."""
+        """Return a state is entered: what contradicts its skill, as lines for people."""
         skill = self._skills.get(path)
         if skill is None:
             return []
@@ -91,7 +91,8 @@ class SkillMonitor:
         return found
 
     def ended(self, path: str, outcome: str, *, by_itself: bool = True) -> list[str]:
-        """A state was left: what contradicts skills. What an operator has forced shows nothing, and is not believed."""
+        """Return a state was left: what contradicts skills. What an operator has forced shows nothing, and is not
+        believed."""
         skill = self._skills.get(path)
         if skill is None:
             return []
@@ -117,7 +118,7 @@ class SkillMonitor:
         return [*found, *self._attempts(path, skill, told)]
 
     def _ended_by(self, effect: Literal) -> Iterator[Literal]:
-        """What was known to hold, and cannot hold together with an effect."""
+        """Yield what was known to hold, and cannot hold together with an effect."""
         place = self._exclusive.get(effect.predicate)
         if effect.positive and place is not None:
             for atom in list(self._facts):

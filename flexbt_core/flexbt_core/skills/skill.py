@@ -46,7 +46,7 @@ _CLASSES: Final = {name: kind for kind, names in _NAMES.items() for name in name
 
 
 def usual_outcome_class(outcome: str) -> OutcomeClass | None:
-    """The class of an outcome by its name, where that is a usual one."""
+    """Return the class of an outcome by its name, where that is a usual one."""
     return _CLASSES.get(outcome)
 
 
@@ -64,7 +64,7 @@ class Outcome:
 
     @classmethod
     def of(cls, kind: OutcomeClass | str | None, *effects: str | Literal, autonomy: str | int | None = None) -> Outcome:
-        """An outcome of texts.
+        """Return an outcome of texts.
 
         Raises:
             SkillError: an unknown class or level, or an effect that is no literal.
@@ -77,7 +77,7 @@ class Outcome:
 
 
 def outcome_class(name: str) -> OutcomeClass:
-    """The class of this name. Raises SkillError."""
+    """Return the class of this name. Raises SkillError."""
     try:
         return OutcomeClass(name)
     except ValueError:
@@ -86,7 +86,7 @@ def outcome_class(name: str) -> OutcomeClass:
 
 
 def level(name: str) -> int:
-    """The level of autonomy of this name. Raises SkillError."""
+    """Return the level of autonomy of this name. Raises SkillError."""
     if name.lower() not in LEVELS:
         raise SkillError([f'{short_repr(name)} is no level of autonomy; there are {", ".join(LEVELS)}'])
     return LEVELS.index(name.lower())
@@ -161,7 +161,7 @@ class Skill(Immutable):
         arguments: Mapping[str, str] | None = None,
         predicates: Iterable[Predicate] = (),
     ) -> Skill:
-        """A skill as a class declares it, of texts.
+        """Return a skill as a class declares it, of texts.
 
         An outcome is the name of its class, or a list of effects; then its class is the one that its name suggests.
 
@@ -186,7 +186,8 @@ class Skill(Immutable):
     def completed_by(
         self, name: str, outcomes: Mapping[str, Outcome], reads: Iterable[str] = (), writes: Iterable[str] = ()
     ) -> Skill:
-        """The skill with what its class tells: the name, the ``outcomes`` of which it does not speak, and its keys."""
+        """Return the skill with what its class tells: the name, the ``outcomes`` of which it does not speak, and its
+        keys."""
         return replace(
             self,
             name=name or self.name,
@@ -197,7 +198,7 @@ class Skill(Immutable):
 
     @classmethod
     def measuring(cls, predicate: Predicate) -> Skill:
-        """The skill of a condition that tells whether a predicate of its parameters holds."""
+        """Return the skill of a condition that tells whether a predicate of its parameters holds."""
         atom = predicate(*predicate.parameters)
         outcomes = {
             'SUCCESS': Outcome(OutcomeClass.ANSWERED, (atom,)),
@@ -206,15 +207,15 @@ class Skill(Immutable):
         return cls.of(parameters=predicate.parameters, outcomes=outcomes, predicates=[predicate])
 
     def within(self, deadline: float | None) -> Skill:
-        """The skill, of which an attempt is given up after this time, s; None: never."""
+        """Return the skill, of which an attempt is given up after this time, s; None: never."""
         return replace(self, deadline=deadline)
 
     def lasting(self, least: float, most: float | None) -> Skill:
-        """The skill, of which an attempt takes this long, s."""
+        """Return the skill, of which an attempt takes this long, s."""
         return replace(self, duration=(least, most))
 
     def bound(self, **binding: str) -> Skill:
-        """The skill of which some parameters are known: a state calls it with what it was made with.
+        """Return the skill of which some parameters are known: a state calls it with what it was made with.
 
         Raises:
             SkillError: it has no such parameter.
@@ -235,7 +236,7 @@ class Skill(Immutable):
         )
 
     def problems(self) -> list[tuple[tuple[str, ...], str]]:
-        """What is wrong with it, taken by itself: where in the manifest, and what."""
+        """Return what is wrong with it, taken by itself: where in the manifest, and what."""
         found: list[tuple[tuple[str, ...], str]] = []
         if not (math.isfinite(self.cost) and self.cost >= 0.0):
             found.append((('cost',), f'{short_repr(self.cost)} has to be a number from 0 on'))
@@ -261,7 +262,7 @@ class Skill(Immutable):
 
 
 def _contradictions(literals: Iterable[Literal]) -> list[Literal]:
-    """The atoms that are to hold, and not to."""
+    """Return the atoms that are to hold, and not to."""
     said = set(literals)
     return sorted((one for one in said if one.positive and ~one in said), key=str)
 

@@ -56,7 +56,7 @@ _SENSORS: Final = {'condition': ('ports',), 'topic': ('type', 'test'), 'blackboa
 
 
 def read_skills(text: str, source: str = '<text>', base: SkillLibrary | None = None) -> SkillLibrary:
-    """The library that a text describes, with all that ``base`` has.
+    """Return the library that a text describes, with all that ``base`` has.
 
     Of a skill that ``base`` has, the text replaces what it names, and cannot speak of outcomes that the class does not
     have. A predicate that the text declares otherwise than ``base`` is another one: skills of ``base`` of which the
@@ -180,7 +180,7 @@ class _Reader(YamlParts):
     # -- the parts of a manifest -------------------------------------------------------------------------------------
 
     def literals(self, node: yaml.Node, what: str) -> tuple[Literal, ...]:
-        """A list of literals."""
+        """Return a list of literals."""
         found = (self._told(one, partial(self._literal, one, what), what) for one in self.sequence(node, what))
         return tuple(one for one in found if one is not None)
 
@@ -188,7 +188,7 @@ class _Reader(YamlParts):
         return parse_literal(self.name(node, what))
 
     def number(self, node: yaml.Node, what: str) -> float | None:
-        """A number."""
+        """Return a number."""
         value = self.value(node, what)
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.problem(node, f'{what} has to be a number, not {short_repr(value)}')
@@ -200,7 +200,7 @@ class _Reader(YamlParts):
             return None
 
     def count(self, node: yaml.Node, what: str) -> int | None:
-        """A whole number."""
+        """Return a whole number."""
         number = self.number(node, what)
         if number is not None and not number.is_integer():
             self.problem(node, f'{what} has to be a whole number, not {number}')
@@ -208,7 +208,7 @@ class _Reader(YamlParts):
         return None if number is None else int(number)
 
     def truth(self, node: yaml.Node, what: str) -> bool | None:
-        """Whether something is so."""
+        """Return whether something is so."""
         value = self.value(node, what)
         if not isinstance(value, bool):
             self.problem(node, f'{what} has to be true or false, not {short_repr(value)}')
@@ -216,7 +216,7 @@ class _Reader(YamlParts):
         return value
 
     def span(self, node: yaml.Node, what: str) -> tuple[float, float | None] | None:
-        """A least and a greatest time; the greatest may be left out."""
+        """Return a least and a greatest time; the greatest may be left out."""
         parts = self.sequence(node, what)
         numbers = [self.number(one, what) for one in parts]
         if len(numbers) not in (1, 2):
@@ -265,7 +265,8 @@ _FIELDS: Final[dict[str, Any]] = {
 
 
 def _without(base: SkillLibrary, names: Collection[str]) -> dict[str, Skill]:
-    """The skills of a library, without what they say by predicates of these names: the text means others by them."""
+    """Return the skills of a library, without what they say by predicates of these names: the text means others by
+    them."""
 
     def kept(literals: Iterable[Literal]) -> tuple[Literal, ...]:
         return tuple(one for one in literals if one.predicate not in names)
@@ -281,7 +282,7 @@ def _without(base: SkillLibrary, names: Collection[str]) -> dict[str, Skill]:
 
 
 def _types(base: SkillLibrary, predicates: Collection[str]) -> dict[str, str]:
-    """The types that a library knows by these predicates."""
+    """Return the types that a library knows by these predicates."""
     return {kind: ANYTHING for name in predicates for kind in base.predicates[name].parameters.values()}
 
 
@@ -294,7 +295,7 @@ def _shown_place(at: Iterable[str]) -> str:
 
 
 def write_skills(library: SkillLibrary) -> str:
-    """The text of a library: read again, it gives the same one."""
+    """Return the text of a library: read again, it gives the same one."""
     document = {
         'types': dict(library.types),
         'objects': dict(library.objects),
@@ -306,7 +307,7 @@ def write_skills(library: SkillLibrary) -> str:
 
 
 def predicate_entry(predicate: Predicate) -> dict[str, Any]:
-    """A predicate as plain data."""
+    """Return a predicate as plain data."""
     sensor: dict[str, Any] = {}
     if isinstance(predicate.sensor, ConditionSensor):
         sensor = _told({'condition': predicate.sensor.id, 'ports': dict(predicate.sensor.ports)})
@@ -318,7 +319,7 @@ def predicate_entry(predicate: Predicate) -> dict[str, Any]:
 
 
 def skill_entry(skill: Skill) -> dict[str, Any]:
-    """A skill as plain data: without what it does not say."""
+    """Return a skill as plain data: without what it does not say."""
     least, most = skill.duration
     return _told(
         {
@@ -347,7 +348,7 @@ def _outcome_entry(outcome: Outcome) -> Any:
 
 
 def _told(entries: dict[str, Any]) -> dict[str, Any]:
-    """The entries that say something."""
+    """Return the entries that say something."""
     return {name: value for name, value in entries.items() if value is not None and value not in ({}, [])}
 
 
@@ -365,7 +366,7 @@ _NORMALIZED: Final = {
 
 
 def capability_file(library: SkillLibrary, start: Iterable[Literal], name: str) -> str:
-    """The capability file of a library of states, named ``name``, for a world in which ``start`` holds.
+    """Return the capability file of a library of states, named ``name``, for a world in which ``start`` holds.
 
     Raises:
         SkillError: something of the manifests has no form there; each problem says what to do.
@@ -413,7 +414,7 @@ class _Capabilities:
         return f'no skill can be carried out from this start{remedy}'
 
     def _mappings(self) -> dict[str, str]:
-        """The normalized outcome of each outcome; there is one for all states."""
+        """Return the normalized outcome of each outcome; there is one for all states."""
         found: dict[str, str] = {}
         for skill in self._skills:
             for outcome, told in skill.outcomes.items():
@@ -458,7 +459,7 @@ class _Capabilities:
         return {key: value for key, value in entry.items() if value}
 
     def _name(self, text: str, meaning: str) -> str:
-        """A name of letters, digits and _ that nothing else has."""
+        """Return a name of letters, digits and _ that nothing else has."""
         name = re.sub(r'\W', '_', text, flags=re.ASCII)
         if self._names.setdefault(name, meaning) != meaning:
             self._problems.append(f'{meaning} and {self._names[name]} would both be called {name}; rename an object')

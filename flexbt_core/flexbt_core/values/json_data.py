@@ -47,7 +47,8 @@ def _check_depth(text: str) -> None:
 
 
 def finite_number(value: object) -> float | None:
-    """A finite number, also one that YAML 1.1 takes for text, such as the 1e-16 that map_saver writes; else None."""
+    """Return a finite number, also one that YAML 1.1 takes for text, such as the 1e-16 that map_saver writes; else
+    None."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:

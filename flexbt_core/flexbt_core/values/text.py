@@ -142,7 +142,7 @@ _MOST: Final = 20
 
 
 def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
-    """The known names that ``name`` may be a slip of, best first."""
+    """Return the known names that ``name`` may be a slip of, best first."""
     import difflib  # rarely needed
 
     # The comparison takes quadratic time, and hostile files have long names.
@@ -150,7 +150,8 @@ def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
 
 
 def did_you_mean(name: object, known: Collection[str], otherwise: str | None = None) -> str:
-    """What may have been meant by a name that is not known; where nothing is near, ``otherwise``, or what there is."""
+    """Return what may have been meant by a name that is not known; where nothing is near, ``otherwise``, or what there
+    is."""
     if near := similar_names(str(name), known):
         return f'; did you mean {near[0]!r}?'
     if otherwise is not None:
@@ -195,10 +196,10 @@ _ATTRIBUTE: Final = {**_TEXT, **str.maketrans({'"': '&quot;', '\n': '&#10;', '\r
 
 
 def xml_text(text: str) -> str:
-    """What stands for a text between two tags."""
+    """Return what stands for a text between two tags."""
     return text.translate(_TEXT)
 
 
 def xml_attribute(text: str) -> str:
-    """What stands for the value of an attribute, its ampes included; line breaks and tabs stay what they are."""
+    """Return what stands for the value of an attribute, its ampes included; line breaks and tabs stay what they are."""
     return f'"{text.translate(_ATTRIBUTE)}"'

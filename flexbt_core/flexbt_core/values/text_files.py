@@ -21,7 +21,7 @@ class TextFileError(OSError):
 
 
 def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
-    """The text (UTF-8, with or without a byte order mark) of a regular file of at most ``most`` bytes.
+    """Return the text (UTF-8, with or without a byte order mark) of a regular file of at most ``most`` bytes.
 
     Never waits: a pipe is refused, as devices and directories are.
 

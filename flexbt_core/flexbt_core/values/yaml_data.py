@@ -44,7 +44,8 @@ class YamlError(ValueError):
 
 
 def load_yaml(text: str, *, aliases: bool = False) -> Any:
-    """The plain data of one document; None for an empty one. ``aliases`` are for texts of which the author is trusted.
+    """Return the plain data of one document; None for an empty one. ``aliases`` are for texts of which the author is
+    trusted.
 
     Raises:
         YamlError: no YAML, aliases, no plain data, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by
@@ -55,7 +56,7 @@ def load_yaml(text: str, *, aliases: bool = False) -> Any:
 
 
 def compose_yaml(text: str, *, aliases: bool = False) -> yaml.Node | None:
-    """The nodes of one document, with their places; None for an empty one.
+    """Return the nodes of one document, with their places; None for an empty one.
 
     Raises:
         YamlError: no YAML, aliases, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by aliases.
@@ -72,7 +73,7 @@ def compose_yaml(text: str, *, aliases: bool = False) -> yaml.Node | None:
 
 
 def construct_yaml(node: yaml.Node) -> Any:
-    """The plain data of a node.
+    """Return the plain data of a node.
 
     Raises:
         YamlError: tags of other than plain data, or a scalar that is not what its tag or form says.
@@ -168,7 +169,7 @@ class YamlParts:
         self.problems: list[str] = []
 
     def root(self, text: str) -> yaml.Node | None:
-        """The node of the whole text; None, and a problem, when it is no YAML or empty."""
+        """Return the node of the whole text; None, and a problem, when it is no YAML or empty."""
         try:
             root = compose_yaml(text)
         except YamlError as error:
@@ -179,7 +180,7 @@ class YamlParts:
         return root
 
     def mapping(self, node: yaml.Node | None, what: str) -> dict[str, yaml.Node]:
-        """The entries of a mapping by their names; empty when there is none."""
+        """Return the entries of a mapping by their names; empty when there is none."""
         if node is None:
             return {}
         if not isinstance(node, yaml.MappingNode):
@@ -194,25 +195,25 @@ class YamlParts:
         return entries
 
     def sequence(self, node: yaml.Node, what: str) -> list[yaml.Node]:
-        """The entries of a list."""
+        """Return the entries of a list."""
         if not isinstance(node, yaml.SequenceNode):
             self.problem(node, f'{what} has to be a list, not {shown_node(node)}')
             return []
         return list(node.value)
 
     def names(self, node: yaml.Node, what: str) -> list[str]:
-        """A list of names."""
+        """Return a list of names."""
         return [self.name(one, what) for one in self.sequence(node, what)]
 
     def name(self, node: yaml.Node, what: str, expected: str = 'a name') -> str:
-        """A name, or what else is ``expected``, as it is written."""
+        """Return a name, or what else is ``expected``, as it is written."""
         if not isinstance(node, yaml.ScalarNode):
             self.problem(node, f'{what} has to be {expected}, not {shown_node(node)}')
             return ''
         return str(node.value)
 
     def pairs(self, node: yaml.Node | None, what: str) -> dict[str, str]:
-        """A mapping of names to names."""
+        """Return a mapping of names to names."""
         return {name: self.name(value, what) for name, value in self.mapping(node, what).items()}
 
     def value(self, node: yaml.Node, what: str) -> Any:
@@ -239,12 +240,12 @@ class YamlParts:
 
 
 def line_of(node: yaml.Node) -> int:
-    """The line of a node, from 1."""
+    """Return the line of a node, from 1."""
     return node.start_mark.line + 1 if node.start_mark is not None else 1
 
 
 def shown_node(node: yaml.Node) -> str:
-    """A node in a message."""
+    """Return a node in a message."""
     if isinstance(node, yaml.MappingNode):
         return 'a mapping'
     return 'a list' if isinstance(node, yaml.SequenceNode) else short_repr(node.value)

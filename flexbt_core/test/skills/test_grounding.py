@@ -19,7 +19,7 @@ State = frozenset[Literal]
 
 
 def successors(library: SkillLibrary, state: State) -> Iterable[tuple[float, State]]:
-    """What a skill may make of a state: each binding tried, by what the manifest says and nothing else."""
+    """Yield what a skill may make of a state: each binding tried, by what the manifest says and nothing else."""
     for skill in library.skills.values():
         for objects in itertools.product(library.objects, repeat=len(skill.parameters)):
             binding = dict(zip(skill.parameters, objects, strict=True))

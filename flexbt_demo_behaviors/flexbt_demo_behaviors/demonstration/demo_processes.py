@@ -50,7 +50,7 @@ class Process:
         return self.executable
 
     def command(self) -> list[str]:
-        """The command line that starts it, as `ros2 run` makes it.
+        """Return the command line that starts it, as `ros2 run` makes it.
 
         Raises ament_index_python's PackageNotFoundError when the package is not installed, and
         FileNotFoundError when it lacks the executable.
@@ -67,7 +67,7 @@ class Process:
 
 
 def built_in_places() -> str:
-    """The places file of the map that comes along."""
+    """Return the places file of the map that comes along."""
     return str(Path(get_package_share_directory('flexbt_sim')) / 'maps' / 'rooms_places.yaml')
 
 
@@ -80,7 +80,7 @@ def first_place(places: str) -> tuple[float, float, float]:
 
 
 def console_command(leaving: str = 'the demonstration ends', namespace: str = '', page: str = '') -> list[str]:
-    """The command line of the operator's console, which runs in the terminal: the screen, where its toolkit is.
+    """Return the command line of the operator's console, which runs in the terminal: the screen, where its toolkit is.
 
     ``leaving`` is what it tells of leaving it, ``namespace`` that of its robot, ``page`` the address of the page.
     """
@@ -90,7 +90,7 @@ def console_command(leaving: str = 'the demonstration ends', namespace: str = ''
 
 
 def page_command(port: int) -> list[str]:
-    """The command line that serves the operator's page for a browser; empty where its library is missing."""
+    """Return the command line that serves the operator's page for a browser; empty where its library is missing."""
     if importlib.util.find_spec('aiohttp') is None:
         return []
     executable, *parameters = Process('flexbt_console', 'console').command()
@@ -98,7 +98,7 @@ def page_command(port: int) -> list[str]:
 
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
-    """The processes behind the operator's console, in the order in which they are started."""
+    """Return the processes behind the operator's console, in the order in which they are started."""
     simulated: dict[str, ParameterValue] = {'use_sim_time': True}
     world: dict[str, ParameterValue] = {'speed_factor': settings.speed, 'odom_rate': ODOM_RATE}
     if settings.map:
@@ -115,7 +115,7 @@ def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
 
 
 def _parameter_text(value: ParameterValue) -> str:
-    """A value as the YAML of a parameter override; text is quoted, so that it stays text."""
+    """Return a value as the YAML of a parameter override; text is quoted, so that it stays text."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
     if isinstance(value, tuple):

@@ -29,12 +29,12 @@ MANAGED: Final = (names.BT_SERVER, names.ONBOARD_EXECUTIVE)
 
 
 def speed_argument() -> DeclareLaunchArgument:
-    """The argument `speed`; :func:`numbers` reads it."""
+    """Return the argument `speed`; :func:`numbers` reads it."""
     return DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second')
 
 
 def text(context: LaunchContext, argument: str) -> str:
-    """What an argument of the launch file was set to."""
+    """Return what an argument of the launch file was set to."""
     return str(LaunchConfiguration(argument).perform(context))
 
 
@@ -58,7 +58,7 @@ def numbers(context: LaunchContext, argument: str, count: int = 1) -> list[float
 def nodes_of(
     processes: Iterable[Process], of_managed: Mapping[str, ParameterValue] | None = None, **options: Any
 ) -> list[Node]:
-    """The nodes of a process table, those that are managed with further parameters, and all with options of
+    """Return the nodes of a process table, those that are managed with further parameters, and all with options of
     `launch_ros.actions.Node`: without others, those of :data:`RESPAWN`.
     """
     return [

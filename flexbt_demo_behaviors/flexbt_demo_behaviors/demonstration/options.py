@@ -106,7 +106,8 @@ def _run_options(parser: argparse.ArgumentParser, given: argparse.Namespace, ter
 
 
 def _speed_factor(parser: argparse.ArgumentParser, text: str) -> float:
-    """The speed factor of an option --speed, 0 when none is given; ends the process with a message when it is none."""
+    """Return the speed factor of an option --speed, 0 when none is given; ends the process with a message when it is
+    none."""
     if not text:
         return 0.0
     try:

@@ -43,7 +43,7 @@ class EndedProcess:
     """Whether it is a program that comes to its end; what is started again is none."""
 
     def report(self) -> str:
-        """What happened, for a person: which process, how it ended, and the end of its output."""
+        """Return what happened, for a person: which process, how it ended, and the end of its output."""
         how = f'signal {-self.exit_code}' if self.exit_code < 0 else f'exit code {self.exit_code}'
         lines = self.log.read_text(errors='replace').splitlines()[-LAST_LINES:] if self.log.exists() else []
         said = '\n'.join(f'    {line}' for line in lines) or '    (it said nothing)'
@@ -127,13 +127,13 @@ class ProcessGroup:
             listener(process)
 
     def take_ended(self) -> list[EndedProcess]:
-        """The processes that have ended untold since the last call: of each its last end, or its last crash."""
+        """Return the processes that have ended untold since the last call: of each its last end, or its last crash."""
         with self._lock:
             ended, self._taken = self._ended[self._taken :], len(self._ended)
         return list({process.name: process for process in sorted(ended, key=lambda one: one.exit_code != 0)}.values())
 
     def pid(self, name: str) -> int:
-        """The process id of the process that was started last under `name`."""
+        """Return the process id of the process that was started last under `name`."""
         return self._processes[name].pid
 
     def kill(self, *names: str) -> None:

@@ -42,7 +42,8 @@ class Timeline:
         return self._clock() - self._start
 
     def of(self, robot: str) -> Timeline:
-        """The same timeline for what concerns one of several robots, whose name comes before all that is told."""
+        """Return the same timeline for what concerns one of several robots, whose name comes before all that is
+        told."""
         own = copy.copy(self)
         own._robot = f'{robot}: '
         return own
@@ -70,7 +71,7 @@ class GoalResult:
     metres: float | None = None
 
     def line(self) -> str:
-        """The result for a person, on one line."""
+        """Return the result for a person, on one line."""
         way = '' if self.seconds is None else f'  {self.metres:5.1f} m driven in {self.seconds:5.1f} s'
         return f'{self.label:<16} {self.pose!s:<24} {self.ending:<24} {self.error:5.2f} m off{way}'
 
@@ -106,7 +107,7 @@ class DemoReport:
         return not self.problem and bool(self.goals) and all(self.branches.values())
 
     def text(self) -> str:
-        """The summary for a person; times of goals are simulated seconds."""
+        """Return the summary for a person; times of goals are simulated seconds."""
         lines = [f'{self.title}: {"passed" if self.passed else "FAILED"} after {self.duration:.1f} s']
         lines += [f'  goal    {goal.line()}' for goal in self.goals]
         for name, taken in self.branches.items():
@@ -126,8 +127,8 @@ def write_picture(world: World, tracks: Mapping[str, RobotTrack], file: Path) ->
 
 
 def draw_tracks(world: World, tracks: Mapping[str, RobotTrack]) -> Image.Image:
-    """A world, whose robots are put where they are now, with their tracks by the names of the robots: the ways that
-    they have driven, the plans dashed. The time is that since the tracks began.
+    """Return a world, whose robots are put where they are now, with their tracks by the names of the robots: the ways
+    that they have driven, the plans dashed. The time is that since the tracks began.
     """
     trace = Trace(world)
     for name, track in tracks.items():

@@ -45,7 +45,7 @@ class TrackPose:
         return math.hypot(self.x - other.x, self.y - other.y)
 
     def __str__(self) -> str:
-        """The pose for a person, with the heading in degrees."""
+        """Return the pose for a person, with the heading in degrees."""
         return f'({self.x:.2f}, {self.y:.2f}, {math.degrees(self.yaw):.0f}°)'
 
 
@@ -120,7 +120,7 @@ class RobotTrack:
         self.on_change()
 
     def has_begun(self, name: str) -> bool:
-        """Whether a node of this name has begun to run in any tree."""
+        """Return whether a node of this name has begun to run in any tree."""
         with self._lock:
             return any(self._nodes.get(run, {}).get(node) == name for run, node in self._begun)
 
@@ -238,12 +238,12 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
 
 
 def yaw_of(orientation: Quaternion) -> float:
-    """The heading of an upright robot, in radians."""
+    """Return the heading of an upright robot, in radians."""
     return 2.0 * math.atan2(orientation.z, orientation.w)
 
 
 def pose_message(pose: TrackPose, frame: str = 'map') -> PoseStamped:
-    """A pose as message, with a zero stamp."""
+    """Return a pose as message, with a zero stamp."""
     message = PoseStamped()
     message.header.frame_id = frame
     message.pose.position.x = pose.x

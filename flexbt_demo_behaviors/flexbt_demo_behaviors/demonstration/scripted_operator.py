@@ -85,7 +85,8 @@ class ScriptedOperator:
         self.notify()
 
     def places(self, preferred: Sequence[str]) -> Sequence[str]:
-        """The places to drive to: the preferred ones, or, with another map, as many that are not where the robot is.
+        """Return the places to drive to: the preferred ones, or, with another map, as many that are not where the robot
+        is.
 
         Raises DemoError when the places file has too few of them.
         """
@@ -278,7 +279,7 @@ class ScriptedOperator:
         self._give(replace(command, reason='to show that the robot stops'))
 
     def close_goal(self, ending: str, must_reach: bool) -> GoalResult:
-        """What became of the goal that was given last.
+        """Return what became of the goal that was given last.
 
         Raises DemoError when it had to be reached and the robot is not there.
         """
@@ -300,7 +301,7 @@ class ScriptedOperator:
         return result
 
     def _is_seen(self, view: View) -> bool:
-        """Whether the pose is no older than the state that is active: on a busy computer it may come later."""
+        """Return whether the pose is no older than the state that is active: on a busy computer it may come later."""
         states = view.snapshot.active_states if view.snapshot else ()
         return self.track.time >= max((state.entered for state in states), default=0.0)
 
@@ -348,7 +349,7 @@ def _called(behavior: str, arguments: Mapping[str, str]) -> str:
 
 
 def _described(view: View) -> str:
-    """What is there instead of what was waited for."""
+    """Return what is there instead of what was waited for."""
     snapshot = view.snapshot
     if snapshot is None:
         return f'no executive is heard (link {view.link.value})'

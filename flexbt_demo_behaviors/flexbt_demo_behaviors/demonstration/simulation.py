@@ -76,7 +76,8 @@ class DemoSimulation:
 
     @contextlib.contextmanager
     def in_real_time(self) -> Iterator[None]:
-        """The world is not faster than real time in this context, so that a busy computer can intervene in time."""
+        """Provide the world is not faster than real time in this context, so that a busy computer can intervene in
+        time."""
         with self.no_faster_than(REAL_TIME):
             yield
 
@@ -91,7 +92,7 @@ class DemoSimulation:
             self._set_speed(before)
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """The response of a service of the simulator."""
+        """Return the response of a service of the simulator."""
         return call_service(self._runtime, service_type, f'{names.SIMULATOR}/{name}', request)
 
     def _ask(self, service_type: Any, name: str, request: Any) -> None:
@@ -108,7 +109,7 @@ class DemoSimulation:
 
 
 def call_service(runtime: NodeRuntime, service_type: Any, name: str, request: Any) -> Any:
-    """The response of a service. Raises DemoError when there is none in time."""
+    """Return the response of a service. Raises DemoError when there is none in time."""
     links = runtime.call(lambda: runtime.once('links to services', ServiceLinks))
     outcome = service_outcome(links.link(service_type, name), request, ANSWER_TIMEOUT_S)
     if outcome.response is None:

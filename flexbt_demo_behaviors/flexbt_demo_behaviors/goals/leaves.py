@@ -46,7 +46,7 @@ OPEN: Final = 0.95
 
 
 def position_of(message: TFMessage | None, thing: str) -> tuple[float, float] | None:
-    """Where a thing is on the map, m; None where it is not seen, or held."""
+    """Return where a thing is on the map, m; None where it is not seen, or held."""
     for one in [] if message is None else message.transforms:
         if one.child_frame_id == thing and one.header.frame_id == MAP:
             return one.transform.translation.x, one.transform.translation.y
@@ -54,13 +54,13 @@ def position_of(message: TFMessage | None, thing: str) -> tuple[float, float] | 
 
 
 def is_held(message: TFMessage | None, thing: str) -> bool:
-    """Whether a thing is in the gripper."""
+    """Return whether a thing is in the gripper."""
     transforms = [] if message is None else message.transforms
     return any(one.child_frame_id == thing and one.header.frame_id != MAP for one in transforms)
 
 
 def is_open(message: JointState | None, door: str) -> bool:
-    """Whether a door can be passed."""
+    """Return whether a door can be passed."""
     return message is not None and door in message.name and message.position[message.name.index(door)] >= OPEN
 
 
@@ -256,7 +256,7 @@ class _Switched(ServiceLeaf):
 
     @abstractmethod
     def is_done(self, message: Any | None) -> bool:
-        """Whether it is so, by the last message, or None."""
+        """Return whether it is so, by the last message, or None."""
 
 
 class PickUp(_Switched):

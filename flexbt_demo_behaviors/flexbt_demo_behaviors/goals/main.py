@@ -143,7 +143,7 @@ def reach_goals(flat: Flat, report: DemoReport) -> None:
 
 
 def _check_cup(flat: Flat) -> GoalResult:
-    """Where the cup is; raises DemoError when that is not the office, or the robot holds it still."""
+    """Return where the cup is; raises DemoError when that is not the office, or the robot holds it still."""
     pose = flat.household.cup()
     room = room_at(pose.x, pose.y)
     if room != 'office' or flat.household.held:
@@ -218,7 +218,7 @@ class Household:
         self._timeline.tell('household', f'somebody puts the cup to ({x:g}, {y:g}), in the {room_at(x, y)}')
 
     def cup(self) -> TrackPose:
-        """Where the cup is."""
+        """Return where the cup is."""
         response = self._simulation.call(GetEntityState, 'get_entity_state', GetEntityState.Request(entity=CUP))
         position = response.state.pose.position
         return TrackPose(position.x, position.y, 0.0)

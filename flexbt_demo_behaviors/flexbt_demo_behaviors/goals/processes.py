@@ -19,7 +19,8 @@ SPEED: Final = 0.7
 
 
 def robot_processes(speed: float) -> tuple[Process, ...]:
-    """The simulation, with the navigation in it, and what else runs on the robot; ``speed`` in seconds per second."""
+    """Return the simulation, with the navigation in it, and what else runs on the robot; ``speed`` in seconds per
+    second."""
     simulated: Mapping[str, ParameterValue] = {'use_sim_time': True}
     world: Mapping[str, ParameterValue] = {
         'speed_factor': speed,
@@ -37,7 +38,7 @@ def robot_processes(speed: float) -> tuple[Process, ...]:
 
 
 def flat() -> World:
-    """The flat with its places, as it is at the start."""
+    """Return the flat with its places, as it is at the start."""
     world = World.load(config_file('flat.yaml'))
     places = load_places(Path(config_file('places.yaml')))
     world.places = {name: Pose(place.x, place.y, place.yaw) for name, place in places.items()}

@@ -29,12 +29,12 @@ def config_file(name: str) -> str:
 
 
 def room_at(x: float, y: float) -> str | None:
-    """The room in which a point is."""
+    """Return the room in which a point is."""
     return next((name for name, (x0, y0, x1, y1) in ROOMS.items() if x0 <= x < x1 and y0 <= y < y1), None)
 
 
 def table_of(room: str) -> Place:
-    """Where the robot stands in a room.
+    """Return where the robot stands in a room.
 
     Raises:
         ValueError: there is no such room; says which there are.

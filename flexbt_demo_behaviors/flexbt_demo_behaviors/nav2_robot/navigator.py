@@ -96,18 +96,18 @@ class Navigator(Node):
             rclpy.spin_until_future_complete(self, self._goal.cancel_goal_async())
 
     def isTaskComplete(self) -> bool:
-        """Whether the task has ended; waits for that for a tenth of a second."""
+        """Return whether the task has ended; waits for that for a tenth of a second."""
         if self._result is None:
             return True
         rclpy.spin_until_future_complete(self, self._result, timeout_sec=POLL_S)
         return bool(self._result.done())
 
     def getFeedback(self) -> Any:
-        """The newest feedback of the task, None before the first."""
+        """Return the newest feedback of the task, None before the first."""
         return self._feedback
 
     def getResult(self) -> TaskResult:
-        """How the task has ended."""
+        """Return how the task has ended."""
         if self._result is None or not self._result.done():
             return TaskResult.UNKNOWN
         return _RESULTS.get(self._result.result().status, TaskResult.UNKNOWN)

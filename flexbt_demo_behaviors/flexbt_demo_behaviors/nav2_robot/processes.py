@@ -26,8 +26,8 @@ def config_file(name: str) -> str:
 
 
 def robot_processes(speed: float) -> tuple[Process, ...]:
-    """The simulation, with the navigation in it, and what else runs on the robot, but for the program; ``speed`` in
-    seconds per second.
+    """Return the simulation, with the navigation in it, and what else runs on the robot, but for the program; ``speed``
+    in seconds per second.
     """
     simulated: Mapping[str, ParameterValue] = {'use_sim_time': True}
     navigators: Mapping[str, ParameterValue] = {
@@ -50,7 +50,7 @@ def robot_processes(speed: float) -> tuple[Process, ...]:
 
 
 def warehouse() -> World:
-    """The warehouse with its places, as it is at the start."""
+    """Return the warehouse with its places, as it is at the start."""
     world = World.load(config_file('warehouse.yaml'))
     places = load_places(Path(config_file('places.yaml')))
     world.places = {name: Pose(place.x, place.y, place.yaw) for name, place in places.items()}

@@ -95,7 +95,7 @@ def _run_script(
 
 
 def _world(report: DemoReport, track: RobotTrack, boxes: Mapping[str, SimulatedBox]) -> World:
-    """The world of the picture: the robot where it began, the goals, and all boxes that were somewhere."""
+    """Return the world of the picture: the robot where it began, the goals, and all boxes that were somewhere."""
     places = {goal.label: Pose(goal.pose.x, goal.pose.y, goal.pose.yaw) for goal in report.goals}
     world = World(track.map, places=places)
     start = track.way[0][1]
@@ -125,7 +125,7 @@ class Demonstration:
     script: Callable[[ScriptedOperator, DemoSimulation | None, DemoReport], None]
 
     def report(self, with_boxes: bool = True) -> DemoReport:
-        """A report of it with nothing done yet."""
+        """Return a report of it with nothing done yet."""
         branches = self.branches + (self.box_branches if with_boxes else ())
         return DemoReport(f'Demonstration {self.number}: {self.title}', dict.fromkeys(branches, False))
 
@@ -310,7 +310,7 @@ def _put_ahead(operator: ScriptedOperator, simulation: DemoSimulation, name: str
 
 
 def _crosses(plans: Sequence[Sequence[Point]], box: SimulatedBox) -> bool:
-    """Whether a planned path leads over a box."""
+    """Return whether a planned path leads over a box."""
     points = (point for plan in plans for point in plan)
     return any(abs(x - box.x) < box.length / 2.0 and abs(y - box.y) < box.width / 2.0 for x, y in points)
 

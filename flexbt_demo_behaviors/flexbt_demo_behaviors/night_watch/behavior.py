@@ -79,7 +79,7 @@ class NightWatch(Behavior):
         return machine
 
     def _watch(self) -> OperatableStateMachine:
-        """What goes on at the same time; the round says when it ends."""
+        """Return what goes on at the same time; the round says when it ends."""
         watch = ConcurrencyContainer(
             outcomes=['finished', 'failed'],
             input_keys=['map', 'home'],
@@ -277,7 +277,7 @@ class NightWatch(Behavior):
         return battery
 
     def _partner(self) -> OperatableStateMachine:
-        """When the other robot is lost, the operator says who looks at its rooms."""
+        """Return when the other robot is lost, the operator says who looks at its rooms."""
         partner = OperatableStateMachine(outcomes=['done'], output_keys=['inherited'])
         with partner:
             OperatableStateMachine.add(

@@ -197,7 +197,7 @@ def _check_alarm(watch: Watch, name: str) -> None:
 
 
 def _visit(watch: Watch, robot: str, room: str) -> GoalResult:
-    """How near a robot came to a place; raises DemoError when it was not there."""
+    """Return how near a robot came to a place; raises DemoError when it was not there."""
     place, track = place_poses()[room], watch.track(robot)
     error = min(math.dist((place.x, place.y), point) for point in track.driven)
     result = GoalResult(room, place, f'{robot} was there', error, error <= THERE)

@@ -28,7 +28,7 @@ def config_file(name: str) -> str:
 
 
 def watch_processes(speed: float) -> tuple[Process, ...]:
-    """The simulator, and navigation, BT server, stop guard and executive of each robot; ``speed`` in seconds per
+    """Return the simulator, and navigation, BT server, stop guard and executive of each robot; ``speed`` in seconds per
     second."""
     building = config_file('building.yaml')
     world = Process('flexbt_sim', 'simulator', {'speed_factor': speed, 'world': building, 'odom_rate': ODOM_RATE})
@@ -36,7 +36,7 @@ def watch_processes(speed: float) -> tuple[Process, ...]:
 
 
 def robot_processes(robot: str) -> tuple[Process, ...]:
-    """What runs on one robot."""
+    """Return what runs on one robot."""
     places = config_file('places.yaml')
     return (
         Process('flexbt_navigation', 'navigation', {'use_sim_time': True, 'desired_linear_vel': SPEED}, robot),
@@ -52,7 +52,7 @@ def log_name(process: Process) -> str:
 
 
 def place_poses() -> dict[str, TrackPose]:
-    """The named places of the building."""
+    """Return the named places of the building."""
     return {
         name: TrackPose(place.x, place.y, place.yaw)
         for name, place in load_places(Path(config_file('places.yaml'))).items()
@@ -60,7 +60,7 @@ def place_poses() -> dict[str, TrackPose]:
 
 
 def watch_world() -> World:
-    """The building with its places, as it is in the evening."""
+    """Return the building with its places, as it is in the evening."""
     world = World.load(config_file('building.yaml'))
     world.places = {name: WorldPose(place.x, place.y, place.yaw) for name, place in place_poses().items()}
     return world

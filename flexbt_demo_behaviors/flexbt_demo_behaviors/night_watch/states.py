@@ -98,7 +98,7 @@ class NextRoomState(EventState):
 
 
 def places_in(file: str) -> dict[str, Place]:
-    """The places of a file package/path.yaml.
+    """Return the places of a file package/path.yaml.
 
     Raises:
         ResourceError: there is no such file.
@@ -108,13 +108,14 @@ def places_in(file: str) -> dict[str, Place]:
 
 
 def rooms_left(rooms: Iterable[str], checked: Sequence[str], postponed: Sequence[str]) -> list[str]:
-    """What is left of a round, in order: each room once, none that was looked at, those that were postponed last."""
+    """Return what is left of a round, in order: each room once, none that was looked at, those that were postponed
+    last."""
     left = [room for room in dict.fromkeys(rooms) if room not in checked]
     return [room for room in left if room not in postponed] + [room for room in postponed if room in left]
 
 
 def pose_of(place: Place) -> PoseStamped:
-    """A place as a goal, with a zero stamp."""
+    """Return a place as a goal, with a zero stamp."""
     message = PoseStamped()
     message.header.frame_id = place.frame
     message.pose.position.x, message.pose.position.y = place.x, place.y
@@ -198,7 +199,7 @@ class CompareScanState(EventState):
 def unexpected_points(
     grid: OccupancyGrid, pose: PoseStamped, scan: LaserScan, reach: float
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Ends of beams in the map, m, as rows [x, y]: those within ``reach`` (m) that are not near an occupied cell."""
+    """End of beams in the map, m, as rows [x, y]: those within ``reach`` (m) that are not near an occupied cell."""
     ranges = np.asarray(scan.ranges, dtype=float)
     yaw = 2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w)
     angles = yaw + scan.angle_min + scan.angle_increment * np.arange(len(ranges))

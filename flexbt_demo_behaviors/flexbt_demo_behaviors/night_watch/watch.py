@@ -45,11 +45,11 @@ class Watch:
     timeline: Timeline
 
     def operator(self, robot: str) -> ScriptedOperator:
-        """The operator at the link of a robot."""
+        """Return the operator at the link of a robot."""
         return self.sessions[robot].operator
 
     def track(self, robot: str) -> RobotTrack:
-        """Where a robot is and was."""
+        """Return where a robot is and was."""
         return self.sessions[robot].track
 
     def start(self) -> None:

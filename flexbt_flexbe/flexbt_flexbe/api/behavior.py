@@ -56,7 +56,7 @@ class Behavior:
         default_keys: Iterable[str] | None = None,
         parameters: Mapping[str, Any] | None = None,
     ) -> OperatableStateMachine:
-        """The state machine of an embedded behavior, to be added like a state.
+        """Return the state machine of an embedded behavior, to be added like a state.
 
         Its input keys have to be supplied by the machine around it, except for ``default_keys``, which keep the
         behavior's own values. ``parameters`` are set whatever the operator says.
@@ -83,7 +83,7 @@ class Behavior:
         return machine
 
     def get_contained_behaviors(self) -> dict[str, Behavior]:
-        """All embedded behaviors by their path, as in ``/Outer/Inner``."""
+        """Return all embedded behaviors by their path, as in ``/Outer/Inner``."""
         found: dict[str, Behavior] = {}
         for key, behavior in self.contains.items():
             found[f'/{key}'] = behavior
@@ -112,7 +112,7 @@ class Behavior:
         return bool(meant)
 
     def parameter_names(self) -> list[str]:
-        """The names of the attributes that can be set as parameters."""
+        """Return the names of the attributes that can be set as parameters."""
         return [name for name in dir(self) if self.has_parameter(name)]
 
     def has_parameter(self, name: str) -> bool:
@@ -129,7 +129,7 @@ class Behavior:
         setattr(self, name, converted(name, value, getattr(self, name)))
 
     def set_up(self, beh_id: int, autonomy_level: int, debug: bool) -> None:
-        """Keeps the id; level and the rest are settings of the run."""
+        """Keep the id; level and the rest are settings of the run."""
         self.beh_id = beh_id
 
 
@@ -169,7 +169,7 @@ def converted(name: str, value: Any, like: Any) -> Any:
 
 
 def from_yaml_file(name: str, text: str) -> Any:
-    """The content of a YAML file: ``package/relative/path.yaml``, or a key in it after a colon.
+    """Return the content of a YAML file: ``package/relative/path.yaml``, or a key in it after a colon.
 
     Raises:
         ParameterError: no such file in an installed package, no YAML, or no such key.
@@ -190,7 +190,7 @@ def from_yaml_file(name: str, text: str) -> Any:
 
 
 def is_yaml_file(text: str) -> bool:
-    """Whether a text names a YAML file of a package."""
+    """Return whether a text names a YAML file of a package."""
     return _FILE.fullmatch(text.strip()) is not None
 
 

@@ -148,22 +148,22 @@ class ProxyActionClient(RunProxy):
         self._run.services.goals.add(calling_state(), topic, client.call)
 
     def is_available(self, topic: str) -> bool:
-        """Whether the action was set up and its server is there."""
+        """Return whether the action was set up and its server is there."""
         client = self._clients.get(topic)
         return client is not None and client.link.is_ready()
 
     def is_active(self, topic: str) -> bool:
-        """Whether a goal was sent and has not ended."""
+        """Return whether a goal was sent and has not ended."""
         client = self._asked(topic)
         return client is not None and client.call is not None and not client.call.done
 
     def has_result(self, topic: str) -> bool:
-        """Whether the goal has ended; :meth:`get_result` says how."""
+        """Return whether the goal has ended; :meth:`get_result` says how."""
         client = self._asked(topic)
         return client is not None and client.ended is not None
 
     def get_result(self, topic: str, clear: bool = False) -> Any:
-        """The result of the goal, None while there is none; ``clear`` forgets it, as :meth:`remove_result` does.
+        """Return the result of the goal, None while there is none; ``clear`` forgets it, as :meth:`remove_result` does.
 
         Raises:
             NoResultError: the goal has ended without one. An aborted goal whose result was left as it is constructed
@@ -189,12 +189,13 @@ class ProxyActionClient(RunProxy):
             client.forget_result()
 
     def has_feedback(self, topic: str) -> bool:
-        """Whether there is feedback on the last goal."""
+        """Return whether there is feedback on the last goal."""
         client = self._asked(topic)
         return client is not None and client.feedback is not None
 
     def get_feedback(self, topic: str, clear: bool = False) -> Any:
-        """The newest feedback message, as rclpy gives it: the feedback itself is its field ``feedback``; or None.
+        """Return the newest feedback message, as rclpy gives it: the feedback itself is its field ``feedback``; or
+        None.
 
         ``clear`` forgets it.
         """
@@ -211,7 +212,8 @@ class ProxyActionClient(RunProxy):
             client.feedback = None
 
     def get_status(self, topic: str) -> int:
-        """A constant of action_msgs/msg/GoalStatus: UNKNOWN before the goal is accepted, ABORTED for all bad ends."""
+        """Return a constant of action_msgs/msg/GoalStatus: UNKNOWN before the goal is accepted, ABORTED for all bad
+        ends."""
         client = self._client(topic)
         client.listeners.note_caller()
         call = client.call
@@ -226,11 +228,12 @@ class ProxyActionClient(RunProxy):
     get_state = get_status
 
     def get_status_string(self, topic: str) -> str:
-        """The name of :meth:`get_status`: 'UNKNOWN', 'EXECUTING', 'CANCELING', 'SUCCEEDED', 'CANCELED', 'ABORTED'."""
+        """Return the name of :meth:`get_status`: 'UNKNOWN', 'EXECUTING', 'CANCELING', 'SUCCEEDED', 'CANCELED',
+        'ABORTED'."""
         return _STATUS_NAMES[self.get_status(topic)]
 
     def verify_action_status(self, topic: str, wait_duration: float = 0.1) -> tuple[bool, int]:
-        """Whether the goal has ended, and its status; ``wait_duration`` is not waited for.
+        """Return whether the goal has ended, and its status; ``wait_duration`` is not waited for.
 
         A goal that was canceled when its state was left is awaited by the run.
         """
@@ -300,7 +303,7 @@ class ProxyServiceCaller(RunProxy):
     setup_service = setupService
 
     def is_available(self, topic: str, wait_duration: float = 1.0) -> bool:
-        """Whether the service was set up and is there now; ``wait_duration`` is not waited for."""
+        """Return whether the service was set up and is there now; ``wait_duration`` is not waited for."""
         service = self._services.get(topic)
         if service is None:
             return False
@@ -333,13 +336,13 @@ class ProxyServiceCaller(RunProxy):
         service.call = self._send(topic, request, wait_duration, RESPONSE_SECONDS, service.listeners.wake)
 
     def done(self, topic: str) -> bool:
-        """Whether the request has ended, with a response or without."""
+        """Return whether the request has ended, with a response or without."""
         service = self._service(topic)
         service.listeners.note_caller()
         return service.call is not None and service.call.done
 
     def result(self, topic: str) -> Any:
-        """The response; None while there is none.
+        """Return the response; None while there is none.
 
         Raises:
             NoResultError: the request has ended without one.

@@ -34,7 +34,7 @@ class RosAccess:
 
     @staticmethod
     def initialize_ros(node: Any) -> None:
-        """Does nothing, since the node is that of the run; behaviors written by FlexBE's editor call it."""
+        """Do nothing, since the node is that of the run; behaviors written by FlexBE's editor call it."""
 
 
 # FlexBE's EventState: the engine's, with the names that FlexBE's states use.

@@ -78,7 +78,7 @@ def local_throttle(period: float, text: object, severity: int, *args: Any) -> No
 
 
 def severity_of(constant: int) -> Severity:
-    """The severity that one of Logger's constants means; an unknown one is a debug line, as in FlexBE."""
+    """Return the severity that one of Logger's constants means; an unknown one is a debug line, as in FlexBE."""
     return _SEVERITIES.get(constant, Severity.DEBUG)
 
 
@@ -97,7 +97,8 @@ def _throttled(tell: Callable[[float, object, int], None], severity: int) -> Cal
 
 
 def _formatted(text: object, args: tuple[Any, ...]) -> str:
-    """The text with its arguments. Without arguments ``%%`` is a percent sign, and any other one is what it is."""
+    """Return the text with its arguments. Without arguments ``%%`` is a percent sign, and any other one is what it
+    is."""
     try:
         return str(text) % args
     except (TypeError, ValueError):
@@ -149,7 +150,7 @@ class Logger:
 
     @staticmethod
     def initialize(node: Any) -> None:
-        """Does nothing: lines go to the run on whose thread they are written."""
+        """Do nothing: lines go to the run on whose thread they are written."""
 
 
 # FlexBE's StateLogger: records for the analysis of runs.
@@ -166,11 +167,11 @@ class StateLogger(RosAccess):
 
     @staticmethod
     def initialize(be_name: str | None = None) -> None:
-        """Does nothing: a run always records."""
+        """Do nothing: a run always records."""
 
     @staticmethod
     def shutdown() -> None:
-        """Does nothing."""
+        """Do nothing."""
 
     @staticmethod
     def log(name: str, state: EventState, **kwargs: Any) -> None:

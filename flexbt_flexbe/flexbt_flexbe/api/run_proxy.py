@@ -25,13 +25,13 @@ class RunProxy:
 
     @staticmethod
     def initialize(node: Any) -> None:
-        """Does nothing: a proxy finds the node of its run. (The paper's package calls it ``_initialize``.)"""
+        """Do nothing: a proxy finds the node of its run. (The paper's package calls it ``_initialize``.)"""
 
     _initialize = initialize
 
     @staticmethod
     def shutdown() -> None:
-        """Does nothing: what proxies hold ends with the run."""
+        """Do nothing: what proxies hold ends with the run."""
 
 
 class _OnClassToo:
@@ -46,12 +46,13 @@ class _OnClassToo:
 
 
 def on_class_too(method: Method) -> Method:
-    """A method that may be called on the class, as in FlexBE: of proxies that share what they have within a run."""
+    """Return a method that may be called on the class, as in FlexBE: of proxies that share what they have within a
+    run."""
     return cast(Method, _OnClassToo(method))
 
 
 def calling_state() -> EventState | None:
-    """The state that is being called; not what may be wrapped around it."""
+    """Return the state that is being called; not what may be wrapped around it."""
     state = called_state()
     return None if state is None else state.unwrapped
 
@@ -69,7 +70,7 @@ class Listeners:
             self._states.add(state)
 
     def has_caller(self) -> bool:
-        """Whether the state that is being called is one of them."""
+        """Return whether the state that is being called is one of them."""
         return calling_state() in self._states
 
     def has(self, state: EventState) -> bool:
@@ -83,7 +84,7 @@ class Listeners:
 
 
 def message_class(topic: str, message: str | type[Any]) -> type[Any]:
-    """The class of a topic's messages, which may be given by its name, as in ``std_msgs/msg/String``.
+    """Return the class of a topic's messages, which may be given by its name, as in ``std_msgs/msg/String``.
 
     Raises:
         ProxyError: neither a message class nor the name of one.

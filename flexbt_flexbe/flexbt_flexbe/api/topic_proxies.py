@@ -92,7 +92,7 @@ class ProxyPublisher(RunProxy):
 
     @on_class_too
     def is_available(self, topic: str) -> bool:
-        """Whether the run publishes on the topic."""
+        """Return whether the run publishes on the topic."""
         return self._publishers.get(topic) is not None
 
     @on_class_too
@@ -109,12 +109,12 @@ class ProxyPublisher(RunProxy):
 
     @on_class_too
     def number_of_subscribers(self, topic: str) -> int:
-        """How many subscriptions match the publisher, as far as discovery knows."""
+        """Return how many subscriptions match the publisher, as far as discovery knows."""
         return int(self._topic(topic).publisher.get_subscription_count())
 
     @on_class_too
     def wait_for_any(self, topic: str, timeout: float = 5.0) -> bool:
-        """Whether there is a subscriber now; ``timeout`` is not waited for."""
+        """Return whether there is a subscriber now; ``timeout`` is not waited for."""
         return self.number_of_subscribers(topic) > 0
 
     def _topic(self, topic: str) -> _Topic:
@@ -297,23 +297,23 @@ class ProxySubscriberCached(RunProxy):
 
     @on_class_too
     def is_available(self, topic: str) -> bool:
-        """Whether the run listens to the topic."""
+        """Return whether the run listens to the topic."""
         return self._asked(topic) is not None
 
     @on_class_too
     def has_msg(self, topic: str) -> bool:
-        """Whether a message has come and was not removed."""
+        """Return whether a message has come and was not removed."""
         return self.get_last_msg(topic) is not None
 
     @on_class_too
     def get_last_msg(self, topic: str) -> Any:
-        """The newest message, None when there is none."""
+        """Return the newest message, None when there is none."""
         feed = self._asked(topic)
         return feed.newest() if feed is not None else None
 
     @on_class_too
     def has_buffered(self, topic: str) -> bool:
-        """Whether the buffer has messages."""
+        """Return whether the buffer has messages."""
         feed = self._asked(topic)
         return feed is not None and feed.has_buffered()
 
@@ -325,7 +325,7 @@ class ProxySubscriberCached(RunProxy):
 
     @on_class_too
     def peek_at_buffer(self, topic: str) -> Any:
-        """The oldest message of the buffer, which stays there."""
+        """Return the oldest message of the buffer, which stays there."""
         feed = self._asked(topic)
         return feed.peek_oldest() if feed is not None else None
 

@@ -20,7 +20,7 @@ _TYPES: Final = {
 
 
 def full_type(name: str) -> str:
-    """The name of a type, which may be short as in ``PoseStamped`` or ``pose_stamped[]``."""
+    """Return the name of a type, which may be short as in ``PoseStamped`` or ``pose_stamped[]``."""
     brackets = '[]' if name.endswith('[]') else ''
     short = name.removesuffix('[]').replace('_', '').lower()
     return f'{_TYPES[short]}{brackets}' if '/' not in name and short in _TYPES else name

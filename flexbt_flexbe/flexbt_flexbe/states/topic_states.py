@@ -136,7 +136,7 @@ class SubscriberState(EventState):
         return 'unavailable'
 
     def _published_type(self) -> str | None:
-        """The type of the topic, as far as discovery knows."""
+        """Return the type of the topic, as far as discovery knows."""
         runtime = state_services(self).runtime
         topics = dict(runtime.call(runtime.node.get_topic_names_and_types))
         types = topics.get(runtime.node.resolve_topic_name(self._topic), ())

@@ -200,12 +200,12 @@ class LogKeyState(EventState):
 
 
 def takes_keywords(function: Callable[..., Any], keys: Sequence[str]) -> bool:
-    """Whether it can be called with the keys as keywords."""
+    """Return whether it can be called with the keys as keywords."""
     return _binds(function, **dict.fromkeys(keys))
 
 
 def takes_list(function: Callable[..., Any]) -> bool:
-    """Whether it can be called with one list."""
+    """Return whether it can be called with one list."""
     return _binds(function, [])
 
 

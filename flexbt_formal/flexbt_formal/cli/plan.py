@@ -184,7 +184,7 @@ _MOST_WAYS: Final = 5
 
 
 def plan_summary(found: Plan | TeamPlan) -> list[str]:
-    """A plan, and what was tried of it, or why there is none; a line each."""
+    """Return a plan, and what was tried of it, or why there is none; a line each."""
     spent = f'{found.expanded} conditions, {found.seconds:.2f} s'
     if found.policy is None or found.coverage is None:
         if found.outcome is SearchOutcome.TIME_LIMIT:
@@ -209,7 +209,7 @@ def plan_summary(found: Plan | TeamPlan) -> list[str]:
 
 
 def plan_document(found: Plan | TeamPlan, text: str | None) -> dict[str, Any]:
-    """All of it; ``text`` is the tree."""
+    """Return all of it; ``text`` is the tree."""
     own: dict[str, Any] = {'actions': found.actions} if isinstance(found, Plan) else _team_document(found)
     return {
         'outcome': found.outcome.value,

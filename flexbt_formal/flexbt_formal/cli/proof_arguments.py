@@ -74,7 +74,7 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
 
 
 def proof_cache(options: argparse.Namespace) -> ProofCache | None:
-    """The proofs that need not be made again."""
+    """Return the proofs that need not be made again."""
     return None if options.anew else ProofCache()
 
 
@@ -95,7 +95,8 @@ def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:
 def requirements(
     options: argparse.Namespace,
 ) -> tuple[list[StatedRequirement], dict[str, tuple[StatedRequirement, ...]]]:
-    """What is required of what is proved, and what the file requires by names. Raises UsageError and UnfitError."""
+    """Return what is required of what is proved, and what the file requires by names. Raises UsageError and
+    UnfitError."""
     try:
         own = [parse_requirement(text, '--require') for text in options.require]
     except RequirementError as error:
@@ -149,7 +150,7 @@ def _save(options: argparse.Namespace, reports: Sequence[Report]) -> None:
 
 
 def node_settings(options: argparse.Namespace) -> dict[str, Any]:
-    """What :func:`arguments.add_node_types` has told, for a saved test."""
+    """Return what :func:`arguments.add_node_types` has told, for a saved test."""
     is_usual = options.nav2_branch == NAV2_BRANCHES[0]
     return {
         'models': [File(file) for file in options.models],

@@ -123,7 +123,7 @@ def _compared(
     bounds: MachineBounds,
     progress: ProgressLine,
 ) -> list[Compared]:
-    """The behavior beside the version before."""
+    """Return the behavior beside the version before."""
     if options.against is None:
         return []
     old = built(options, options.against)
@@ -151,7 +151,7 @@ def _wrong(
     required: Sequence[StatedRequirement],
     by_name: Mapping[str, Sequence[StatedRequirement]],
 ) -> Iterator[tuple[Replay, Sequence[Counterexample]]]:
-    """What is wrong with the trees, and with the machine, with the calls that make the steps again."""
+    """Yield what is wrong with the trees, and with the machine, with the calls that make the steps again."""
     name = options.name if machine_file(options.name) is None else File(options.name)
     common = {
         'parameters': parameters(options),

@@ -60,7 +60,7 @@ def _part(text: str) -> float:
 
 
 def is_asked(files: Sequence[str]) -> bool:
-    """Whether a file is the main one of a model. Raises UsageError when there are others beside it."""
+    """Return whether a file is the main one of a model. Raises UsageError when there are others beside it."""
     found = [file for file in files if _is_model(file)]
     if found and len(files) > 1:
         raise UsageError(f'{found[0]} is the main file of a model, and names all others: give it alone')
@@ -140,7 +140,7 @@ _LAST: Final = 50
 
 
 def result_lines(result: Result) -> Iterator[str]:
-    """A property: the verdict, how that was found, and how it can fail."""
+    """Yield a property: the verdict, how that was found, and how it can fail."""
     yield f'  {result.asked.name}: {_VERDICTS[result.holds]}, probability {_probability(result)}'
     yield f'    {result.asked.text}{_demanded(result)}'
     yield f'    {result.how}, {result.seconds:.1f} s'
@@ -176,7 +176,7 @@ def _shown(way: Sequence[str]) -> Sequence[str]:
 
 
 def result_as_json(result: Result) -> dict[str, Any]:
-    """A property for programs."""
+    """Return a property for programs."""
     return {
         'name': result.asked.name,
         'text': result.asked.text,

@@ -105,7 +105,7 @@ def _compared(
     keys: Sequence[TreeKey],
     progress: ProgressLine,
 ) -> list[Compared]:
-    """The trees beside those of the version before, which may have others."""
+    """Return the trees beside those of the version before, which may have others."""
     if old is None:
         return []
     others = roots(old) if options.tree is None else []

@@ -32,7 +32,7 @@ class DrawnMove:
 
 
 def regions_as_dot(regions: Sequence[DrawnRegion], moves: Sequence[DrawnMove], begin: int) -> Iterator[str]:
-    """The picture in the language of Graphviz; the element of region n is called ``rN``."""
+    """Yield the picture in the language of Graphviz; the element of region n is called ``rN``."""
     yield from DOT_HEAD
     yield '  start [shape=circle, class=entry, label="", width=0.15, fillcolor="#333333"]'
     for number, region in enumerate(regions):
@@ -55,7 +55,7 @@ def regions_as_dot(regions: Sequence[DrawnRegion], moves: Sequence[DrawnMove], b
 
 
 def regions_as_mermaid(regions: Sequence[DrawnRegion], moves: Sequence[DrawnMove], begin: int) -> Iterator[str]:
-    """The picture in the language of Mermaid."""
+    """Yield the picture in the language of Mermaid."""
     yield from MERMAID_HEAD
     yield '  start((" "))'
     for number, region in enumerate(regions):

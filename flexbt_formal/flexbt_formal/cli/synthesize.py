@@ -128,7 +128,7 @@ def _retries(number: int | None) -> int | None:
 
 
 def _watch(began: float, limit: float) -> Callable[[str], None]:
-    """Shows progress where somebody looks, and keeps the time limit."""
+    """Show progress where somebody looks, and keeps the time limit."""
     shown = [began]
 
     def watch(doing: str) -> None:
@@ -194,7 +194,7 @@ _MACHINE, _WORLD = 'any machine', 'the world'
 
 
 def counterstrategy_diagram(title: str, explanation: Explanation) -> SequenceDiagram:
-    """The course of events of an explanation; without one, what never becomes possible."""
+    """Return the course of events of an explanation; without one, what never becomes possible."""
     steps: list[Arrow | Note] = [Note(_MACHINE, ['These demands conflict:', *explanation.conflict])]
     for step in explanation.steps:
         steps.append(Arrow(_WORLD, _MACHINE, happening(step)))

@@ -31,10 +31,10 @@ class Described(System, Protocol):
     clock: VirtualClock
 
     def paths(self) -> Sequence[str]:
-        """What labels and lines name, in the order in which it stands in the file."""
+        """Return what labels and lines name, in the order in which it stands in the file."""
 
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """What has begun to work in the last step, or was done at once: its path, and its type and inputs."""
+        """Return what has begun to work in the last step, or was done at once: its path, and its type and inputs."""
 
     def asked(self) -> Mapping[str, tuple[str, ...]]:
         """Return what has looked at the robot in the last step without any work: by its path, its type and inputs."""
@@ -94,7 +94,7 @@ def compare(
 
 
 def names_of(paths: Iterable[str]) -> dict[str, str]:
-    """Names that stay when something else is put in, for paths that do not: a node without a name has its number
+    """Name that stay when something else is put in, for paths that do not: a node without a name has its number
     among those of its type instead of that among all nodes."""
     paths = list(paths)
     taken = frozenset(paths)
@@ -153,11 +153,11 @@ class _Seen(NamedTuple):
         )
 
     def leads_where(self, other: _Seen) -> bool:
-        """Whether the same has happened, so that what comes after it can be compared."""
+        """Return whether the same has happened, so that what comes after it can be compared."""
         return self[:3] == other[:3]
 
     def beside(self, other: _Seen) -> Iterator[str]:
-        """What is seen, as lines that show what is not so in the other version."""
+        """Yield what is seen, as lines that show what is not so in the other version."""
         if self.passed != other.passed:
             yield f'{self.passed:g} s go by'
         yield from self.lines
@@ -194,11 +194,11 @@ class _Version:
         return self._pattern.sub(lambda match: self._names[match.group()], text)
 
     def labels(self) -> dict[Label, Label]:
-        """What can happen, by the names of both."""
+        """Return what can happen, by the names of both."""
         return {Label(*map(self.named, label)): label for label in self.system.labels()}
 
     def step(self, label: Label, choices: _SharedChoices) -> _Seen:
-        """What is seen of it."""
+        """Return what is seen of it."""
         system, begin = self.system, self.system.clock.now()
         choices.asks(self.named)
         violations = system.step(label, choices)
@@ -311,7 +311,7 @@ class _SideBySide:
     def _steps_from(
         self, pair: tuple[Configuration, Configuration]
     ) -> Iterator[tuple[Label, tuple[int, ...], _Seen, _Seen]]:
-        """All steps that both can make, with what is seen of each. Both are where it leads to."""
+        """Yield all steps that both can make, with what is seen of each. Both are where it leads to."""
         versions = (self._before, self._now)
         for version, configuration in zip(versions, pair, strict=True):
             version.system.restore(configuration)
@@ -352,7 +352,7 @@ class _SideBySide:
 
 
 def _kind(label: Label, before: _Seen, now: _Seen) -> tuple[object, ...]:
-    """What differences of one kind have in common."""
+    """Return what differences of one kind have in common."""
     if before.leads_where(now):
         begun = frozenset(before.begun) ^ frozenset(now.begun)
         wrong = frozenset(before.wrong) ^ frozenset(now.wrong)

@@ -67,7 +67,7 @@ class Configuration:
     key: bytes
 
     def known_by(self, rest: Any) -> Configuration:
-        """The same, where nothing but this (what :mod:`marshal` takes) tells what follows."""
+        """Return the same, where nothing but this (what :mod:`marshal` takes) tells what follows."""
         return Configuration(self.parts, _digest(rest))
 
 
@@ -103,7 +103,7 @@ class _Kind:
         self.views = {name: view for name, view in views.items() if not name or name in self.names}
 
     def holds(self, one: Any, held: tuple[Any, ...]) -> bool:
-        """Whether the slots of an object hold just this."""
+        """Return whether the slots of an object hold just this."""
         assert self.get is not None
         try:
             return all(map(is_, self.get(one), held))
@@ -164,7 +164,7 @@ class StateSnapshotter:
         self._fragments: _Fragments = [{} for _ in self._roots]
 
     def capture(self) -> Configuration:
-        """What everything holds now."""
+        """Return what everything holds now."""
         walk = _Walk(self._kinds, self._roots, self._numbers, self._clock.now(), self._fragments, self._unread)
         return walk.configuration()
 
@@ -353,7 +353,7 @@ class _Walk:
             fragments[tuple(map(id, held))] = part, fragment
 
     def _is_lasting(self, value: Any) -> bool:
-        """Whether what stands for a value is the same in all configurations."""
+        """Return whether what stands for a value is the same in all configurations."""
         if type(value) in _PLAIN or isinstance(value, Enum):
             return True
         number = self._numbers.get(id(value))

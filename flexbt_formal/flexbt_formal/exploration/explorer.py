@@ -152,7 +152,8 @@ class _Exploration:
     def _follow(
         self, configuration: Configuration, label: Label, answer: LabelEffect | None, is_due: bool
     ) -> list[Configuration]:
-        """All steps from a configuration with a label, which is ``answer``; the configurations that are new by that."""
+        """Return all steps from a configuration with a label, which is ``answer``; the configurations that are new by
+        that."""
         found: list[Configuration] = []
         system, graph = self._system, self._graph
         answers: list[tuple[int, ...]] = [()]
@@ -345,8 +346,8 @@ def walk(make: Callable[[], System], moves: Iterable[Move]) -> Iterator[Moment]:
 def narrate(
     make: Callable[[], System], moves: tuple[Move, ...], about: Collection[Violation] | None = None
 ) -> list[str]:
-    """What happens on a way, a line for each step and for what follows from it, on a new system. Of what is wrong
-    with it only what it is ``about`` is told; None: all."""
+    """Return what happens on a way, a line for each step and for what follows from it, on a new system. Of what is
+    wrong with it only what it is ``about`` is told; None: all."""
     lines = [f'it begins: {make().position()}']
     for number, moment in enumerate(walk(make, moves), start=1):
         lines.append(f'{number}. {moment}')
@@ -356,7 +357,7 @@ def narrate(
 
 
 def replay(make: Callable[[], System], moves: tuple[Move, ...]) -> list[Violation]:
-    """What is wrong on a way, found by a new system that makes its steps; for tests.
+    """Return what is wrong on a way, found by a new system that makes its steps; for tests.
 
     Nothing when the way is closed, as in :func:`walk`.
     """

@@ -70,7 +70,7 @@ class ConfigurationGraph:
         return True
 
     def way_to(self, key: bytes) -> tuple[Move, ...]:
-        """The shortest way from the beginning."""
+        """Return the shortest way from the beginning."""
         moves: list[Move] = []
         come = self._from[key]
         while come is not None:
@@ -81,7 +81,7 @@ class ConfigurationGraph:
     def problems(
         self, position: Callable[[tuple[Move, ...]], str], faults: int
     ) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
-        """Where nothing can happen any more, and where it cannot end any more although it could before.
+        """Yield where nothing can happen any more, and where it cannot end any more although it could before.
 
         That also where up to ``faults`` servers are gone for good: then what needs them does not succeed any more. What
         nobody causes is no way out then; a person who is asked is one.
@@ -119,7 +119,7 @@ class ConfigurationGraph:
         self._turns.setdefault(source, {}).setdefault(key, move)
 
     def round(self) -> tuple[Move, ...] | None:
-        """The shortest way to, and once along, a round of such steps; None when there is none."""
+        """Return the shortest way to, and once along, a round of such steps; None when there is none."""
         rounds = {key: number for number, keys in enumerate(_rounds(self._turns)) for key in keys}
         if not rounds:
             return None
@@ -146,7 +146,8 @@ class ConfigurationGraph:
     def lost(
         self, possible: Iterable[Possible], position: Callable[[tuple[Move, ...]], str]
     ) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
-        """Where something is not possible any more although nobody has stopped it, and where a stop ends nothing."""
+        """Yield where something is not possible any more although nobody has stopped it, and where a stop ends
+        nothing."""
         before = self._before()
         going_on = self._going_on()
         for one in possible:
@@ -177,22 +178,24 @@ class ConfigurationGraph:
         return found - self.over
 
     def unlimited(self) -> list[str]:
-        """The servers without whose answer it cannot end, once they were asked: nothing limits how long that takes."""
+        """Return the servers without whose answer it cannot end, once they were asked: nothing limits how long that
+        takes."""
         before = self._before()
         can_end = self._can_end(before, frozenset())
         return [one for one in sorted(self._servers) if can_end - self._can_end(before, frozenset(), silent=one)]
 
     def can_end_by_itself(self) -> bool:
-        """Whether there is, or may be, a way from the beginning to an end without a stop."""
+        """Return whether there is, or may be, a way from the beginning to an end without a stop."""
         return self._first in self._can_end(self._before(), frozenset())
 
     def _shortest(self, keys: set[bytes], position: Callable[[tuple[Move, ...]], str]) -> tuple[tuple[Move, ...], str]:
-        """The shortest way to one of them, and where that is. Of several as short: the one that was found first."""
+        """Return the shortest way to one of them, and where that is. Of several as short: the one that was found
+        first."""
         way = self.way_to(next(key for key in self._from if key in keys))
         return way, position(way) if way else 'the beginning'
 
     def _open(self, key: bytes) -> bool:
-        """Whether it is not known what follows."""
+        """Return whether it is not known what follows."""
         return key in self.unfinished or key in self.broken
 
     def _is_stuck(self, key: bytes) -> bool:
@@ -201,7 +204,7 @@ class ConfigurationGraph:
         return all(after == key or not ways for after, ways in self._after.get(key, {}).items())
 
     def _before(self, *, is_stopped: bool = False) -> _Before:
-        """The steps without a stop, by what they lead to; with ``is_stopped`` all of them."""
+        """Return the steps without a stop, by what they lead to; with ``is_stopped`` all of them."""
         before: _Before = {}
         for source, steps in self._after.items():
             for key, ways in steps.items():
@@ -230,7 +233,7 @@ class ConfigurationGraph:
 
 
 def _rounds(steps: Mapping[bytes, Collection[bytes]]) -> Iterator[list[bytes]]:
-    """The strongly connected components in which a step leads back (R. Tarjan, 1972), without recursion."""
+    """Yield the strongly connected components in which a step leads back (R. Tarjan, 1972), without recursion."""
     numbers: dict[bytes, int] = {}
     lowest: dict[bytes, int] = {}
     open_ones: list[bytes] = []

@@ -88,7 +88,7 @@ LISTENERS: Final = frozenset(('GoalUpdated', 'GlobalUpdatedGoal'))
 
 
 def leaf_model(definition: NodeDefinition) -> LeafModel:
-    """What stands for a node of which no more is known than its class, its ports and its skill."""
+    """Return what stands for a node of which no more is known than its class, its ports and its skill."""
     manifest = definition.manifest
     module = manifest.node_class.__module__
     if definition.tree_id is not None:
@@ -240,7 +240,7 @@ class _Model(LeafNode):
             self.get_input(name)
 
     def lacks_an_input(self) -> bool:
-        """Whether an input that is given points to what was never written."""
+        """Return whether an input that is given points to what was never written."""
         keys = (
             value.key for name, value in self.port_values.items() if name in self.ports and self.ports[name].readable
         )
@@ -253,7 +253,7 @@ class _Model(LeafNode):
         self.environment.facts.ends(self.path, self.needs, status)
 
     def answer(self) -> NodeStatus:
-        """A result that the environment gives at once: the same one as long as no time goes by."""
+        """Return a result that the environment gives at once: the same one as long as no time goes by."""
         results = self.model.results
         known = self.environment.answers
         if self.path not in known:
@@ -313,7 +313,8 @@ class ModelAction(_Model, StatefulAction):
         return RUNNING
 
     def _answers_at_once(self) -> bool:
-        """Whether its result is there in the tick in which it begins; once in a step, as an answer takes some time."""
+        """Return whether its result is there in the tick in which it begins; once in a step, as an answer takes some
+        time."""
         known = self.environment.answers
         if self.path in known:
             return False
@@ -380,7 +381,7 @@ _CLASSES: Final[Mapping[LeafKind, type[Any]]] = {
 
 
 def substitute(definition: NodeDefinition, model: LeafModel) -> NodeDefinition:
-    """The definition of what stands for a node."""
+    """Return the definition of what stands for a node."""
     if model.kind is LeafKind.REAL:
         return definition
     manifest = definition.manifest
@@ -448,14 +449,14 @@ def _parts(script: str) -> list[tuple[dict[str, None], list[Any]]]:
 
 
 def fitting(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Those of a type; of a type that nobody tells, numbers or texts where there are any, and each once."""
+    """Return those of a type; of a type that nobody tells, numbers or texts where there are any, and each once."""
     of_type = [one for one in values if kind is None or type(one) is kind.python_type]
     plain = of_type if kind is not None else [one for one in of_type if type(one) is not bool]
     return tuple(dict.fromkeys(plain or of_type))
 
 
 def some_value(kind: PortType | None) -> Any:
-    """A value of a type: nobody asks which."""
+    """Return a value of a type: nobody asks which."""
     if kind is None or kind.python_type is object:
         return 'value'
     try:

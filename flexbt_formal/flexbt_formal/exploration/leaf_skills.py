@@ -39,7 +39,7 @@ class Needs(NamedTuple):
 
 
 def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Entry, str]) -> Needs:
-    """The skill of a leaf as its ports bind it; literals of what they do not tell are left out.
+    """Return the skill of a leaf as its ports bind it; literals of what they do not tell are left out.
 
     ``names`` are those of entries of blackboards, which have other keys in other sub-trees; the new ones are added.
     """
@@ -72,8 +72,8 @@ def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Entry, str]) -> Ne
 
 
 def _is_asked_otherwise(leaf: TreeNode, skill: Skill, told: Mapping[str, str]) -> bool:
-    """Whether a condition is given more than what its literals are about, and not its default: with another limit, or
-    of another topic, it says something else."""
+    """Return whether a condition is given more than what its literals are about, and not its default: with another
+    limit, or of another topic, it says something else."""
     about = {told.get(name, name) for name in skill.parameters}
     return any(
         port in leaf.ports and port not in about and not _is_default(leaf.ports[port], value)
@@ -82,7 +82,7 @@ def _is_asked_otherwise(leaf: TreeNode, skill: Skill, told: Mapping[str, str]) -
 
 
 def _is_default(port: Port, value: PortValue) -> bool:
-    """Whether a port is given its default, in whatever notation."""
+    """Return whether a port is given its default, in whatever notation."""
 
     def meant(given: Any) -> Any:
         if isinstance(given, str) and port.type is not None and port.type.from_text is not None:
@@ -96,7 +96,7 @@ def _is_default(port: Port, value: PortValue) -> bool:
 
 
 def _object(leaf: TreeNode, port: str, names: dict[Entry, str]) -> str | None:
-    """What a port is given: a text, or the name of an entry; None for an entry that is not there."""
+    """Return what a port is given: a text, or the name of an entry; None for an entry that is not there."""
     value = leaf.port_values[port]
     if value.key is None:
         return str(value.text)
@@ -172,7 +172,7 @@ class Facts:
         known |= {atom: (one.positive, path) for one in effects if (atom := str(one.atom)) in self._needed}
 
     def _near(self, effect: Literal, needs: Needs) -> Iterator[str]:
-        """The atoms that may be that of an effect, or cannot hold together with it."""
+        """Yield the atoms that may be that of an effect, or cannot hold together with it."""
         place = needs.ends.get(effect.predicate) if effect.positive else None
         for atom, one in self._needed.items():
             if one.predicate == effect.predicate and all(
@@ -188,7 +188,7 @@ class Facts:
 
 
 def _plain(literal: Literal) -> str:
-    """A literal for people, without the marks of entries."""
+    """Return a literal for people, without the marks of entries."""
     return str(
         Literal(literal.predicate, tuple(one.partition(_MARK)[0] for one in literal.arguments), literal.positive)
     )

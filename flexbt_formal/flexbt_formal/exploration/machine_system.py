@@ -222,8 +222,8 @@ class MachineSystem:
         self._at_work.update(one.coming.path for one in self._run.regions() if one.coming is not None)
 
     def _rest(self) -> Any:
-        """What tells apart how it goes on once it was stopped, or has ended. Nothing is entered any more: what was left
-        halts, or is given up, and then it is told what is wrong with the end."""
+        """Return what tells apart how it goes on once it was stopped, or has ended. Nothing is entered any more: what
+        was left halts, or is given up, and then it is told what is wrong with the end."""
         run, environment, clock = self._run, self._environment, self.clock
         if run.outcome is not None:
             return run.outcome, sorted(environment.ending)
@@ -290,7 +290,7 @@ class MachineSystem:
         return [one for one in labels if not any(is_inside(one.subject, path) for path in left_out)]
 
     def _same(self) -> Iterator[Sequence[str]]:
-        """What is interchangeable, and in the same situation. What is being canceled has its own time."""
+        """Yield what is interchangeable, and in the same situation. What is being canceled has its own time."""
         self._note_work()
         ending = self._environment.ending
         regions = {
@@ -306,8 +306,8 @@ class MachineSystem:
             yield from (paths for paths in found.values() if len(paths) > 1)
 
     def _images(self, path: str) -> Iterator[str]:
-        """A path, and those where another one of what is interchangeable comes by a step like this one, which may be
-        after what was left out long before."""
+        """Return a path, and those where another one of what is interchangeable comes by a step like this one, which
+        may be after what was left out long before."""
         found = [(path, self._moved)]
         for group in self._alike:
             found += [
@@ -429,7 +429,7 @@ class MachineSystem:
         return [(path, self._described(self._states[path])) for path in self._environment.begun]
 
     def asked(self) -> Mapping[str, tuple[str, ...]]:
-        """When it begins, the userdata that machines are given."""
+        """Return when it begins, the userdata that machines are given."""
         return self._given_userdata if self._is_starting else {}
 
     def handed_over(self) -> Mapping[str, str]:
@@ -447,7 +447,7 @@ class MachineSystem:
         return frozenset(f'{node.path} > {outcome}' for node in self._definition.nodes() for outcome in node.outcomes)
 
     def promised(self) -> frozenset[str]:
-        """The outcomes of the machine, and its states, but where nobody answers what is asked."""
+        """Return the outcomes of the machine, and its states, but where nobody answers what is asked."""
         if self._bounds.operator is Operator.NONE:
             return frozenset()
         return frozenset((*(f'/ > {outcome}' for outcome in self._definition.outcomes), *self._states))
@@ -458,7 +458,7 @@ class MachineSystem:
     # -- what is at rest ---------------------------------------------------------------------------------------------
 
     def _idle_leaf(self, leaf: LeafRun) -> list[Any] | None:
-        """What is kept of a state that is not active: it begins anew when it is entered."""
+        """Return what is kept of a state that is not active: it begins anew when it is entered."""
         return None if leaf.path in self._at_work else _kept_of_leaf(leaf)
 
     def _idle_container(self, container: ContainerRun) -> list[Any] | None:

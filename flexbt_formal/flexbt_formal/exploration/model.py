@@ -33,7 +33,7 @@ class EnvironmentChoices:
         self.made: list[EnvironmentChoice] = []
 
     def choose(self, question: str, options: Sequence[str]) -> int:
-        """The place of the answer among the options. With one option nothing is asked.
+        """Return the place of the answer among the options. With one option nothing is asked.
 
         Raises:
             IndexError: what was given is none of the options: it belongs to another system.
@@ -53,7 +53,7 @@ class EnvironmentChoices:
         return tuple(one.taken for one in self.made)
 
     def others(self) -> list[tuple[int, ...]]:
-        """The answers to try besides, of which no two sets of choices give the same."""
+        """Return the answers to try besides, of which no two sets of choices give the same."""
         taken = self.answers
         return [
             (*taken[:place], other)
@@ -127,20 +127,21 @@ class System(Protocol):
     """What is explored: engines with an environment. A step is deterministic but for the choices."""
 
     def capture(self) -> Configuration:
-        """What it is in now."""
+        """Return what it is in now."""
 
     def restore(self, configuration: Configuration) -> None:
         """Be in that again."""
 
     def labels(self) -> Sequence[Label]:
-        """What can happen now; none when it has ended."""
+        """Return what can happen now; none when it has ended."""
 
     def answer(self, label: Label) -> LabelEffect | None:
-        """What a label that is possible now tells of a server, or of who causes it; None when it tells nothing."""
+        """Return what a label that is possible now tells of a server, or of who causes it; None when it tells
+        nothing."""
 
     def is_due(self, label: Label) -> bool:
-        """Whether a label that is possible now is that of a time that has come already: none goes by, and nothing
-        comes from outside."""
+        """Return whether a label that is possible now is that of a time that has come already: none goes by, and
+        nothing comes from outside."""
 
     def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:
         """Let it happen, with all that follows at once; what is wrong with that."""
@@ -170,26 +171,26 @@ class System(Protocol):
         """Return whether a person is asked how to go on, who can do something else, too."""
 
     def position(self) -> str:
-        """Where it is, in words."""
+        """Return where it is, in words."""
 
     def happened(self) -> Sequence[str]:
-        """What has happened in the last step, a line each."""
+        """Return what has happened in the last step, a line each."""
 
     def covered(self) -> frozenset[str]:
-        """What was taken up to now of :meth:`coverable`, with all steps that were made on this object."""
+        """Return what was taken up to now of :meth:`coverable`, with all steps that were made on this object."""
 
     def coverable(self) -> frozenset[str]:
         """Transitions and nodes that there are."""
 
     def promised(self) -> frozenset[str]:
-        """What of these is wrong when it can never be taken."""
+        """Return what of these is wrong when it can never be taken."""
 
     def idle(self) -> Iterable[Violation]:
-        """What has never made a difference, with all steps that were made on this object, and should."""
+        """Return what has never made a difference, with all steps that were made on this object, and should."""
 
 
 def livelock(system: System) -> Violation:
-    """What is wrong when a system has come back to where it is, and no time has gone by."""
+    """Return what is wrong when a system has come back to where it is, and no time has gone by."""
     where = system.position()
     text = f'it goes round without any time going by, and waits for nothing: {where}'
     return Violation(Property.NO_LIVELOCK, where, text)

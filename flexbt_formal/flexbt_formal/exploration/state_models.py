@@ -72,7 +72,7 @@ _UNSUCCESSFUL: Final = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT, OutcomeClas
 
 
 def state_model(definition: StateDefinition) -> StateModel:
-    """What stands for a state of which no more is known than its class and its skill."""
+    """Return what stands for a state of which no more is known than its class and its skill."""
     state = definition.state.unwrapped
     kind = StateModelKind.INSTANT if state.is_instant else StateModelKind.WORK
     ends_later = type(state).halting is not EventState.halting
@@ -230,7 +230,7 @@ class ModelState(EventState):
 
 
 def modelled(machine: MachineDefinition, models: StateModels, environment: MachineEnvironment) -> MachineDefinition:
-    """The machine with models in the place of its states; time-outs and further attempts around them stay."""
+    """Return the machine with models in the place of its states; time-outs and further attempts around them stay."""
     children = {
         label: modelled(child, models, environment)
         if isinstance(child, MachineDefinition)
@@ -264,8 +264,9 @@ InterchangeableGroup = tuple[str, ...]
 
 
 def interchangeable(machine: MachineDefinition) -> list[InterchangeableGroup]:
-    """Those of all containers in a machine of models, outermost first. None of them has a time of its own: of two that
-    are due at once, the first may end what the other is in. Neither has one priority, which is the first one's."""
+    """Return those of all containers in a machine of models, outermost first. None of them has a time of its own: of
+    two that are due at once, the first may end what the other is in. Neither has one priority, which is the first
+    one's."""
     return [group for node in machine.nodes() if isinstance(node, MachineDefinition) for group in _groups(node)]
 
 
@@ -284,8 +285,8 @@ def _groups(container: MachineDefinition) -> Iterator[InterchangeableGroup]:
 
 
 def _ends(container: MachineDefinition, one: str = '', other: str = '') -> list[tuple[str, Any]]:
-    """When a container ends, with two of its children exchanged. The order of conditions only matters where they have
-    different outcomes."""
+    """Return when a container ends, with two of its children exchanged. The order of conditions only matters where they
+    have different outcomes."""
     exchanged = {one: other, other: one}
     return [
         (outcome, {frozenset((exchanged.get(label, label), by) for label, by in one.children) for one in conditions})
@@ -294,7 +295,7 @@ def _ends(container: MachineDefinition, one: str = '', other: str = '') -> list[
 
 
 def _shape(node: StateDefinition | MachineDefinition) -> Any:
-    """All of a child but its place: what is not the same is not interchangeable."""
+    """Return all of a child but its place: what is not the same is not interchangeable."""
     around = dict(node.transitions), dict(node.remap), node.outcomes
     if isinstance(node, StateDefinition):
         state = node.state

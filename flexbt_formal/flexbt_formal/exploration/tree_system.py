@@ -139,7 +139,7 @@ TREE_LAYOUT: Final = Layout(
 
 
 def _is_unlimited(node: Any) -> bool:
-    """Whether a node counts attempts to which there is no limit."""
+    """Return whether a node counts attempts to which there is no limit."""
     limit = getattr(node, 'limit', None)
     try:
         return limit is not None and node.get_input(limit) == -1
@@ -173,7 +173,7 @@ class TreeSystem:
         observed: Iterable[str] = (),
         reduces: bool = True,
     ) -> None:
-        """Raises TreeLoadError or LookupError, as Tree does."""
+        """Raise TreeLoadError or LookupError, as Tree does."""
         self.clock = VirtualClock()
         self._stops = stops
         self._found: list[Violation] = []
@@ -231,7 +231,7 @@ class TreeSystem:
         )
 
     def _unread(self, scripts: list[str]) -> list[Entry]:
-        """The entries that nothing reads. None, when a node that is not ours may look at any."""
+        """Return the entries that nothing reads. None, when a node that is not ours may look at any."""
         known = (isinstance(node, _MODELS) or type(node).__module__.startswith(_OURS) for node in self._tree.nodes)
         if not all(known):
             return []
@@ -446,7 +446,7 @@ class TreeSystem:
         return {key: repr(entry.value) for key, entry in entries if type(entry.value) in _PLAIN}
 
     def _described(self, node: TreeNode) -> tuple[str, ...]:
-        """The type of a leaf, its inputs and outputs: the keys, and values of inputs that are plain, as they are
+        """Return the type of a leaf, its inputs and outputs: the keys, and values of inputs that are plain, as they are
         now."""
         return (node.id, *(self._port_text(node, name) for name in sorted(node.port_values)))
 
@@ -469,8 +469,8 @@ class TreeSystem:
         return frozenset(node.path for node in self._tree.nodes)
 
     def promised(self) -> frozenset[str]:
-        """All nodes, and success unless the tree says that it goes on for ever: a node that nothing can ever tick is
-        dead. The tree need not be able to fail."""
+        """Return all nodes, and success unless the tree says that it goes on for ever: a node that nothing can ever
+        tick is dead. The tree need not be able to fail."""
         return self.coverable() if any(map(_goes_on_for_ever, self._tree.nodes)) else self.coverable() | {SUCCEEDS}
 
     def idle(self) -> Iterable[Violation]:

@@ -62,11 +62,11 @@ class VirtualClock:
         return None
 
     def next_timer(self) -> float | None:
-        """When the first timer is due; None when there is none."""
+        """Return when the first timer is due; None when there is none."""
         return min((one.when for one in self.timers if one.callback is not None), default=None)
 
     def is_due(self, when: float | None) -> bool:
-        """Whether this time has come."""
+        """Return whether this time has come."""
         return when is not None and when <= self.time
 
     def go_to(self, when: float) -> None:

@@ -33,7 +33,7 @@ class Disturbance:
         return cls(action.name, domain.state(action.needs), domain.state(action.adds), deletes)
 
     def result(self, state: int) -> int | None:
-        """The state after it; None where it changes nothing."""
+        """Return the state after it; None where it changes nothing."""
         after = state & ~self.deletes | self.adds
         return after if not self.needs & ~state and after != state else None
 
@@ -65,10 +65,10 @@ class Chooser(Protocol):
         """The actions."""
 
     def is_reached(self, state: int) -> bool:
-        """Whether one of the goals holds."""
+        """Return whether one of the goals holds."""
 
     def actions(self, state: int) -> tuple[int, ...]:
-        """What runs in a state; nothing where no branch holds."""
+        """Return what runs in a state; nothing where no branch holds."""
 
 
 def explore_states(
@@ -79,7 +79,7 @@ def explore_states(
     deadline: float,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Coverage:
-    """Tries trees from a state, with up to ``times`` disturbances, until the ``deadline`` or ``MOST_STATES`` states.
+    """Try trees from a state, with up to ``times`` disturbances, until the ``deadline`` or ``MOST_STATES`` states.
 
     The way from that state to the goal is tried in any case.
 
@@ -133,7 +133,8 @@ class _Runs:
         return self._actions[state]
 
     def longest(self, state: int) -> int:
-        """The number of actions to the goal at most. Raises PlanningError when the goal is not always reached."""
+        """Return the number of actions to the goal at most. Raises PlanningError when the goal is not always
+        reached."""
         domain = self._chooser.domain
         begun: set[int] = set()
         todo = [state]
@@ -165,6 +166,6 @@ def _way(seen: dict[int, tuple[int, int, str] | None], state: int) -> tuple[str,
 
 
 def fault(domain: Domain, state: int, what: str) -> str:
-    """What a planner says of itself."""
+    """Return what a planner says of itself."""
     literals = ', '.join(sorted(domain.condition(state)))
     return f'the planner is at fault, please report it: {what}. State: {literals:.2000}'

@@ -36,7 +36,7 @@ class _Token(NamedTuple):
 
 
 def parse_goal(text: str) -> Alternatives:
-    """The alternatives of a goal, each with literals that have to hold at once.
+    """Return the alternatives of a goal, each with literals that have to hold at once.
 
     ``&`` (or ``and``), ``|`` (or ``or``), ``!`` (or ``not``) and parentheses, as ``(on(cup, table) | held) & !shut``;
     ``&`` before ``|``. Alternatives that say no less than another one are left out.
@@ -90,14 +90,14 @@ class _Reader:
         return found
 
     def _any(self, *, negated: bool) -> Alternatives:
-        """What stands between ``|``."""
+        """Return what stands between ``|``."""
         parts = [self._all(negated=negated)]
         while self._next('OR'):
             parts.append(self._all(negated=negated))
         return self._both(parts) if negated else self._either(parts)
 
     def _all(self, *, negated: bool) -> Alternatives:
-        """What stands between ``&``."""
+        """Return what stands between ``&``."""
         parts = [self._one(negated=negated)]
         while self._next('AND'):
             parts.append(self._one(negated=negated))
@@ -125,7 +125,7 @@ class _Reader:
         return inner
 
     def _next(self, kind: str) -> bool:
-        """Whether this comes next; then it is read."""
+        """Return whether this comes next; then it is read."""
         is_next = self._tokens[self._at].kind == kind
         self._at += is_next
         return is_next
@@ -158,7 +158,7 @@ class _Reader:
 
 
 def _opposite(literal: str) -> str:
-    """What holds where a literal does not."""
+    """Return what holds where a literal does not."""
     if '(' not in literal and '=' in literal:
         return literal.replace('!=', '=') if '!=' in literal else literal.replace('=', '!=')
     return f'not {literal}'

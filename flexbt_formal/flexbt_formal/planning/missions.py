@@ -46,7 +46,7 @@ class Mission:
 
 
 def read_mission(text: str, source: str = '<text>') -> Mission:
-    """The mission that a text describes.
+    """Return the mission that a text describes.
 
     Raises:
         PlanningError: with everything that is wrong, each on a line as ``source:line: what``.
@@ -93,7 +93,7 @@ _DEFAULT_ATTEMPTS: Final = 3
 def skill_problem(
     library: SkillLibrary, start: Iterable[str], goal: str, disturbances: Sequence[Iterable[str]] = ()
 ) -> PlanningProblem:
-    """What to plan.
+    """Return what to plan.
 
     Args:
         library: skills and objects.
@@ -177,8 +177,8 @@ def _action_leaf(skill: Skill, action: GroundAction) -> Leaf:
 
 
 def sensor_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
-    """The leaf that tells whether a literal holds: that of the predicate's sensor, otherwise one that is called as the
-    predicate. None when the library has no such predicate."""
+    """Return the leaf that tells whether a literal holds: that of the predicate's sensor, otherwise one that is called
+    as the predicate. None when the library has no such predicate."""
     predicate = library.predicates.get(literal.predicate)
     if predicate is None:
         return None
@@ -207,8 +207,8 @@ class Measurement:
 
     @classmethod
     def of(cls, library: SkillLibrary, goal: str, is_type: Callable[[str], bool]) -> Self:
-        """What matters for a goal (see :func:`parse_goal`) and can be told of a library's objects by leaves, of which
-        ``is_type`` knows the types.
+        """Return what matters for a goal (see :func:`parse_goal`) and can be told of a library's objects by leaves, of
+        which ``is_type`` knows the types.
 
         Raises:
             PlanningError, SkillError: the goal is none, or those are more than MOST_FACTS.
@@ -235,7 +235,7 @@ class Measurement:
         return cls(leaves)
 
     def tree_xml(self, name: str) -> str:
-        """A tree of this ID that succeeds once every sensor has answered; :meth:`start` reads what they said."""
+        """Return a tree of this ID that succeeds once every sensor has answered; :meth:`start` reads what they said."""
         root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=name)
         tree = ElementTree.SubElement(root, 'BehaviorTree', ID=name)
         asked = ElementTree.SubElement(tree, 'Sequence', name='how the world is')
@@ -248,7 +248,8 @@ class Measurement:
         return ElementTree.tostring(root, encoding='unicode')
 
     def start(self, given: Iterable[str], holds: Callable[[str], bool]) -> list[str]:
-        """The literals that hold at the start: those that were measured, and of ``given`` those that nothing measures.
+        """Return the literals that hold at the start: those that were measured, and of ``given`` those that nothing
+        measures.
 
         ``holds`` tells whether an entry of the tree's blackboard is there, and true.
 
@@ -261,7 +262,8 @@ class Measurement:
 
 
 def _that_matter(library: SkillLibrary, wanted: set[str]) -> set[str]:
-    """The predicates that are wanted, and those of the conditions of skills that bring about one that matters."""
+    """Return the predicates that are wanted, and those of the conditions of skills that bring about one that
+    matters."""
     found = set(wanted)
     pending = list(library.skills.values())
     while bringing := [skill for skill in pending if not found.isdisjoint(_brought_about(skill))]:

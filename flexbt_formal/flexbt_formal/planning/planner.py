@@ -50,7 +50,7 @@ def plan(
     report: Callable[[SearchProgress], None] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Plan:
-    """Plans, and tries the result in all states that may come after up to ``disturbed`` disturbances.
+    """Plan, and tries the result in all states that may come after up to ``disturbed`` disturbances.
 
     What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``;
     when it is over, the result has what was found until then (outcome ``TIME_LIMIT``).
@@ -103,8 +103,8 @@ def plan(
 
 
 def compiled(problem: PlanningProblem) -> tuple[Domain, int, tuple[int, ...]]:
-    """The domain, what the search looks for, and the goals. Of several goals an action without cost makes each the
-    one that is looked for."""
+    """Return the domain, what the search looks for, and the goals. Of several goals an action without cost makes each
+    the one that is looked for."""
     known = (*problem.initial, *(literal for one in problem.disturbances for literal in one.adds | one.needs))
     known += tuple(literal for one in problem.goal for literal in one if problem.knows(literal))
     if len(problem.goal) == 1:
@@ -156,7 +156,7 @@ def _why_not_one(problem: PlanningProblem, reachability: Reachability, goal: int
 
 
 def _unreachable(problem: PlanningProblem, reachability: Reachability, literal: int) -> str:
-    """The chain of needs down to the one that nothing can bring about."""
+    """Return the chain of needs down to the one that nothing can bring about."""
     domain = reachability.domain
     seen = {literal}
     text = domain.literals[literal]
@@ -176,7 +176,7 @@ def _unreachable(problem: PlanningProblem, reachability: Reachability, literal: 
 
 
 def _nowhere(problem: PlanningProblem, literal: str) -> str:
-    """What may be missing at the start: a robot that is nowhere comes to no place."""
+    """Return what may be missing at the start: a robot that is nowhere comes to no place."""
     predicate = predicate_of(literal)
     is_anywhere = predicate == literal or any(predicate_of(one) == predicate for one in problem.initial)
     return '' if is_anywhere else f' (at the start no {predicate}(...) holds: is it missing there?)'

@@ -53,18 +53,18 @@ class Policy:
                 self.branches.append(Branch(condition, step.action, step.cost))
 
     def _way(self, condition: int) -> list[int]:
-        """The conditions from one to the goal."""
+        """Return the conditions from one to the goal."""
         way = [condition]
         while (step := self.steps[way[-1]]).action is not None:
             way.append(step.next)
         return way
 
     def is_reached(self, state: int) -> bool:
-        """Whether one of the goals holds."""
+        """Return whether one of the goals holds."""
         return any(not goal & ~state for goal in self.goals)
 
     def choose(self, state: int) -> Branch | None:
-        """The branch that a tick comes to; None where none holds."""
+        """Return the branch that a tick comes to; None where none holds."""
         return next((branch for branch in self.branches if not branch.condition & ~state), None)
 
     def merged(self, other: Policy) -> Policy:
@@ -119,7 +119,7 @@ def compact(branches: Sequence[Branch]) -> tuple[BranchRule | RuleGroup, ...]:
 
 
 def actions_of(members: Sequence[BranchRule | RuleGroup]) -> tuple[int, ...]:
-    """The actions of some branches, each once."""
+    """Return the actions of some branches, each once."""
     return tuple(dict.fromkeys(_actions(members)))
 
 
@@ -144,11 +144,11 @@ class CompactPolicy:
         self.members: Final = compact(policy.branches)
 
     def is_reached(self, state: int) -> bool:
-        """Whether one of the goals holds."""
+        """Return whether one of the goals holds."""
         return self._policy.is_reached(state)
 
     def actions(self, state: int) -> tuple[int, ...]:
-        """The action of the branch that holds; nothing where none does."""
+        """Return the action of the branch that holds; nothing where none does."""
         branch = self._policy.choose(state)
         action = chosen(self.members, state)
         if action != (None if branch is None else branch.action):
@@ -157,7 +157,7 @@ class CompactPolicy:
 
 
 def chosen(members: Sequence[BranchRule | RuleGroup], state: int) -> int | None:
-    """The action that a tick comes to; None where nothing applies."""
+    """Return the action that a tick comes to; None where nothing applies."""
     for member in members:
         if member.condition & ~state:
             continue
@@ -170,7 +170,7 @@ def chosen(members: Sequence[BranchRule | RuleGroup], state: int) -> int | None:
 
 
 def _best_group(branches: Sequence[Branch], start: int) -> tuple[int, int]:
-    """What the branches of the best group that begins at a place have in common, and its end."""
+    """Return what the branches of the best group that begins at a place have in common, and its end."""
     common = branches[start].condition
     best = (0, 0, start + 1)
     for end in range(start + 1, min(len(branches), start + _LONGEST_GROUP)):

@@ -81,11 +81,12 @@ class Domain:
         return mask
 
     def state(self, true: Iterable[str]) -> int:
-        """The state in which these literals are true. What no action knows makes no difference, and is left out."""
+        """Return the state in which these literals are true. What no action knows makes no difference, and is left
+        out."""
         return sum(1 << self._index[literal] for literal in set(true) if literal in self._index)
 
     def mask(self, condition: Iterable[str]) -> int:
-        """The bit set of a condition.
+        """Return the bit set of a condition.
 
         Raises:
             PlanningError: no action knows a literal, nor is it ``known``.
@@ -99,16 +100,16 @@ class Domain:
         return sum(1 << self._index[literal] for literal in literals)
 
     def condition(self, mask: int) -> Condition:
-        """The literals of a bit set."""
+        """Return the literals of a bit set."""
         return frozenset(self.literals[bit] for bit in bits(mask))
 
     def result(self, state: int, action: int) -> int:
-        """The state after an action, by its number."""
+        """Return the state after an action, by its number."""
         return state & ~self.deletes[action] | self.adds[action]
 
 
 def bits(mask: int) -> Iterator[int]:
-    """The numbers of the bits that are set, ascending."""
+    """Yield the numbers of the bits that are set, ascending."""
     while mask:
         low = mask & -mask
         yield low.bit_length() - 1
@@ -134,8 +135,8 @@ class Leaf:
 
     @classmethod
     def of(cls, text: str) -> Leaf:
-        """The leaf for a literal or an action of which nothing else is said: ``on(cup, table)`` is a leaf of the type
-        ``on``, whose ports ``argument1`` and ``argument2`` are cup and table."""
+        """Return the leaf for a literal or an action of which nothing else is said: ``on(cup, table)`` is a leaf of the
+        type ``on``, whose ports ``argument1`` and ``argument2`` are cup and table."""
         found = _CALL.fullmatch(text.strip())
         if found is None:
             return cls(text)
@@ -186,21 +187,22 @@ class PlanningProblem:
         object.__setattr__(self, 'initial', self.initial | opposite(frozenset(opposites) - self.initial))
 
     def leaf(self, text: str) -> Leaf:
-        """How a literal is tested, or an action done."""
+        """Return how a literal is tested, or an action done."""
         return self.leaves.get(text) or Leaf.of(text)
 
     def knows(self, text: str) -> bool:
-        """Whether a literal is one of a predicate that is known, or the opposite of one that actions speak of."""
+        """Return whether a literal is one of a predicate that is known, or the opposite of one that actions speak
+        of."""
         return predicate_of(text) in self.remedies or text.removeprefix(_NOT) in self._literals() - {text}
 
     def _literals(self) -> Condition:
-        """What holds at the start, and all that actions speak of."""
+        """Return what holds at the start, and all that actions speak of."""
         every = (*self.actions, *self.disturbances)
         return self.initial.union(*(one.needs | one.adds | one.deletes for one in every))
 
 
 def predicate_of(literal: str) -> str:
-    """The predicate of a literal as it is written: on, of ``on(cup, table)`` and of ``not on(cup, table)``."""
+    """Return the predicate of a literal as it is written: on, of ``on(cup, table)`` and of ``not on(cup, table)``."""
     return literal.removeprefix(_NOT).partition('(')[0]
 
 
@@ -208,7 +210,7 @@ def predicate_of(literal: str) -> str:
 
 
 def read_scene(scene: str, actions: Iterable[str], source: str = '<scene>') -> tuple[tuple[Action, ...], Condition]:
-    """The actions of a scene, and what holds at its start.
+    """Return the actions of a scene, and what holds at its start.
 
     Args:
         scene: JSON with ``initial``, a list of literals.

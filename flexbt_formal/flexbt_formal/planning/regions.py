@@ -64,7 +64,7 @@ class RegionMap:
 
 
 def region_map(plan: Plan | TeamPlan) -> RegionMap:
-    """The map of a plan, of all states that may come with as many disturbances as it was tried with.
+    """Return the map of a plan, of all states that may come with as many disturbances as it was tried with.
 
     Raises:
         ValueError: there is no plan.

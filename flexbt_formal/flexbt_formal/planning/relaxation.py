@@ -53,7 +53,8 @@ class Exclusions:
                     self.of[member] |= group & ~(1 << member)
 
     def _largest(self, literal: int, failed: set[int]) -> int | None:
-        """The set of a literal; where it would be alone, with the one that an action that makes it true moves there."""
+        """Return the set of a literal; where it would be alone, with the one that an action that makes it true moves
+        there."""
         alone = self._group(1 << literal | self._others_of_adders(literal), failed)
         if alone is None or alone.bit_count() > 1:
             return alone
@@ -84,7 +85,7 @@ class Exclusions:
         return group if (group & self._initial).bit_count() <= 1 and self._holds(group) else None
 
     def _others_of_adders(self, seed: int) -> int:
-        """What all that make a literal true make false: the other places when one goes to a place."""
+        """Return what all that make a literal true make false: the other places when one goes to a place."""
         common = -1
         for action in self._adders[seed]:
             common &= self._domain.deletes[action]
@@ -102,7 +103,7 @@ class Exclusions:
         return True
 
     def excluded(self, condition: int) -> bool:
-        """Whether a condition has two literals that exclude each other."""
+        """Return whether a condition has two literals that exclude each other."""
         return any(self.of[literal] & condition for literal in bits(condition))
 
 
@@ -162,14 +163,14 @@ class Reachability:
         self.before_weights: Final = [self.weight(landmarks) for landmarks in self.before]
 
     def landmarks_of(self, literals: list[int]) -> int:
-        """What is true at some time on each way to these literals."""
+        """Return what is true at some time on each way to these literals."""
         mask = 0
         for literal in literals:
             mask |= self.landmarks[literal]
         return mask
 
     def weight(self, landmarks: int) -> float:
-        """What it costs at least to pass these landmarks."""
+        """Return what it costs at least to pass these landmarks."""
         return sum(weight * (landmarks & mask).bit_count() for weight, mask in self._by_weight)
 
     def _spread(self, without: Iterable[int]) -> None:
@@ -251,7 +252,7 @@ Cuts = tuple[Cut, ...]
 
 
 def total(cuts: Cuts) -> float:
-    """The lower bound that cuts are."""
+    """Return the lower bound that cuts are."""
     return sum(cut.cost for cut in cuts)
 
 
@@ -265,12 +266,12 @@ class LmCut:
         self._costs: Final = reachability.domain.costs
 
     def kept(self, condition: int, cuts: Cuts) -> Cuts:
-        """Those of the cuts of another condition that are cuts of this one, too: a bound that costs little."""
+        """Return those of the cuts of another condition that are cuts of this one, too: a bound that costs little."""
         lacking = condition & ~self._known
         return tuple(cut for cut in cuts if cut.zone & lacking)
 
     def cuts(self, condition: int, kept: Cuts = ()) -> Cuts:
-        """The cuts of a condition, beginning with those that are known of it (:meth:`kept`)."""
+        """Return the cuts of a condition, beginning with those that are known of it (:meth:`kept`)."""
         goals = list(bits(condition & ~self._known))
         landmarks = self._reachability.landmarks_of(goals)
         relevant = self._relevant(goals)
@@ -307,7 +308,7 @@ class LmCut:
         return tuple(found)
 
     def _relevant(self, goals: list[int]) -> list[tuple[int, list[int], list[int]]]:
-        """The actions on ways to the goals: number, what they need and what they add beside what is there."""
+        """Return the actions on ways to the goals: number, what they need and what they add beside what is there."""
         found: dict[int, tuple[int, list[int], list[int]]] = {}
         todo = list(goals)
         seen = set(todo)
@@ -364,7 +365,7 @@ def _relaxed_costs(
 def _zone(
     top: int, left: dict[int, float], adders: dict[int, list[int]], supporters: dict[int, int | None]
 ) -> set[int]:
-    """The literals from which ``top`` is reached at no more cost."""
+    """Return the literals from which ``top`` is reached at no more cost."""
     zone = {top}
     todo = [top]
     while todo:
@@ -377,7 +378,7 @@ def _zone(
 
 
 def _cut(zone: set[int], adds_of: dict[int, list[int]], supporters: dict[int, int | None]) -> set[int]:
-    """The actions that lead from what is reached outside of the zone into it."""
+    """Return the actions that lead from what is reached outside of the zone into it."""
     supported: dict[int | None, list[int]] = defaultdict(list)
     for action, supporter in supporters.items():
         supported[supporter].append(action)

@@ -77,7 +77,7 @@ class SearchResult:
         return None if self.start is None else self.steps[self.start].cost
 
     def plan(self) -> list[int]:
-        """The actions of the best plan that was found; empty without one."""
+        """Return the actions of the best plan that was found; empty without one."""
         actions = []
         condition = self.start
         while condition is not None and (step := self.steps[condition]).action is not None:
@@ -94,7 +94,7 @@ def search(
     report: Callable[[SearchProgress], None] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> SearchResult:
-    """The cheapest plan from the initial state to a goal (a bit set).
+    """Return the cheapest plan from the initial state to a goal (a bit set).
 
     Ends with ``TIME_LIMIT`` when ``time_limit`` (seconds on the ``clock``) is over; what was found until then is in the
     result: from half of that time on any plan is looked for first. ``report`` is called about five times a second.
@@ -199,7 +199,8 @@ class _Search:
         return result
 
     def _rest(self, condition: int, after: int) -> float:
-        """What a condition costs at least: its cuts, of which those of the one that comes ``after`` it are kept."""
+        """Return what a condition costs at least: its cuts, of which those of the one that comes ``after`` it are
+        kept."""
         cuts = self._cuts.get(condition)
         if cuts is None:
             cuts = self._lm_cut.cuts(condition, self._lm_cut.kept(condition, self._cuts[after]))
@@ -209,7 +210,8 @@ class _Search:
     def _regressions(
         self, condition: int, cost: float, done: float, bound: float
     ) -> Iterator[tuple[int, RegressionStep]]:
-        """What leads to a condition, by actions that may be in plans that cost more than ``done``, up to ``bound``."""
+        """Yield what leads to a condition, by actions that may be in plans that cost more than ``done``, up to
+        ``bound``."""
         domain = self._reachability.domain
         tried: set[int] = set()
         for literal in bits(condition):
@@ -223,7 +225,7 @@ class _Search:
                     yield domain.needs[action] | kept, RegressionStep(cost + domain.costs[action], action, condition)
 
     def _next_bound(self, condition: int, bound: float) -> float:
-        """The least cost above ``bound`` of a plan with an action that makes some of a condition true."""
+        """Return the least cost above ``bound`` of a plan with an action that makes some of a condition true."""
         least = math.inf
         for literal in bits(condition):
             bounds = self._achievers_of(literal)[0]
@@ -242,7 +244,7 @@ class _Search:
         return now >= self._deadline
 
     def _achievers_of(self, literal: int) -> tuple[list[float], list[int]]:
-        """The actions that add a literal, by the least cost of a plan that they are in, with these costs."""
+        """Return the actions that add a literal, by the least cost of a plan that they are in, with these costs."""
         known = self._achievers.get(literal)
         if known is None:
             pairs = sorted(
@@ -252,7 +254,7 @@ class _Search:
         return known
 
     def _bound_with(self, action: int) -> float:
-        """What a plan with this action costs at least.
+        """Return what a plan with this action costs at least.
 
         The cuts of the goal, and what they leave of the costs of the landmarks before the action, and of its own.
         """
@@ -263,7 +265,7 @@ class _Search:
         return self._least + reachability.before_weights[action] - reduction + own
 
     def _excluded_with(self, action: int) -> int:
-        """What cannot be true before an action runs, or after it unless the action adds it."""
+        """Return what cannot be true before an action runs, or after it unless the action adds it."""
         known = self._excluded_before.get(action)
         if known is None:
             domain = self._reachability.domain
@@ -305,7 +307,7 @@ class _Queue:
         return heapq.heappop(self._heap)[2]
 
     def take_nearest(self, nearest_first: bool) -> None:
-        """Changes the order."""
+        """Change the order."""
         if nearest_first is not self.nearest_first:
             self.nearest_first = nearest_first
             self._heap = [(second, first, one) for first, second, one in self._heap]
@@ -333,7 +335,7 @@ class _Closed:
         node.cost = cost
 
     def covers(self, condition: int, cost: float) -> bool:
-        """Whether one that asks for no more leads to the goal at no more cost."""
+        """Return whether one that asks for no more leads to the goal at no more cost."""
         todo = [self._root]
         while todo:
             node = todo.pop()

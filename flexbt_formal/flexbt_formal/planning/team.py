@@ -58,7 +58,7 @@ def team_problem(
     robots: Mapping[str, Collection[str]],
     disturbances: Sequence[Iterable[str]] = (),
 ) -> Team:
-    """What to plan, from manifests.
+    """Return what to plan, from manifests.
 
     ``robots`` names them, each with its skills. Who does a skill is its parameter ``robot``; a skill without one is
     done by any robot that has it. Robots that the library does not name are objects of the type ``robot``. The others
@@ -115,7 +115,7 @@ def _check_name(robot: str) -> None:
 
 
 def staffed(team: Team) -> PlanningProblem:
-    """The problem, in which a robot that is lost does nothing any more, and any of them may be lost."""
+    """Return the problem, in which a robot that is lost does nothing any more, and any of them may be lost."""
     serving = {robot: in_service(robot) for robot in team.robots}
     problem = team.problem
     return replace(
@@ -140,12 +140,12 @@ def staffed(team: Team) -> PlanningProblem:
 
 
 def in_service(robot: str) -> str:
-    """The literal that a robot works."""
+    """Return the literal that a robot works."""
     return f'{robot} is in service'
 
 
 def entry(what: str, robot: str) -> str:
-    """The entry of the blackboard with what is known of a robot."""
+    """Return the entry of the blackboard with what is known of a robot."""
     return f'{what}_' + ''.join(one if one.isascii() and one.isalnum() else '_' for one in robot)
 
 
@@ -205,7 +205,7 @@ def plan_team(
     report: Callable[[SearchProgress], None] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> TeamPlan:
-    """Plans for several robots, and tries the result in all states that may come after up to ``disturbed``
+    """Plan for several robots, and tries the result in all states that may come after up to ``disturbed``
     disturbances, of which a robot that is lost is one.
 
     What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``; when

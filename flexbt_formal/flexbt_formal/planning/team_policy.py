@@ -32,8 +32,8 @@ def predecessors(domain: Domain, plan: Sequence[int], doers: Sequence[str]) -> l
 
 
 def ends(domain: Domain, plan: Sequence[int], before: Sequence[int], done: int = 0) -> list[float]:
-    """When each action of a plan ends, if costs are durations and each begins as soon as it may; 0 for what is ``done``
-    (a bit set of places)."""
+    """Return when each action of a plan ends, if costs are durations and each begins as soon as it may; 0 for what is
+    ``done`` (a bit set of places)."""
     found: list[float] = []
     for place, action in enumerate(plan):
         if done >> place & 1:
@@ -45,7 +45,7 @@ def ends(domain: Domain, plan: Sequence[int], before: Sequence[int], done: int =
 
 
 def _depend(domain: Domain, one: int, other: int) -> bool:
-    """Whether it matters which of two actions comes first: one changes what the other needs or brings about."""
+    """Return whether it matters which of two actions comes first: one changes what the other needs or brings about."""
     return bool(
         domain.adds[one] & domain.needs[other]
         or domain.adds[other] & domain.needs[one]
@@ -108,7 +108,7 @@ class Divider:
         self._without: frozenset[int] = frozenset()
 
     def divide(self, state: int, deadline: float, report: Callable[[SearchProgress], None] | None = None) -> Divided:
-        """The best division that is found until the ``deadline``, on the clock."""
+        """Return the best division that is found until the ``deadline``, on the clock."""
         found = self._search(state, deadline, frozenset(), report)
         if found.start is None:
             return Divided(None, found, found.expanded)
@@ -136,7 +136,7 @@ class Divider:
         return Divided(self._better(tried, best) or best, found, found.expanded + tried.expanded)
 
     def alone(self, robot: str, state: int, deadline: float) -> SearchResult:
-        """The cheapest plan of one robot."""
+        """Return the cheapest plan of one robot."""
         others = [action for action, doer in enumerate(self._doers) if doer not in ('', robot)]
         return self._search(state, deadline, others)
 
@@ -152,7 +152,7 @@ class Divider:
         return search(reachability, self._goal, time_limit=limit, report=report, clock=self._clock)
 
     def _better(self, found: SearchResult, than: Division) -> Division | None:
-        """The division of a search that is done, if it is shorter, or as short and cheaper."""
+        """Return the division of a search that is done, if it is shorter, or as short and cheaper."""
         if found.outcome is not SearchOutcome.SOLVED:
             return None
         division = self._division(found)
@@ -168,8 +168,8 @@ class Divider:
         return Division(goal, tuple(plan), tuple(before), tuple(ends(self._domain, plan, before)), cost)
 
     def _left_to_others(self, division: Division) -> list[frozenset[int]]:
-        """What is not done any more so that the robot that is done last leaves something to the others: of each of its
-        actions all that do the same; at first with what would let the others take the rest from it, too."""
+        """Return what is not done any more so that the robot that is done last leaves something to the others: of each
+        of its actions all that do the same; at first with what would let the others take the rest from it, too."""
         if not division.plan:
             return []
         last = max(range(len(division.plan)), key=division.ends.__getitem__)
@@ -234,15 +234,15 @@ class TeamPolicy:
         """By the number of a robot its branches, compacted; where others go on, its action is WAITS."""
 
     def is_reached(self, state: int) -> bool:
-        """Whether one of the goals holds."""
+        """Return whether one of the goals holds."""
         return any(not goal & ~state for goal in self.goals)
 
     def choose(self, state: int) -> TeamBranch | None:
-        """The branch that a tick comes to; None where none holds."""
+        """Return the branch that a tick comes to; None where none holds."""
         return next((branch for branch in self.branches if not branch.condition & ~state), None)
 
     def actions(self, state: int) -> tuple[int, ...]:
-        """What the trees of the robots do in a state; nothing where no branch holds.
+        """Return what the trees of the robots do in a state; nothing where no branch holds.
 
         Raises:
             PlanningError: they do something else than the branches say. That is a fault of the planner.
@@ -255,7 +255,7 @@ class TeamPolicy:
 
 
 def branches_of(domain: Domain, division: Division, robots: Sequence[str], doers: Sequence[str]) -> list[TeamBranch]:
-    """The branches of a division: one for whatever may be done of it at a moment."""
+    """Return the branches of a division: one for whatever may be done of it at a moment."""
     plan, before = division.plan, division.before
     whole = (1 << len(plan)) - 1
     own = [[place for place, action in enumerate(plan) if doers[action] == robot] for robot in robots]

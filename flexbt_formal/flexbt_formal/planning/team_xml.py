@@ -46,7 +46,7 @@ from .tree_xml import (
 
 
 def team_xml(plan: TeamPlan, name: str = 'Plan', most_actions: int | None = None) -> str:
-    """The XML of the trees of a plan: ``name`` runs all robots, ``name_ROBOT`` is that of one.
+    """Return the XML of the trees of a plan: ``name`` runs all robots, ``name_ROBOT`` is that of one.
 
     ``most_actions``: after so many actions that succeeded they give up; without it, after three times as many as the
     longest way that was tried.

@@ -41,13 +41,13 @@ _BUILTIN: Final = ('ScriptCondition', 'Script')
 
 
 def failed_action(problem: PlanningProblem, reason: str) -> tuple[str, str] | None:
-    """The action because of which a tree gave up for this reason, and what it did; None when it was none."""
+    """Return the action because of which a tree gave up for this reason, and what it did; None when it was none."""
     did = ((action.name, what) for action in problem.actions for what in (_FAILED, _IN_VAIN))
     return next((one for one in did if _reason(*one, problem.leaf(one[0])) == reason), None)
 
 
 def _rows(line: str) -> Iterable[str]:
-    """A line of XML; one that is too long has a line for each attribute."""
+    """Return a line of XML; one that is too long has a line for each attribute."""
     if len(line) <= _LONGEST_LINE:
         return [line]
     margin = ' ' * (len(line) - len(line.lstrip(' ')))
@@ -63,7 +63,7 @@ class LeafWriter:
         self._types: dict[tuple[str, str], set[str]] = {}
 
     def document(self, main: str, trees: Iterable[ElementTree.Element]) -> str:
-        """The XML of trees, with the node types as Groot2 wants to know them."""
+        """Return the XML of trees, with the node types as Groot2 wants to know them."""
         root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=main)
         root.extend(trees)
         models = add(root, 'TreeNodesModel')
@@ -139,7 +139,7 @@ class LeafWriter:
 
 
 def add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
-    """A new child."""
+    """Return a new child."""
     return ElementTree.SubElement(parent, tag, attributes)
 
 
@@ -149,7 +149,7 @@ def allowed_actions(coverage: Coverage) -> int:
 
 
 def actions_left(parent: ElementTree.Element, most: int) -> None:
-    """Gives up when so many actions have succeeded."""
+    """Give up when so many actions have succeeded."""
     allowed = add(parent, 'ReactiveFallback', name='actions are left')
     add(allowed, 'ScriptCondition', code=f'{COUNT_ENTRY} < {most}')
     add_last_branch(
@@ -164,7 +164,7 @@ def add_last_branch(parent: ElementTree.Element, reason: str, more: str = '') ->
 
 
 def quoted(text: str) -> str:
-    """A text within the quotes of a script."""
+    """Return a text within the quotes of a script."""
     return text.replace("'", '’').replace('\\', '/')
 
 
@@ -198,7 +198,7 @@ def _times(number: int) -> str:
 
 
 def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) -> str:
-    """The XML of a plan's tree.
+    """Return the XML of a plan's tree.
 
     ``most_actions``: after so many actions that succeeded the tree gives up; without it, after three times as many as
     the longest way that was tried.
@@ -216,13 +216,13 @@ def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) ->
 
 
 def tree_entries(plan: Plan) -> tuple[str, ...]:
-    """The entries of the blackboard that a plan's tree has for itself."""
+    """Return the entries of the blackboard that a plan's tree has for itself."""
     own = (COUNT_ENTRY, LAST_ENTRY, AGAIN_ENTRY, FAILURE_ENTRY)
     return (*own, *map(_given_up, actions_of(plan.members)))
 
 
 def _given_up(action: int) -> str:
-    """The entry with how many actions had succeeded when this one has failed."""
+    """Return the entry with how many actions had succeeded when this one has failed."""
     return f'plan_given_up_{action}'
 
 

@@ -20,7 +20,7 @@ from .tree_proof import GOALS
 
 
 def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Blackboards) -> StateModels:
-    """What stands for the states of a behavior. Of one that runs a tree, what was found about the tree holds."""
+    """Return what stands for the states of a behavior. Of one that runs a tree, what was found about the tree holds."""
 
     resources = tree_resources(used.library)
     uses = {use.path: use for use in used.uses}
@@ -62,7 +62,7 @@ class Blackboards:
 
     @classmethod
     def of(cls, used: UsedTrees, given: Collection[str] = ()) -> Blackboards:
-        """Those of a behavior; its trees are given ``given`` from outside, and what their models name. Raises
+        """Return those of a behavior; its trees are given ``given`` from outside, and what their models name. Raises
         TreeLoadError."""
         library = used.library
         known = {*HOST_KEYS, *given}
@@ -79,12 +79,13 @@ class Blackboards:
         return frozenset().union(*self.needed.values())
 
     def reads(self, use: TreeUse) -> frozenset[str]:
-        """What has to be there when a state begins that uses the BT server, in words."""
+        """Return what has to be there when a state begins that uses the BT server, in words."""
         needed = self.needed[use.key] if use.key is not None else frozenset[str]()
         return _named(needed - use.use.writes.keys(), use)
 
     def writes(self, use: TreeUse, model: StateModel, outcome: str, report: Report | None) -> frozenset[str]:
-        """What is there after an outcome of it, in words. Of a tree that is not known, or not proved, anything may be.
+        """Return what is there after an outcome of it, in words. Of a tree that is not known, or not proved, anything
+        may be.
 
         One that has failed, or was canceled, may have been refused: then it has written nothing.
         """
@@ -98,7 +99,7 @@ class Blackboards:
         return _named(self.observed.intersection((*use.use.writes, *by_tree)), use)
 
     def note(self, reports: Mapping[TreeKey, Report]) -> str:
-        """What is not known of who writes what, since trees are not proved; '' when there is no such."""
+        """Return what is not known of who writes what, since trees are not proved; '' when there is no such."""
         trees = ', '.join(key.id for key, report in reports.items() if not report.is_proof)
         if not trees or not self.observed:
             return ''

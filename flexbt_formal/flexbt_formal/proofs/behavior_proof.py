@@ -139,7 +139,7 @@ def replay_behavior(
     models: Sequence[str] = (),
     nav2_branch: Nav2Branch = NAV2_BRANCHES[0],
 ) -> list[Violation]:
-    """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
+    """Return what is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
 
     The way is one of the machine, or of the tree ``tree`` that it runs. ``name`` is that of an installed behavior, or
     the file of a machine; ``trees`` are files that it does not load itself, ``models`` such that describe node types.
@@ -180,7 +180,7 @@ def replay_behavior(
 def named_progress(
     name: str, tell: Callable[[str, ExplorationProgress], None] | None
 ) -> Callable[[ExplorationProgress], None] | None:
-    """Who is told of the progress of one of several, by this name."""
+    """Return who is told of the progress of one of several, by this name."""
     return None if tell is None else lambda progress: tell(name, progress)
 
 

@@ -58,7 +58,7 @@ def _found(reports: Sequence[Report]) -> list[tuple[Report, Counterexample]]:
 
 
 def counterexample_diagram(report: Report, found: Counterexample) -> SequenceDiagram:
-    """The diagram of what an exploration has found; its steps are made anew."""
+    """Return the diagram of what an exploration has found; its steps are made anew."""
     assert report.make is not None
     system = report.make()
     engine = 'tree' if isinstance(system, TreeSystem) else 'machine'

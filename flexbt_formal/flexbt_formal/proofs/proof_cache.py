@@ -40,7 +40,8 @@ class ProofCache:
         self._folder = folder or Path(cached) / 'flexbt' / 'proofs'
 
     def get(self, digest: str, make: Callable[[], System]) -> Report | None:
-        """The proof of this digest, about what ``make`` makes; None when there is none, or none that can be read."""
+        """Return the proof of this digest, about what ``make`` makes; None when there is none, or none that can be
+        read."""
         try:
             plain = json.loads((self._folder / f'{digest}.json').read_text(encoding='utf-8'))
             return report_of(plain, make)
@@ -88,7 +89,7 @@ def _texts(library: TreeLibrary) -> Iterator[str]:
 
 @cache
 def _engine() -> str:
-    """A digest of the sources of the engines."""
+    """Return a digest of the sources of the engines."""
     digest = blake2b(digest_size=16)
     for package in ('flexbt_core', 'flexbt_formal', 'flexbt_tools'):
         spec = find_spec(package)

@@ -57,7 +57,7 @@ class ProgressLine:
 
 
 def report_lines(report: Report) -> Iterator[str]:
-    """A report: the verdict, of what it holds, what is wrong with the way to it, and what was never taken."""
+    """Yield a report: the verdict, of what it holds, what is wrong with the way to it, and what was never taken."""
     size = f'{report.configurations} situations, {report.steps} steps, {report.seconds:.1f} s'
     number = len(report.counterexamples)
     wrong = f'{pluralize(number, "thing")} wrong' if number else 'nothing wrong'
@@ -117,7 +117,7 @@ class Compared(NamedTuple):
 
 
 def comparison_lines(compared: Compared) -> Iterator[str]:
-    """What both do, and the shortest way to where each difference begins."""
+    """Yield what both do, and the shortest way to where each difference begins."""
     if compared.only:
         yield f'{compared.name}: DIFFERS: it is there only {compared.only}'
         return
@@ -142,7 +142,7 @@ def comparison_lines(compared: Compared) -> Iterator[str]:
 
 
 def comparison_as_json(compared: Compared) -> dict[str, Any]:
-    """A comparison for programs."""
+    """Return a comparison for programs."""
     found = compared.comparison
     return {
         'name': compared.name,
@@ -163,7 +163,7 @@ def comparison_as_json(compared: Compared) -> dict[str, Any]:
 
 
 def report_as_json(report: Report) -> dict[str, Any]:
-    """A report for programs."""
+    """Return a report for programs."""
     return {
         'name': report.name,
         'bounds': report.bounds,
@@ -193,7 +193,7 @@ def report_as_json(report: Report) -> dict[str, Any]:
 
 
 def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
-    """The report of which this is the JSON, about what ``make`` makes.
+    """Return the report of which this is the JSON, about what ``make`` makes.
 
     Raises KeyError, TypeError or ValueError when it is of none.
     """
@@ -228,10 +228,10 @@ def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
 
 
 def plain_moves(moves: Iterable[Move]) -> list[list[Any]]:
-    """Each as kind, subject, value, answers."""
+    """Return each as kind, subject, value, answers."""
     return [[*label, list(answers)] for label, answers in moves]
 
 
 def moves_of(plain: Iterable[Sequence[Any]]) -> tuple[Move, ...]:
-    """What :func:`plain_moves` was given."""
+    """Return what :func:`plain_moves` was given."""
     return tuple(Move(Label(kind, subject, value), tuple(answers)) for kind, subject, value, answers in plain)

@@ -129,7 +129,7 @@ class _Shown:
         return BehaviorStructure(run_id=self.run_id, behavior=self._name, states=states)
 
     def status(self, system: System, now: TimeMessage) -> ExecutiveStatus:
-        """What is active, and what the operator is asked."""
+        """Return what is active, and what the operator is asked."""
         status = ExecutiveStatus(run_id=self.run_id, behavior=self._name, state=ExecutiveStatus.RUNNING)
         if system.ended is not None:
             status.state, status.outcome = ExecutiveStatus.IDLE, system.ended
@@ -151,7 +151,7 @@ class _Shown:
         return status
 
     def tree_status(self, system: TreeSystem, sequence: int, stamp: TimeMessage) -> TreeStatus:
-        """The status of each node."""
+        """Return the status of each node."""
         return TreeStatus(
             stamp=stamp,
             run_id=self.run_id,

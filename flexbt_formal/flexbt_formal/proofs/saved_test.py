@@ -23,7 +23,7 @@ class File(NamedTuple):
     name: str
 
     def expression(self, test: str) -> str:
-        """What stands for it in the text of a test that is in the file ``test``. Raises UsageError."""
+        """Return what stands for it in the text of a test that is in the file ``test``. Raises UsageError."""
         if self.name == STDIN:
             raise UsageError('--save-test: a test cannot read the standard input again; give a file')
         if self.name.startswith(BY_PACKAGE):
@@ -46,14 +46,15 @@ class Replay(NamedTuple):
     settings: Mapping[str, Any]
 
     def call(self, test: str) -> str:
-        """The call, as the text of a test that is in the file ``test``."""
+        """Return the call, as the text of a test that is in the file ``test``."""
         before = [_expression(one, test) for one in self.arguments]
         after = [f'{name}={_expression(value, test)}' for name, value in self.settings.items() if value not in ('', [])]
         return f'{self.function}({", ".join([*before, "moves", *after])})'
 
 
 def saved_test(test: str, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> str:
-    """The text of the file ``test`` for what was found wrong. Raises UsageError when no test can read it again."""
+    """Return the text of the file ``test`` for what was found wrong. Raises UsageError when no test can read it
+    again."""
     found = [(replay, counterexamples) for replay, counterexamples in wrong if counterexamples]
     what = ', '.join(dict.fromkeys(replay.what for replay, _ in found))
     imports = sorted({f'from flexbt_formal.proofs.{replay.module} import {replay.function}' for replay, _ in found})
@@ -78,7 +79,7 @@ def saved_test(test: str, wrong: Iterable[tuple[Replay, Sequence[Counterexample]
 
 
 def requirement_texts(required: Iterable[StatedRequirement]) -> list[str]:
-    """What is required, as a test has it."""
+    """Return what is required, as a test has it."""
     return [str(one.requirement) for one in required]
 
 

@@ -68,7 +68,7 @@ SEQUENCE_STYLE: Final = (
 
 
 def sequence_as_svg(diagram: SequenceDiagram) -> str:
-    """The picture as SVG, with one style sheet for light and dark."""
+    """Return the picture as SVG, with one style sheet for light and dark."""
     return _Drawing(diagram).picture()
 
 
@@ -154,7 +154,7 @@ class _Drawing:
 
 
 def sequence_as_mermaid(diagram: SequenceDiagram) -> Iterator[str]:
-    """The picture in the language of Mermaid."""
+    """Yield the picture in the language of Mermaid."""
     names = {name: f'p{number}' for number, name in enumerate(diagram.participants)}
     yield 'sequenceDiagram'
     yield '  autonumber'

@@ -110,12 +110,13 @@ def compare_trees(
 
 
 def requirements_text(required: Sequence[StatedRequirement]) -> str:
-    """What is required, as a part of the bounds of a report."""
+    """Return what is required, as a part of the bounds of a report."""
     return f'; required: {"; ".join(str(one.requirement) for one in required)}' if required else ''
 
 
 def _unknown_leaves(library: TreeLibrary, key: TreeKey) -> list[str]:
-    """The types of the leaves that are not installed. Raises RefusedError for controls and decorators that are not."""
+    """Return the types of the leaves that are not installed. Raises RefusedError for controls and decorators that are
+    not."""
     leaves: set[str] = set()
     errors: list[LoadError] = []
     seen, ahead = {key}, [key]
@@ -150,7 +151,7 @@ def replay_tree(
     models: Sequence[str] = (),
     nav2_branch: Nav2Branch = NAV2_BRANCHES[0],
 ) -> list[Violation]:
-    """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
+    """Return what is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
 
     ``models`` are files that describe node types. Raises RefusedError or LookupError when there are no such files, or
     no such tree.

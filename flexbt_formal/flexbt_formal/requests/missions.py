@@ -25,7 +25,8 @@ _MOST_BYTES: Final = 1_000_000
 
 
 def read_mission_file(file: str) -> Mission:
-    """The mission of a file. Raises UsageError when it cannot be read, RefusedError with all that is wrong with it."""
+    """Return the mission of a file. Raises UsageError when it cannot be read, RefusedError with all that is wrong with
+    it."""
     try:
         return read_mission(read_text_file(file, _MOST_BYTES), file)
     except PlanningError as error:
@@ -33,7 +34,7 @@ def read_mission_file(file: str) -> Mission:
 
 
 def mission_skills(file: str, mission: Mission, base: SkillLibrary) -> SkillLibrary:
-    """What ``base`` has, and what the files of manifests add, which are beside that of the mission.
+    """Return what ``base`` has, and what the files of manifests add, which are beside that of the mission.
 
     Raises:
         RefusedError: with all that is wrong with one of them; that it is missing, at the line that names it.
@@ -51,8 +52,8 @@ def mission_skills(file: str, mission: Mission, base: SkillLibrary) -> SkillLibr
 def mission_problems(
     file: str, mission: Mission, error: Exception, given: Collection[str] = ()
 ) -> tuple[list[LoadError], list[str]]:
-    """What is wrong with a mission: at the line that it names, or at that of the entry with which it begins; and what
-    is wrong with the entries that are ``given`` in place of the file's."""
+    """Return what is wrong with a mission: at the line that it names, or at that of the entry with which it begins; and
+    what is wrong with the entries that are ``given`` in place of the file's."""
     located, others = [], []
     entries = {name: line for name, line in mission.lines.items() if name not in given}
     for problem in str(error).splitlines():
@@ -73,7 +74,7 @@ _LEAF = 'ReachGoal'
 
 
 def missions(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]:
-    """What is wrong with the missions that leaves ``ReachGoal`` name, and why their goals cannot be reached."""
+    """Yield what is wrong with the missions that leaves ``ReachGoal`` name, and why their goals cannot be reached."""
     base: SkillLibrary | None = None
     for key in library.tree_keys():
         tree = library.definition(key)
@@ -121,7 +122,7 @@ def _of_leaf(
 
 
 def _constant(node: NodeDefinition, port: str) -> str | None:
-    """What the tree says; '' where it says nothing, None where it is on the blackboard."""
+    """Return what the tree says; '' where it says nothing, None where it is on the blackboard."""
     value = node.values.get(port)
     return '' if value is None else value.text if value.key is None else None
 

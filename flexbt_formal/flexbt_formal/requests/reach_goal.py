@@ -232,7 +232,7 @@ class _Thought(Generic[T]):
         threading.Thread(target=self._run, name=f'plan {node.path}', daemon=True).start()
 
     def result(self) -> T:
-        """What came of it; raises what it has raised."""
+        """Return what came of it; raises what it has raised."""
         if self._error is not None:
             raise self._error
         return self._results[0]
@@ -263,7 +263,7 @@ class _Thought(Generic[T]):
 
 
 def _leaves(above: TreeNode) -> Iterator[LeafNode]:
-    """The leaves of what is below a node."""
+    """Yield the leaves of what is below a node."""
     for node in above.attached:
         if isinstance(node, LeafNode):
             yield node
@@ -279,7 +279,7 @@ def _reasons(above: TreeNode, action: str) -> Iterator[str]:
 
 
 def _read(host: LeafServices, file: str, goal: str) -> _Goal:
-    """Raises PlanningError, SkillError, ResourceError, TreeLoadError."""
+    """Raise PlanningError, SkillError, ResourceError, TreeLoadError."""
     store = host.trees
     mission = read_mission(store.read_text(file), file)
     if mission.robots:

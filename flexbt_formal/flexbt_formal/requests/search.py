@@ -67,7 +67,7 @@ def main() -> int:
 
 @contextmanager
 def _only_lines_of_json() -> Iterator[TextIO]:
-    """The standard output; what states print when they are made goes to the standard error."""
+    """Provide the standard output; what states print when they are made goes to the standard error."""
     with os.fdopen(os.dup(1), 'w', encoding='utf-8') as out:
         os.dup2(2, 1)
         yield out
@@ -79,7 +79,7 @@ def _end_with_input() -> None:
 
 
 def searched(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
-    """The answer to a request, as it is told; ``tell`` gets what is being done."""
+    """Return the answer to a request, as it is told; ``tell`` gets what is being done."""
     try:
         return _answered(asked, tell)
     except (SynthesisError, SynthesisTimeout, UsageError, ResourceError, BrokenBehaviorError) as error:
@@ -126,7 +126,7 @@ def _inputs(machine: SynthesizedMachine) -> Iterator[str]:
 
 
 def _text(machine: SynthesizedMachine, asked: Mapping[str, Any], modules: Sequence[str]) -> str:
-    """The machine, which has been made once, as the executive will."""
+    """Return the machine, which has been made once, as the executive will."""
     goals, system = ', '.join(asked['goals']), asked['system'] or 'capabilities that were sent'
     text = f'# {one_line(goals or "its specification", 200)}, from {system}\n{machine_as_yaml(machine)}'
     try:
@@ -145,7 +145,7 @@ def _capabilities(asked: Mapping[str, Any], directories: Sequence[Path]) -> tupl
 
 
 def _file(name: str, directories: Sequence[Path]) -> Path:
-    """A file by the name of a system, or as ``package/path.yaml``. Raises ResourceError."""
+    """Return a file by the name of a system, or as ``package/path.yaml``. Raises ResourceError."""
     if '/' in name:
         return resolve_file(name, directories, 'capability_directories')
     known = {file.stem: file for one in directories for file in sorted(one.glob('*.yaml'))}

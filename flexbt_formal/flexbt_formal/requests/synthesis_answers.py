@@ -16,7 +16,7 @@ from flexbt_formal.synthesis.translation import SynthesisProblem
 
 
 def explanation_lines(explanation: Explanation) -> Iterator[str]:
-    """What there is to say about a request that no machine fulfils."""
+    """Yield what there is to say about a request that no machine fulfils."""
     yield f'No machine can do that: {explanation.kind.value}.'
     yield ''
     if explanation.conflict:
@@ -47,7 +47,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
 
 
 def happening(step: PlayStep) -> str:
-    """What the world does in a step."""
+    """Return what the world does in a step."""
     if ' ends by ' in step.world:
         return step.world
     return f'{step.doing} goes on' if step.doing.partition(' ')[0] not in ('nothing', 'the') else 'at the start'
@@ -56,7 +56,7 @@ def happening(step: PlayStep) -> str:
 def step_through(
     play: CounterPlay, problem: SynthesisProblem, ask: Callable[[str], str], tell: Callable[[str], None]
 ) -> None:
-    """Lets somebody be the machine, against a world that prevents the goal. ``ask`` raises EOFError at the end."""
+    """Let somebody be the machine, against a world that prevents the goal. ``ask`` raises EOFError at the end."""
     tell('You are the machine; the world prevents the goal. Type the number of an answer, or q.')
     if play.state is None and len(play.answers) == 1:
         play.answer(0)
@@ -86,7 +86,7 @@ def step_through(
 
 
 def flexbe_messages(machine: SynthesizedMachine) -> list[Any]:
-    """The machine as ``flexbe_msgs/StateInstantiation[]``, each field checked against the installed definition.
+    """Return the machine as ``flexbe_msgs/StateInstantiation[]``, each field checked against the installed definition.
 
     Raises:
         SynthesisError: FlexBE's form does not hold this machine.

@@ -47,7 +47,7 @@ class SynthesisFiles:
 def read_problem(
     files: SynthesisFiles, request: MachineRequest, interfaces: Interfaces, options: Options
 ) -> SynthesisProblem:
-    """What files and request ask for. A specification that is whole needs no capabilities.
+    """Return what files and request ask for. A specification that is whole needs no capabilities.
 
     Raises:
         SynthesisError: with everything that is wrong in them, each with file and line.
@@ -89,7 +89,7 @@ _USUAL = {
 
 
 def read(name: str, reader: Callable[[str, str], T]) -> T:
-    """What a reader makes of a file. Raises UsageError when it cannot be read."""
+    """Return what a reader makes of a file. Raises UsageError when it cannot be read."""
     return reader(read_text_file(name, MAX_BYTES), name)
 
 
@@ -122,7 +122,7 @@ class StateInterfaces:
         return self._modules.get(name, 'my_states')
 
     def __call__(self, name: str, parameters: Mapping[str, Any]) -> StateInterface:
-        """What a state declares that is made with these parameters."""
+        """Return what a state declares that is made with these parameters."""
         if name not in self._classes:
             if self._others is not None:
                 return self._others(name, parameters)
@@ -139,7 +139,7 @@ class StateInterfaces:
 
 
 def _refuse_unknown(name: str, made: type[EventState], parameters: Mapping[str, Any]) -> None:
-    """Raises UnknownParameterError, where the parameters of a class are known."""
+    """Raise UnknownParameterError, where the parameters of a class are known."""
     taken = inspect.signature(made).parameters.values()
     if any(one.kind is one.VAR_KEYWORD for one in taken):
         return

@@ -105,8 +105,8 @@ def check(
     limits: CheckLimits | None = None,
     on_progress: Callable[[CheckProgress], None] | None = None,
 ) -> Result:
-    """The probability of a property. Raises ModelFault for a model that cannot go on, and ValueError for a method that
-    does not go with the model or the order."""
+    """Return the probability of a property. Raises ModelFault for a model that cannot go on, and ValueError for a
+    method that does not go with the model or the order."""
     limits = limits or CheckLimits()
     if method is Method.EXACT and model.is_random:
         raise ValueError(
@@ -187,7 +187,7 @@ class _Teller:
         self._next = time.monotonic() + _REPORTED
 
     def __call__(self, done: int, left: int) -> float:
-        """The processor time now; tells of the progress from time to time."""
+        """Return the processor time now; tells of the progress from time to time."""
         now = time.process_time()
         if self._callback is not None and time.monotonic() >= self._next:
             self._next = time.monotonic() + _REPORTED
@@ -214,7 +214,7 @@ class _Explorer:
         self.is_complete = False
 
     def run(self) -> bool:
-        """Whether all was followed."""
+        """Return whether all was followed."""
         start: list[tuple[float, int]] = []
         self._start = [start]
         ahead: deque[int] = deque()
@@ -242,14 +242,14 @@ class _Explorer:
         return True
 
     def _is_over(self, left: int) -> bool:
-        """Whether the time is over, which is looked at after each 64 steps."""
+        """Return whether the time is over, which is looked at after each 64 steps."""
         self._made += 1
         if self._made % 64 == 0:
             self._is_late = self._tell(len(self.graph), left) >= self._until
         return self._is_late
 
     def _reached(self, source: int, state: GlobalState, count: int, ahead: deque[int]) -> int:
-        """The number of the next state at which there is a choice."""
+        """Return the number of the next state at which there is a choice."""
         path = self._path
         seen = None
         for made in range(_CHAIN):
@@ -312,7 +312,7 @@ class _Explorer:
         return Result(asked, value, low, high, how, whole, whole, size, seconds, way, tuple(notes), failed)
 
     def _values(self, graph: list[GraphChoices], is_least: bool) -> tuple[float, float]:
-        """The least and greatest value that the start can have: the same when all was followed."""
+        """Return the least and greatest value that the start can have: the same when all was followed."""
         low = reach(graph, is_least)[-1]
         if self.is_complete:
             return low, low
@@ -323,7 +323,7 @@ class _Explorer:
         return low, reach(opened, is_least)[-1]
 
     def _narrated(self, source: int, goal: GlobalState, count: int) -> tuple[str, ...]:
-        """The way to where it has failed, in words: from choice to choice, and the steps in between."""
+        """Return the way to where it has failed, in words: from choice to choice, and the steps in between."""
         numbers = []
         while source >= 0:
             numbers.append(source)
@@ -345,7 +345,7 @@ class _Explorer:
         return tuple(found)
 
     def _leads(self, state: GlobalState, goal: GlobalState) -> list[tuple[GlobalState, ModelStep, GlobalState]] | None:
-        """The steps from a choice to the next one; None when it does not lead there."""
+        """Return the steps from a choice to the next one; None when it does not lead there."""
         if state == goal:
             return []
         path = self._path
@@ -373,7 +373,7 @@ class _Runs(Protocol):
     steps: int
 
     def one(self, may_go_on: Callable[[], bool]) -> bool | None:
-        """How a run ends; None: it was not decided in a million steps. Raises OverError."""
+        """Return how a run ends; None: it was not decided in a million steps. Raises OverError."""
 
     def way(self) -> tuple[str, ...]: ...
 

@@ -75,7 +75,7 @@ class Handler:
         return Automaton(f'action_handler_{name}', (), states, 'waiting')
 
     def _on(self, event: str, then: str, state: str, goal: int | None = None) -> Transition:
-        """What an event carries is sent on as another one."""
+        """Return what an event carries is sent on as another one."""
         number, after = self._events.number(event), self._events.number(then)
         known = self._events.parameters[number]
         values: list[Evaluated | None] = []
@@ -108,7 +108,7 @@ _BACK = (
 
 
 def handlers(communications: Sequence[Communication], events: Events) -> list[Handler]:
-    """The handlers of all services and actions. Raises ModelError."""
+    """Return the handlers of all services and actions. Raises ModelError."""
     found = []
     for kind in ('service', 'action'):
         of_kind = [one for one in communications if f'_{kind}_' in one.kind]

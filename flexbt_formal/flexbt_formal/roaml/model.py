@@ -33,7 +33,7 @@ _SECTIONS: Final = ('parameters', 'mc_parameters', *_KINDS)
 
 
 def is_model(text: str) -> bool:
-    """Whether a document is the main file of such a model."""
+    """Return whether a document is the main file of such a model."""
     match = re.match(r'\ufeff?(?:\s|<\?[^>]*>|<!--.*?-->)*<([\w.-]+)', text, re.DOTALL)
     return match is not None and match.group(1) in _ROOTS
 
@@ -42,7 +42,7 @@ class RoamlModel:
     """What the files of a model say. Attributes: ``properties``, and ``is_random``: whether it uses Math.random."""
 
     def __init__(self, path: str) -> None:
-        """Reads all files. Raises TreeLoadError with file, line, what is wrong, and what to do."""
+        """Read all files. Raises TreeLoadError with file, line, what is wrong, and what to do."""
         self.path = path
         root = read_xml(path)
         if root.tag not in _ROOTS:
@@ -107,7 +107,7 @@ class RoamlModel:
         return os.path.normpath(self._folder / node.need('src'))
 
     def _files(self, root: SourceElement) -> list[Ascxml]:
-        """Reads the files of the automata; makes the tree."""
+        """Read the files of the automata; makes the tree."""
         events, types = self.events, self._types
         files = []
         for one in self._inputs(root, 'node_models'):
@@ -163,7 +163,7 @@ class RoamlModel:
         return whole
 
     def _watched(self, one: ModelProperty) -> list[int]:
-        """The events that a property speaks of. Raises ModelError."""
+        """Return the events that a property speaks of. Raises ModelError."""
         found: list[int] = []
         try:
             for name in one.names:
@@ -180,7 +180,7 @@ class RoamlModel:
         return found
 
     def system(self, one: ModelProperty, draw: Callable[[], float]) -> tuple[ModelSystem, list[int]]:
-        """The model, with what a property speaks of in view. ``draw`` gives numbers from 0 to below 1."""
+        """Return the model, with what a property speaks of in view. ``draw`` gives numbers from 0 to below 1."""
         watched = self._watched(one)
         timers = _clocked(self._nodes, self.events)
         if self.tree is not None:

@@ -17,7 +17,7 @@ GraphChoices = list[list[tuple[float, int]]]
 
 
 def reach(graph: Sequence[GraphChoices], is_least: bool) -> list[float]:
-    """The probability to come to :data:`GOOD` from each state, of which no choices go on from the first two.
+    """Return the probability to come to :data:`GOOD` from each state, of which no choices go on from the first two.
 
     Component by component, in the order in which they depend on one another: a state of its own is exact at once; one
     in a circle is iterated from below until nothing changes by more than 1e-12, after those are set apart from which
@@ -48,7 +48,7 @@ def reach(graph: Sequence[GraphChoices], is_least: bool) -> list[float]:
 
 
 def _leaving(state: int, row: list[tuple[float, int]], values: Sequence[float]) -> float:
-    """What a choice gives; one that stays with some probability is taken until it leaves."""
+    """Return what a choice gives; one that stays with some probability is taken until it leaves."""
     stays = sum(p for p, target in row if target == state)
     if stays >= 1.0:
         return 0.0
@@ -136,7 +136,7 @@ def looks(error: float, confidence: float) -> dict[int, float]:
 
 
 def bounds_of(good: int, undecided: int, done: int, doubt: float) -> ProbabilityBounds:
-    """The bounds of the probability: outside of them so many good ones of all had less than the doubt.
+    """Return the bounds of the probability: outside of them so many good ones of all had less than the doubt.
 
     By the relative entropy of what was seen to what may be, which is to be below ln(2/δ) / n on each side (Chernoff
     1952; Hoeffding 1963, Theorem 1). Near 0 and 1 that is much tighter than Okamoto's bound, and nowhere wider.
@@ -147,7 +147,7 @@ def bounds_of(good: int, undecided: int, done: int, doubt: float) -> Probability
 
 
 def _above(seen: float, most: float) -> float:
-    """The greatest probability, from ``seen`` on, whose relative entropy is not above ``most``."""
+    """Return the greatest probability, from ``seen`` on, whose relative entropy is not above ``most``."""
     low, high = seen, 1.0
     for _ in range(_HALVINGS):
         tried = (low + high) / 2.0

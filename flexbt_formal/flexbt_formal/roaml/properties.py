@@ -93,7 +93,7 @@ class ModelProperty:
         return [parts[0] for one in (self.left, self.right) for parts in references_in(one)]
 
     def holds(self, value: float, error: float = 1e-9) -> bool:
-        """Whether a probability is what is demanded."""
+        """Return whether a probability is what is demanded."""
         sign, wanted = self.demand or ('>=', 1.0)
         if sign in ('>=', '>'):
             return value >= wanted - error if sign == '>=' else value > wanted
@@ -101,7 +101,7 @@ class ModelProperty:
 
 
 def read_properties(path: str, asked: SourceElement | None) -> list[ModelProperty]:
-    """The properties of a file. Raises ModelError."""
+    """Return the properties of a file. Raises ModelError."""
 
     def fail(message: str) -> ModelError:
         return ModelError([LoadError(path, 1, 1, '', message)])
@@ -250,7 +250,7 @@ def _text(expression: Expression) -> str:
 
 
 def event_of(name: str, events: Events) -> tuple[str, str]:
-    """The event and the rest of a name of JANI: ``valid``, or parameters. Raises PropertyError."""
+    """Return the event and the rest of a name of JANI: ``valid``, or parameters. Raises PropertyError."""
     if name.endswith('.valid'):
         return name.removesuffix('.valid'), 'valid'
     best, rest = '', ''
@@ -268,7 +268,7 @@ Judge = Callable[[Sequence[tuple[Any, ...] | None]], bool]
 
 
 def judge_of(expression: Expression, events: Events, watched: Sequence[int]) -> Judge:
-    """Raises PropertyError for a name that means nothing in the model."""
+    """Raise PropertyError for a name that means nothing in the model."""
 
     def resolve(parts: tuple[str, ...]) -> str:
         name = parts[0]
@@ -318,7 +318,7 @@ def _length(value: Any) -> int:
 
 
 def _parameter(names: Sequence[str], rest: str) -> tuple[int, tuple[str, ...]] | None:
-    """The place of a parameter, and the members behind it."""
+    """Return the place of a parameter, and the members behind it."""
     for at, name in enumerate(names):
         if name == rest:
             return at, ()

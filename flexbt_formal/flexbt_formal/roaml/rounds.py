@@ -38,11 +38,11 @@ class Path:
         self.is_bounded = asked.lower > 0 or asked.upper is not None
 
     def steps(self, state: GlobalState) -> list[ModelStep]:
-        """What can happen now, by the order."""
+        """Return what can happen now, by the order."""
         return self.system.steps(state, first_only=self.order is Order.TURNS)
 
     def decided(self, state: GlobalState, count: int) -> bool | None:
-        """Whether the path is satisfied or not any more; None: it goes on. ``count``: steps up to now."""
+        """Return whether the path is satisfied or not any more; None: it goes on. ``count``: steps up to now."""
         asked = self.asked
         if asked.upper is not None and count > asked.upper:
             return False
@@ -51,7 +51,7 @@ class Path:
         return None if self._left(state.seen) else False
 
     def at_end(self, state: GlobalState) -> bool:
-        """Whether a path that does not go on is satisfied: it stays as it is for ever."""
+        """Return whether a path that does not go on is satisfied: it stays as it is for ever."""
         return self.asked.upper is None and self._right(state.seen) and self._left(state.seen)
 
 
@@ -109,11 +109,11 @@ class Rounds:
         return len(self._states)
 
     def first(self, may_go_on: Callable[[], bool]) -> Outcomes:
-        """What follows at the beginning. Raises EndlessError, ManyValuesError and OverError."""
+        """Return what follows at the beginning. Raises EndlessError, ManyValuesError and OverError."""
         return self._played(dict(_merged(self._path.system.initial())), may_go_on)
 
     def after(self, number: int, time: int, may_go_on: Callable[[], bool]) -> Outcomes:
-        """What follows from a state when time has gone on to ``time``, in ns.
+        """Return what follows from a state when time has gone on to ``time``, in ns.
 
         Raises EndlessError, ManyValuesError and OverError."""
         key = (number, self._path.system.due_at(time))
@@ -162,7 +162,7 @@ class Rounds:
         raise EndlessError
 
     def _decided(self, state: GlobalState) -> tuple[int | None, list[ModelStep]]:
-        """Where a step leads to at last, when that is known; otherwise what can follow."""
+        """Return where a step leads to at last, when that is known; otherwise what can follow."""
         path = self._path
         decided = path.decided(state, 0)
         if decided is not None:
@@ -181,7 +181,8 @@ class Rounds:
         return number, []
 
     def steps_to(self, number: int | None, time: int, goal: int) -> list[Made]:
-        """The steps of the shortest way through one round to where it leads; ``number`` None: from the beginning."""
+        """Return the steps of the shortest way through one round to where it leads; ``number`` None: from the
+        beginning."""
         path = self._path
         begins = [state for _, state in path.system.initial()] if number is None else [self._begun(number, time)]
         come: dict[GlobalState, Made | None] = dict.fromkeys(begins)
@@ -224,7 +225,7 @@ class Flow:
         self.states = 0
 
     def run(self) -> bool:
-        """Whether all was followed. Raises EndlessError and ManyValuesError."""
+        """Return whether all was followed. Raises EndlessError and ManyValuesError."""
         try:
             return self._run()
         except OverError:
@@ -257,7 +258,7 @@ class Flow:
         return True
 
     def _add(self, now: dict[int, float], number: int, probability: float, place: int) -> bool:
-        """Whether it is new at this time."""
+        """Return whether it is new at this time."""
         if number < 0:
             if number == SATISFIED:
                 self.good += probability
@@ -278,7 +279,7 @@ class Flow:
         return self._fails is not None
 
     def way(self) -> tuple[str, ...]:
-        """The way to where the property has failed first, in words."""
+        """Return the way to where the property has failed first, in words."""
         if self._fails is None:
             return ()
         layer, place = self._fails

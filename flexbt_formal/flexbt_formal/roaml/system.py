@@ -63,8 +63,8 @@ Followers = list[tuple[float, GlobalState]]
 
 
 def period_of(rate: float) -> int:
-    """The period of a rate in Hz, in ns, as AS2FM rounds it: in the largest unit that has it exactly, or more than 100
-    times."""
+    """Return the period of a rate in Hz, in ns, as AS2FM rounds it: in the largest unit that has it exactly, or more
+    than 100 times."""
     for unit in (1.0, 1e-3, 1e-6, 1e-9):
         count = 1.0 / rate / unit
         if count == int(count) or count > 101:
@@ -123,7 +123,7 @@ class ModelSystem:
     # -- first -------------------------------------------------------------------------------------------------------
 
     def initial(self) -> Followers:
-        """What the automata do at first. Raises ModelFault."""
+        """Return what the automata do at first. Raises ModelFault."""
         blank = GlobalState(0, -1, (), (), (self._first, False), (None,) * len(self._places), 0)
         each = [
             self._all(number, lambda one=one: one.begin(self._around(one, blank)))  # type: ignore[misc]
@@ -144,7 +144,7 @@ class ModelSystem:
         return Around(inputs, self._random)
 
     def _all(self, number: int, run: Callable[[], list[tuple[float, _T]]]) -> list[tuple[float, _T]]:
-        """What an automaton does, for all values of what it draws; with ``draws`` one thing that it does."""
+        """Return what an automaton does, for all values of what it draws; with ``draws`` one thing that it does."""
         if self.draws:
             return [(1.0, one_of(run(), self._drawn.real))]
         if number not in self._draw_any:
@@ -164,8 +164,8 @@ class ModelSystem:
     # -- steps -------------------------------------------------------------------------------------------------------
 
     def steps(self, state: GlobalState, *, first_only: bool) -> list[ModelStep]:
-        """What can happen now; nothing when that is the end. ``first_only``: only what is next when each takes its
-        turn: what is under way is delivered, oldest first; then who has waited longest goes on."""
+        """Return what can happen now; nothing when that is the end. ``first_only``: only what is next when each takes
+        its turn: what is under way is delivered, oldest first; then who has waited longest goes on."""
         found: list[ModelStep] = []
         for place, (event, values) in enumerate(state.slots):
             if self._is_deliverable(event, state):
@@ -233,7 +233,7 @@ class ModelSystem:
         return ModelStep('time', after)
 
     def times(self) -> Iterator[int]:
-        """When timers are due, in ns, to the end."""
+        """Yield when timers are due, in ns, to the end."""
         now = 0
         while self._timers:
             now = min((now // timer.period + 1) * timer.period for timer in self._timers)
@@ -251,11 +251,11 @@ class ModelSystem:
         return not self._is_clock_used and (self.tree is None or not self.tree.asks_time)
 
     def due_at(self, time: int) -> tuple[int, ...]:
-        """Which timers are due at a time."""
+        """Return which timers are due at a time."""
         return tuple(self._due_at(time))
 
     def is_blocked(self, state: GlobalState) -> bool:
-        """Whether time cannot go on: something waits, or the tree has ended."""
+        """Return whether time cannot go on: something waits, or the tree has ended."""
         if state.slots or 0 <= state.due < len(self._due_at(state.time)):
             return True
         return any(local.at >= 0 for local in state.locals)
@@ -264,7 +264,7 @@ class ModelSystem:
         return [number for number, timer in enumerate(self._timers) if time % timer.period == 0]
 
     def follow(self, state: GlobalState, step: ModelStep) -> Followers:
-        """What a step leads to, with probabilities. Raises ModelFault."""
+        """Return what a step leads to, with probabilities. Raises ModelFault."""
         kind = step.kind
         if kind == 'deliver':
             return self._deliver(state, step)
@@ -293,7 +293,7 @@ class ModelSystem:
         return bool(self._receivers[event]) or event in self._of_tree
 
     def _put(self, state: GlobalState, event: int, values: tuple[Any, ...]) -> GlobalState:
-        """An event is under way, unless nobody receives it."""
+        """Return an event is under way, unless nobody receives it."""
         place = self._places.get(event)
         if place is not None:
             state = state._replace(seen=(*state.seen[:place], values, *state.seen[place + 1 :]))
@@ -349,7 +349,7 @@ class ModelSystem:
         return self._taken(state, event, step.values)
 
     def _taken(self, state: GlobalState, event: int, values: tuple[Any, ...]) -> Followers:
-        """All receivers take an event."""
+        """Return all receivers take an event."""
         found = [(1.0, state)]
         for number in self._receivers[event]:
             automaton = self.automata[number]
@@ -375,7 +375,7 @@ class ModelSystem:
     # -- in words ----------------------------------------------------------------------------------------------------
 
     def narrate(self, state: GlobalState, step: ModelStep, after: GlobalState) -> Iterator[str]:
-        """What a step is, in words; what nobody would ask for is left out."""
+        """Yield what a step is, in words; what nobody would ask for is left out."""
         if step.kind == 'ask':
             assert self.tree is not None and step.event is not None
             what = self.events.names[step.event].rpartition('_')[2]
@@ -398,7 +398,7 @@ class ModelSystem:
                 yield f'the tree gives {_STATUSES[status - 1]}'
 
     def _is_between(self, number: int) -> bool:
-        """Whether an automaton only hands on what clients and servers say."""
+        """Return whether an automaton only hands on what clients and servers say."""
         return self.automata[number].name.startswith(('srv_handler_', 'action_handler_'))
 
     def _told(self, state: GlobalState, number: int, after: GlobalState) -> Iterator[str]:

@@ -80,7 +80,7 @@ class Conversation:
         self.seen: list[tuple[int, tuple[Any, ...]]] = []
 
     def tell(self, node: TreeNode, uid: int, what: str, values: tuple[Any, ...] = ()) -> PluginAnswer:
-        """What ``node`` answers when the event ``what`` of the node ``uid`` is sent. Raises _Suspended."""
+        """Return what ``node`` answers when the event ``what`` of the node ``uid`` is sent. Raises _Suspended."""
         if self.pending is None:
             for answer in self.answers:
                 if answer.kind != 'write':
@@ -188,7 +188,7 @@ class TreePlayer:
     """The tree of a model as a table of situations, which have numbers. Situation 0 is before the first tick."""
 
     def __init__(self, path: str, text: str, plugins: Mapping[str, Ports]) -> None:
-        """Raises TreeLoadError."""
+        """Raise TreeLoadError."""
         self._types = plugins
         self._clock = _Clock()
         self._conversation = Conversation()
@@ -245,11 +245,11 @@ class TreePlayer:
         return sorted({key for key in found if key})
 
     def plugin(self, uid: int) -> str:
-        """The type of a node."""
+        """Return the type of a node."""
         return self._services.nodes[uid].id
 
     def path(self, uid: int) -> str:
-        """A node as people name it."""
+        """Return a node as people name it."""
         return self._services.nodes[uid].path
 
     def begin(self, events: Events, watched: Sequence[int]) -> int:
@@ -349,7 +349,7 @@ class TreePlayer:
         return self._steps[step]
 
     def write(self, number: int, uid: int, port: str, value: Any) -> tuple[int, Seen]:
-        """A plugin sets an output. Raises ModelFault."""
+        """Return a plugin sets an output. Raises ModelFault."""
         answer = PluginAnswer('write', uid, value, port)
         now = self._situations[number]
         seen: Seen = ()
@@ -445,7 +445,7 @@ class TreePlayer:
         return found
 
     def _at_blackboard(self) -> dict[str, int]:
-        """How often the entries were written of which properties speak."""
+        """Return how often the entries were written of which properties speak."""
         board = self._tree.blackboard
         return {key: entry.sequence for key in self._watched if (entry := board.entry(key)) is not None}
 
@@ -483,7 +483,7 @@ class _Zero:
 
 
 def _script_keys(tree: Tree) -> Iterator[str]:
-    """The entries of which the scripts of checks ask: AS2FM's are 0 before they are set."""
+    """Yield the entries of which the scripts of checks ask: AS2FM's are 0 before they are set."""
     for definition in tree.definitions:
         if definition.manifest.id == 'Precondition':
             value = definition.values.get('if')
@@ -492,7 +492,7 @@ def _script_keys(tree: Tree) -> Iterator[str]:
 
 
 def _set_keys(tree: Tree) -> Iterator[str]:
-    """The entries that are set to whole numbers by the tree itself."""
+    """Yield the entries that are set to whole numbers by the tree itself."""
     for definition in tree.definitions:
         if definition.manifest.id == 'SetBlackboard':
             value, key = definition.values.get('value'), definition.values.get('output_key')
@@ -501,7 +501,7 @@ def _set_keys(tree: Tree) -> Iterator[str]:
 
 
 def read_tree(path: str, asked: Any, plugins: Mapping[str, Ports]) -> TreePlayer:
-    """The tree of a file. Raises TreeLoadError."""
+    """Return the tree of a file. Raises TreeLoadError."""
     return TreePlayer(path, read_text(path, asked), plugins)
 
 
@@ -512,7 +512,8 @@ def _all(element: Element) -> Iterator[Element]:
 
 
 def _library(path: str, text: str, plugins: Mapping[str, Ports]) -> TreeLibrary:
-    """The file, with the plugins as node types. AS2FM takes what is of version 3 whatever the file calls itself."""
+    """Return the file, with the plugins as node types. AS2FM takes what is of version 3 whatever the file calls
+    itself."""
     if _OLD.search(text):
         text = _FORMAT.sub(r'\g<1>3\g<2>', text)
     text = _MISMATCH.sub(lambda match: match[1] + _FROM_STATUS[int(match[2])].name + match[3], text)

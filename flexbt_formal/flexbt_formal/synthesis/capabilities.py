@@ -97,7 +97,7 @@ class CapabilityFile:
 
 
 def read_mappings(text: str, source: str) -> Mappings:
-    """A file of mappings. Raises SynthesisError with every problem of it."""
+    """Return a file of mappings. Raises SynthesisError with every problem of it."""
     file = YamlFile(text, source)
     mappings = _mappings(file, file.top('a file of mappings', _MAPPING_KEYS))
     file.end()
@@ -105,7 +105,7 @@ def read_mappings(text: str, source: str) -> Mappings:
 
 
 def read_capabilities(text: str, source: str, mappings: Mappings | None = None) -> CapabilityFile:
-    """A capability file; ``mappings`` hold where it has none of its own.
+    """Return a capability file; ``mappings`` hold where it has none of its own.
 
     Raises:
         SynthesisError: with every problem of it, each as ``source:line: what``.
@@ -200,7 +200,7 @@ def _capability(file: YamlFile, name: str, node: yaml.Node, mappings: Mappings) 
 def _parameters(
     file: YamlFile, what: str, given: Mapping[str, yaml.Node], deadline: yaml.Node | None
 ) -> dict[str, Any]:
-    """The parameters of the state; a deadline is that which states call ``timeout``."""
+    """Return the parameters of the state; a deadline is that which states call ``timeout``."""
     parameters = {key: file.value(one, f'parameter {key} of {what}') for key, one in given.items()}
     if deadline is None:
         return parameters
@@ -225,7 +225,7 @@ def _resources(file: YamlFile, node: yaml.Node, what: str) -> frozenset[str]:
 def _by_outcome(
     file: YamlFile, node: yaml.Node | None, what: str, mappings: Mappings
 ) -> dict[str, tuple[YamlEntry, ...]]:
-    """Lists by normalized outcome, each by its name, or by that of an outcome of states that counts as it; a list by
+    """List by normalized outcome, each by its name, or by that of an outcome of states that counts as it; a list by
     itself is of the first one."""
     if not isinstance(node, yaml.MappingNode):
         words = file.words(node, what)
@@ -293,7 +293,7 @@ class Interfaces(Protocol):
     """Finds what a state class declares."""
 
     def __call__(self, name: str, parameters: Mapping[str, Any]) -> StateInterface:
-        """The interface of a class with these parameters. Raises LookupError or ValueError, fit for the user;
+        """Return the interface of a class with these parameters. Raises LookupError or ValueError, fit for the user;
         UnknownParameterError for a parameter that the class does not take."""
 
 
@@ -327,8 +327,8 @@ _IDENTIFIER: Final = re.compile(r'[A-Za-z_]\w*')
 
 
 def concurrent_pairs(file: CapabilityFile, interfaces: Mapping[str, StateInterface]) -> list[tuple[str, str]]:
-    """The pairs, each in the order of names: of capabilities that say which resources they have for themselves, share
-    none, and do not change what the other one reads or changes.
+    """Return the pairs, each in the order of names: of capabilities that say which resources they have for themselves,
+    share none, and do not change what the other one reads or changes.
 
     Pairs suffice: of several each two have to be one. A pre-condition holds then as long as the capability is active.
     """
@@ -359,7 +359,7 @@ class _Touched(NamedTuple):
         )
 
     def disturbs(self, other: _Touched) -> bool:
-        """Whether it changes what the other one reads or changes."""
+        """Return whether it changes what the other one reads or changes."""
         return bool(self.changes & (other.reads | other.changes))
 
 

@@ -75,7 +75,7 @@ class CounterPlay:
         self._offer(inputs, of.given({**here, **inputs}, game.system), game.outputs_next)
 
     def _world_moves(self, removal: Removal, here: dict[VariableName, int]) -> Diagram:
-        """The moves by which the world stays ahead; among them from time to time those that it has to take."""
+        """Return the moves by which the world stays ahead; among them from time to time those that it has to take."""
         game, of = self._game, self._of
         stays = of.primed(removal.kept)
         closer = (game.guarantees[removal.goal] & stays) | of.primed(removal.reached)
@@ -112,7 +112,7 @@ class CounterPlay:
         return self.state is not None and not self._of.has(self._named(self.state), self._game.hopeful)
 
     def nearest_answer(self) -> int:
-        """The number of the answer from which least luck is needed."""
+        """Return the number of the answer from which least luck is needed."""
         game, of = self._game, self._of
         if self._near is None:
             self._near = [of.false]
@@ -125,7 +125,7 @@ class CounterPlay:
         return distances.index(min(distances))
 
     def why_none(self) -> list[str]:
-        """Where there is no answer: the formulas that exclude all of them, none of which could be left out."""
+        """Return where there is no answer: the formulas that exclude all of them, none of which could be left out."""
         game, of = self._game, self._of
         section = Section.SYS_INIT if self.state is None else Section.SYS_TRANS
         known = {VariableName(name, self.state is not None): value for name, value in self.inputs.items()}
@@ -159,8 +159,8 @@ class PlayStep(NamedTuple):
 
 
 def played(play: CounterPlay, problem: SynthesisProblem) -> tuple[tuple[PlayStep, ...], tuple[str, ...]]:
-    """A play in which the system does what takes least luck, until it has come round or the goal is out of reach; and
-    why it ends: the demands that leave no answer, or that nothing helps any more."""
+    """Return a play in which the system does what takes least luck, until it has come round or the goal is out of
+    reach; and why it ends: the demands that leave no answer, or that nothing helps any more."""
     steps: list[PlayStep] = []
     seen: dict[tuple[object, ...], int] = {}
     while len(steps) < MAX_STEPS:
@@ -182,7 +182,7 @@ def played(play: CounterPlay, problem: SynthesisProblem) -> tuple[tuple[PlayStep
 
 
 def state_text(state: Mapping[str, int] | None, problem: SynthesisProblem) -> str:
-    """What is active, and what is known."""
+    """Return what is active, and what is known."""
     if state is None:
         return 'the start'
     words = problem.vocabulary
@@ -191,7 +191,7 @@ def state_text(state: Mapping[str, int] | None, problem: SynthesisProblem) -> st
 
 
 def world_text(play: CounterPlay, problem: SynthesisProblem) -> str:
-    """What the world does."""
+    """Return what the world does."""
     words = problem.vocabulary
     said = []
     for name in words.active_in(play.state or {}):
@@ -204,7 +204,8 @@ def world_text(play: CounterPlay, problem: SynthesisProblem) -> str:
 
 
 def answers_text(play: CounterPlay, problem: SynthesisProblem) -> tuple[str, ...]:
-    """What may follow, each by what becomes active and what is known then; where that is the same, it is numbered."""
+    """Return what may follow, each by what becomes active and what is known then; where that is the same, it is
+    numbered."""
     texts = [state_text({**play.inputs, **one}, problem) for one in play.answers]
     return tuple(
         text if texts.count(text) == 1 else f'{text} ({texts[:index].count(text) + 1})'

@@ -106,12 +106,12 @@ class _Question:
         return replace(told, steps=steps, stuck=stuck, play=CounterPlay(solution))
 
     def _posed(self, kind: FailureKind, specification: Specification) -> Game:
-        """A game with fewer demands; when giving up is too early, all of them decide."""
+        """Return a game with fewer demands; when giving up is too early, all of them decide."""
         restraint = None if kind is FailureKind.LUCK else self._game.restraint
         return Game(self._asked(kind, specification), self._encoding, self._watch, restraint)
 
     def _asked(self, kind: FailureKind, specification: Specification) -> Specification:
-        """What a question is about: dead ends have nothing to do with liveness, nor with when to give up."""
+        """Return what a question is about: dead ends have nothing to do with liveness, nor with when to give up."""
         if kind is FailureKind.LUCK:
             return specification
         if kind is FailureKind.NEVER:
@@ -130,7 +130,7 @@ class _Question:
                 return not game.can_begin_in(game.solved().winning)
 
     def _exclude_each_other(self, demands: Sequence[str]) -> bool:
-        """Whether demands could not be had together either if everything changed as it pleases."""
+        """Return whether demands could not be had together either if everything changed as it pleases."""
         lines = self._specification.lines
         asked = [line for line in lines if line.origin in demands]
         begun = [line for line in lines if line.origin is None and line.section.value.endswith('INIT')]
@@ -138,8 +138,8 @@ class _Question:
         return self._fails(FailureKind.LUCK, replace(self._specification, lines=(*asked, *begun, *meant)))
 
     def _never(self, conflict: Sequence[str]) -> list[str]:
-        """What of a conflict never becomes possible from the start, whatever the world does, and which preconditions
-        never hold."""
+        """Return what of a conflict never becomes possible from the start, whatever the world does, and which
+        preconditions never hold."""
         game, of = self._game, self._encoding
         reached = game.start_world & game.start_system
         while True:
@@ -215,7 +215,7 @@ class Conflict(NamedTuple):
 
 
 def smallest_conflict(demands: Sequence[str], conflicts: Conflicts, may_go_on: Callable[[], bool]) -> Conflict:
-    """A smallest set of demands that conflict, given that all of them do.
+    """Return a smallest set of demands that conflict, given that all of them do.
 
     ``may_go_on`` is asked before each further search; when it says no, the answer is a set of which each member is
     needed, which need not be the smallest.

@@ -41,7 +41,7 @@ def _valuation(values: Mapping[str, int]) -> dict[VariableName, int]:
 
 
 def machine_of(problem: SynthesisProblem, strategy: Strategy) -> SynthesizedMachine:
-    """The machine with the fewest states that carries out a strategy.
+    """Return the machine with the fewest states that carries out a strategy.
 
     Raises:
         SynthesisError: an outcome does not tell what comes next, or has no transition; userdata is read that is not
@@ -119,7 +119,7 @@ class _Building:
         return self._problem.normalized(outcome) != self._problem.hoped
 
     def _changes_nothing(self, node: StrategyNode, name: str, outcome: str) -> bool:
-        """Whether what is known is the same after an outcome of a capability, so that it may be tried again."""
+        """Return whether what is known is the same after an outcome of a capability, so that it may be tried again."""
         active = self._words.active_in(node.values)
         alone = {one: (outcome,) if one == name else () for one in active}
         return all(
@@ -133,7 +133,7 @@ class _Building:
         return [node.values[name] for name in self._memory]
 
     def _chosen(self, value: Any, values: Mapping[str, int]) -> Any:
-        """A parameter; ``@variable`` is what the strategy has chosen."""
+        """Return a parameter; ``@variable`` is what the strategy has chosen."""
         if isinstance(value, str) and value.startswith('@') and value[1:] in values:
             number = values[value[1:]]
             return self._problem.labels.get(value[1:], {}).get(number, number)
@@ -145,7 +145,7 @@ class _Building:
     # -- edges -------------------------------------------------------------------------------------------------------
 
     def _reached(self, starts: list[int]) -> tuple[list[int], list[dict[str, list[int]]]]:
-        """The nodes at which the machine may be, and for each where its outcomes lead."""
+        """Return the nodes at which the machine may be, and for each where its outcomes lead."""
         reached, steps = list(starts), list[dict[str, list[int]]]()
         for number in reached:
             steps.append(self._steps(number))
@@ -184,7 +184,7 @@ class _Building:
         )
 
     def _settled(self, number: int) -> list[int]:
-        """Where one is at once after a node: at itself, or at what follows where nothing is active."""
+        """Return where one is at once after a node: at itself, or at what follows where nothing is active."""
         found, seen = list[int](), [number]
         for node in seen:
             place = self._places[node]
@@ -199,7 +199,7 @@ class _Building:
     def _told(
         self, number: int, step: Mapping[str, list[int]], blocks: list[int], reached: list[int]
     ) -> dict[str, int]:
-        """The block to which each outcome leads."""
+        """Return the block to which each outcome leads."""
         for label, targets in step.items():
             if len({blocks[to] for to in targets}) > 1:
                 one, *others = (self._nodes[reached[to]].values for to in targets)
@@ -308,7 +308,8 @@ class _Building:
             )
 
     def _left_open(self) -> list[str]:
-        """What the strategy was free to take as the beginning: values of integers that no initial condition says."""
+        """Return what the strategy was free to take as the beginning: values of integers that no initial condition
+        says."""
         asked = [  # but what is begun with, which follows from what is taken
             formula
             for formula in self._problem.specification.of(Section.SYS_INIT)
@@ -331,7 +332,7 @@ class _Building:
         return one.autonomy.get(outcome, one.default_autonomy)
 
     def _asking(self, begins: list[int], of_block: Mapping[int, list[int]], names: Mapping[int, str]) -> MachineState:
-        """A state before all others in which the operator says how the world is."""
+        """Return a state before all others in which the operator says how the world is."""
         inputs = [name.name for name in self._problem.specification.names(inputs=True)]
         begun = [self._nodes[number].values for number in self._strategy.start]
         told = [name for name in inputs if len({values[name] for values in begun}) > 1]
@@ -400,7 +401,7 @@ def merged(outputs: Sequence[Hashable], edges: Sequence[Mapping[str, int]]) -> l
 def _joined(
     root: Sequence[int], one: int, other: int, outputs: Sequence[Hashable], edges: Sequence[Mapping[str, int]]
 ) -> list[int] | None:
-    """The classes when two blocks are one, with all that follows; None when that contradicts what they do."""
+    """Return the classes when two blocks are one, with all that follows; None when that contradicts what they do."""
     tried = list(root)
     waiting = [(one, other)]
     while waiting:
@@ -433,7 +434,7 @@ def _numbered(keys: Sequence[Hashable]) -> list[int]:
 
 
 def keys_from_the_start(machine: SynthesizedMachine) -> tuple[str, ...]:
-    """The keys that no state writes and some state reads: the machine has to get them.
+    """Return the keys that no state writes and some state reads: the machine has to get them.
 
     Raises:
         SynthesisError: a key is written by a state, but there is a way to a reader without that; it is told.
@@ -460,7 +461,7 @@ def keys_from_the_start(machine: SynthesizedMachine) -> tuple[str, ...]:
 
 
 def _way_without(machine: SynthesizedMachine, target: str, writers: set[str]) -> list[str] | None:
-    """The shortest way from the start to a state on which none of the writers is left."""
+    """Return the shortest way from the start to a state on which none of the writers is left."""
     ways = {machine.initial: [machine.initial]}
     for name in (waiting := [machine.initial]):
         if name == target:

@@ -23,8 +23,8 @@ BEGIN: Final = 'begin_game'
 
 
 def is_whole(given: SpecificationFile, capabilities: CapabilityFile) -> bool:
-    """Whether a specification says what the system may do, and has activations with their outcomes, so that it needs no
-    others. It need not have all capabilities."""
+    """Return whether a specification says what the system may do, and has activations with their outcomes, so that it
+    needs no others. It need not have all capabilities."""
     inputs = {one.name for one in given.variables.values() if one.is_input}
     told = suffixes(capabilities.mappings.transition_outcomes).values()
     activated = {*_activated(given)} & capabilities.capabilities.keys()
@@ -38,7 +38,7 @@ def hand_written(
     capabilities: CapabilityFile | None = None,
     interfaces: Interfaces | None = None,
 ) -> SynthesisProblem:
-    """The problem of a specification that is whole.
+    """Return the problem of a specification that is whole.
 
     Raises:
         SynthesisError: with everything that does not fit together, each with its place.
@@ -99,13 +99,14 @@ class _HandWritten(Translation):
         return Vocabulary(told, ends, self._ends(), numbers)
 
     def _numbers(self) -> dict[str, int]:
-        """Which value of ``capability`` stands for which one: by labels, else in alphabetical order from 1."""
+        """Return which value of ``capability`` stands for which one: by labels, else in alphabetical order from 1."""
         labels = self._file.labels.get(CAPABILITY, {})
         known = {label: number for number, label in labels.items() if label in self._file.capabilities}
         return known or {name: number for number, name in enumerate(sorted(self._file.capabilities), 1)}
 
     def _ends(self) -> dict[str, str]:
-        """Those of the request, and the failures by which the specification ends; without a request all of it."""
+        """Return those of the request, and the failures by which the specification ends; without a request all of
+        it."""
         mapped = {**{one: one for one in sorted(FAILURE_OUTCOMES)}, **self._file.mappings.machine_outcomes}
         outputs = {one.name for one in self._given.variables.values() if not one.is_input}
         asked = super()._ends() if self._request.outcomes else {}

@@ -17,12 +17,12 @@ LEVELS: Final = ('off', 'low', 'high', 'full')
 
 
 def is_code(value: Any) -> bool:
-    """Whether a parameter is Python and no value: ``*name``, or text with ``self.``"""
+    """Return whether a parameter is Python and no value: ``*name``, or text with ``self.``"""
     return isinstance(value, str) and (value.startswith('*') or 'self.' in value)
 
 
 def machine_as_yaml(machine: SynthesizedMachine) -> str:
-    """The text of a machine.
+    """Return the text of a machine.
 
     Raises:
         SynthesisError: a parameter is Python code, which YAML does not hold.
@@ -52,7 +52,8 @@ def _yaml_lines(machine: SynthesizedMachine) -> Iterator[str]:
 
 
 def why(state: MachineState) -> str:
-    """Where a state comes from: its capabilities, the nodes of the strategy, and what is known in all of them."""
+    """Return where a state comes from: its capabilities, the nodes of the strategy, and what is known in all of
+    them."""
     said = ' and '.join(part.capability for part in state.parts)
     nodes = f'; node{"s" if len(state.nodes) > 1 else ""} {", ".join(map(str, state.nodes))}' if state.nodes else ''
     return f'{said}{nodes}' + (f'; holds {", ".join(state.holds)}' if state.holds else '')
@@ -90,7 +91,7 @@ def _part(part: MachinePart, attempts: int) -> Iterator[str]:
 
 
 def _flow(value: Mapping[str, Any] | list[Any] | str) -> str:
-    """A value on one line."""
+    """Return a value on one line."""
     text = yaml.safe_dump(value, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True)
     return text.removesuffix('\n').removesuffix('\n...')
 
@@ -101,7 +102,7 @@ _LEVELS: Final = ('Off', 'Low', 'High', 'Full')
 
 
 def machine_as_python(machine: SynthesizedMachine, module_of: Callable[[str], str]) -> str:
-    """The text of a module with a behavior; ``module_of`` says from where a state class is imported.
+    """Return the text of a module with a behavior; ``module_of`` says from where a state class is imported.
 
     Raises:
         SynthesisError: a name cannot be one in Python.
@@ -110,7 +111,7 @@ def machine_as_python(machine: SynthesizedMachine, module_of: Callable[[str], st
 
 
 def class_name(name: str) -> str:
-    """A name for a class: ``night watch`` is ``NightWatch``."""
+    """Return a name for a class: ``night watch`` is ``NightWatch``."""
     words = re.findall(r'[A-Za-z0-9]+', name)
     joined = ''.join(word[:1].upper() + word[1:] for word in words)
     return joined if joined[:1].isalpha() else f'Machine{joined}'
@@ -188,7 +189,7 @@ def _local(name: str) -> str:
 
 
 def _doc(text: str) -> str:
-    """A text that cannot end what it stands in."""
+    """Return a text that cannot end what it stands in."""
     return ' '.join(text.replace('\\', '/').replace('"', "'").split())
 
 
@@ -213,8 +214,8 @@ _ROW: Final = 120.0
 
 
 def state_instantiations(machine: SynthesizedMachine) -> list[dict[str, Any]]:
-    """The machine as FlexBE's editor takes it: the root, the states, and a pseudo-state for each outcome, each with all
-    fields of a ``StateInstantiation``.
+    """Return the machine as FlexBE's editor takes it: the root, the states, and a pseudo-state for each outcome, each
+    with all fields of a ``StateInstantiation``.
 
     Raises:
         SynthesisError: the machine repeats states, which this form does not have.
@@ -231,8 +232,8 @@ def state_instantiations(machine: SynthesizedMachine) -> list[dict[str, Any]]:
 
 
 def _places(machine: SynthesizedMachine) -> dict[str, list[float]]:
-    """Where states and outcomes are in the editor: by how many transitions from the first, those of as many below each
-    other."""
+    """Return where states and outcomes are in the editor: by how many transitions from the first, those of as many
+    below each other."""
     columns = {machine.initial: 0}
     for name in (waiting := [machine.initial]):
         for target in machine.states[name].transitions.values():

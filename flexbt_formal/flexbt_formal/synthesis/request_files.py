@@ -49,7 +49,7 @@ class MachineRequest:
 
 
 def read_request(text: str, source: str) -> MachineRequest:
-    """A request in YAML (or JSON) with the fields of the action's message.
+    """Return a request in YAML (or JSON) with the fields of the action's message.
 
     Raises:
         SynthesisError: with every problem of it, each as ``source:line: what``.
@@ -103,7 +103,7 @@ class SpecificationFile:
 
 
 def read_specification(text: str, source: str) -> SpecificationFile:
-    """A specification of either form: structuredslugs where the text has a section in brackets.
+    """Return a specification of either form: structuredslugs where the text has a section in brackets.
 
     Raises:
         SynthesisError: with every problem of it, each as ``source:line: what``.
@@ -183,7 +183,7 @@ def _specification(
 
 
 def as_structured_slugs(specification: Specification) -> Iterator[str]:
-    """The lines of a specification as structuredslugs, each formula with what asked for it."""
+    """Yield the lines of a specification as structuredslugs, each formula with what asked for it."""
     for is_input, section in ((True, 'INPUT'), (False, 'OUTPUT')):
         yield f'[{section}]'
         for one in specification.variables.values():

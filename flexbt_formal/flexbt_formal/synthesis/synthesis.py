@@ -32,7 +32,7 @@ class Synthesis:
 
 
 def synthesize(problem: SynthesisProblem, watch: Watch | None = None) -> Synthesis:
-    """Solves a problem. ``watch`` is called between steps with what is being done, and may raise to end it.
+    """Solve a problem. ``watch`` is called between steps with what is being done, and may raise to end it.
 
     Raises:
         SynthesisError: nothing is asked for, or not of a world that there can be; there is a strategy, but no machine

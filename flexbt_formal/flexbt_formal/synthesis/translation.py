@@ -93,15 +93,16 @@ class SynthesisProblem:
         return self.mappings.transition_outcomes[0]
 
     def normalized(self, outcome: str) -> str:
-        """What an outcome of a state counts as."""
+        """Return what an outcome of a state counts as."""
         return self.mappings.state_outcomes[outcome]
 
     def formula(self, text: str) -> Formula:
-        """A formula over the variables. Raises FormulaError."""
+        """Return a formula over the variables. Raises FormulaError."""
         return parse_formula(text, self.specification.ranges)
 
     def holding(self, values: Mapping[str, int]) -> list[str]:
-        """What is known in a valuation, beside what is active and what has ended: memory, and integers by labels."""
+        """Return what is known in a valuation, beside what is active and what has ended: memory, and integers by
+        labels."""
         found = []
         for name, value in values.items():
             label = self.labels.get(name, {}).get(value)
@@ -119,7 +120,7 @@ def translated(
     given: SpecificationFile | None = None,
     options: Options | None = None,
 ) -> SynthesisProblem:
-    """The problem of capabilities that are to fulfil a request; ``given`` adds variables and formulas.
+    """Return the problem of capabilities that are to fulfil a request; ``given`` adds variables and formulas.
 
     Raises:
         SynthesisError: with everything that does not fit together, each with its place.
@@ -150,7 +151,7 @@ class Translation:
         self._memory = self._remembered()
 
     def made(self) -> SynthesisProblem:
-        """The problem. Raises SynthesisError."""
+        """Return the problem. Raises SynthesisError."""
         self._declare()
         self._begin()
         self._rules()
@@ -193,7 +194,7 @@ class Translation:
         )
 
     def _idle(self) -> frozenset[str]:
-        """The activations of what may be concurrent: what is not needed stays inactive."""
+        """Return the activations of what may be concurrent: what is not needed stays inactive."""
         pairs = () if self._options.parsed else concurrent_pairs(self._file, self._interfaces)
         return frozenset(f'{name}_a' for pair in pairs for name in pair)
 
@@ -223,7 +224,7 @@ class Translation:
         return found
 
     def _sample(self, value: object) -> object:
-        """A value for a parameter that synthesis chooses."""
+        """Return a value for a parameter that synthesis chooses."""
         if isinstance(value, str) and value.startswith('@'):
             return next(iter(self._file.labels.get(value[1:], {}).values()), '')
         return value
@@ -286,7 +287,7 @@ class Translation:
                 self._problem(lines.get(name, 1), f"'{name}' is {taken[name]} already: call it otherwise")
 
     def _ends(self) -> dict[str, str]:
-        """The outcomes of the machine, with the propositions for them."""
+        """Return the outcomes of the machine, with the propositions for them."""
         mappings = self._file.mappings
         asked = self._request.outcomes
         if not asked and self._request.goals and 'finished' in mappings.machine_outcomes:
@@ -306,7 +307,7 @@ class Translation:
         return ends
 
     def _remembered(self) -> dict[str, bool]:
-        """Which memory there is, by the name without suffix, with its value at the start."""
+        """Return which memory there is, by the name without suffix, with its value at the start."""
         memory = dict(self._file.memory)
         texts = [*self._request.initial_conditions, *self._request.goals]
         for one in self._file.capabilities.values():
@@ -359,7 +360,7 @@ class Translation:
                 self._variables.setdefault(name, variable)
 
     def _failing(self) -> list[str]:
-        """The capabilities that have an outcome beside the one that is hoped for."""
+        """Return the capabilities that have an outcome beside the one that is hoped for."""
         hoped = self._file.mappings.transition_outcomes[0]
         return [name for name, outcomes in self._vocabulary.outcomes.items() if set(outcomes) - {hoped}]
 
@@ -657,7 +658,7 @@ class Translation:
     # -- texts -------------------------------------------------------------------------------------------------------
 
     def _proposition(self, name: str) -> str:
-        """What a name of the user's stands for: a capability for that it was completed (its memory)."""
+        """Return what a name of the user's stands for: a capability for that it was completed (its memory)."""
         words = self._vocabulary
         if name in self._memory and name not in self._variables:
             return f'{name}_m'
@@ -666,7 +667,7 @@ class Translation:
         return name
 
     def _expanded(self, text: str, primed: bool) -> str:
-        """A formula of the user's with propositions for names; with ``primed`` about the next step."""
+        """Return a formula of the user's with propositions for names; with ``primed`` about the next step."""
 
         def proposition(word: re.Match[str]) -> str:
             name, prime = word[1], word[2] or ("'" if primed else '')
@@ -689,7 +690,7 @@ class Translation:
         return _WORD.sub(proposition, labelled)
 
     def _value(self, variable: str, text: str) -> str:
-        """A value as a number; labels stand for theirs."""
+        """Return a value as a number; labels stand for theirs."""
         for number, label in self._file.labels.get(variable, {}).items():
             if label == text and not text.isdigit():
                 return str(number)
@@ -719,7 +720,7 @@ class Translation:
         return parse_formula(text, self._ranges(), self._file.labels, self._shown_names())
 
     def _shown_names(self) -> list[str]:
-        """What users know: the capabilities, and the variables without those of the translation."""
+        """Return what users know: the capabilities, and the variables without those of the translation."""
         own = [name.removesuffix('_m') for name in self._variables if not self._vocabulary.is_own(name)]
         return list(dict.fromkeys([*self._file.capabilities, *own]))
 

@@ -39,26 +39,26 @@ class Vocabulary:
         return f"{capability}_{self.suffixes[outcome]}'"
 
     def active_in(self, values: Mapping[str, int]) -> tuple[str, ...]:
-        """The capabilities that are active in a valuation."""
+        """Return the capabilities that are active in a valuation."""
         if self.numbers is not None:
             return tuple(one for one, number in self.numbers.items() if values.get(CAPABILITY) == number)
         return tuple(one for one in self.outcomes if values.get(f'{one}_a'))
 
     def arrived_in(self, values: Mapping[str, int], capability: str) -> tuple[str, ...]:
-        """The outcomes of a capability that inputs tell, given that it was active."""
+        """Return the outcomes of a capability that inputs tell, given that it was active."""
         return tuple(one for one in self.outcomes[capability] if values.get(self.input_of(capability, one)))
 
     def input_of(self, capability: str, outcome: str) -> str:
-        """The input that tells of an outcome."""
+        """Return the input that tells of an outcome."""
         return outcome if self.numbers is not None else f'{capability}_{self.suffixes[outcome]}'
 
     def ends_in(self, values: Mapping[str, int]) -> tuple[str, ...]:
-        """The outcomes of the machine that are reached in a valuation."""
+        """Return the outcomes of the machine that are reached in a valuation."""
         return tuple(outcome for outcome, proposition in self.ends.items() if values.get(proposition))
 
     def is_own(self, name: str) -> bool:
-        """Whether a variable is an activation, an outcome of a capability, or one of the machine, or tells that a
-        capability was given up, or is owed."""
+        """Return whether a variable is an activation, an outcome of a capability, or one of the machine, or tells that
+        a capability was given up, or is owed."""
         own = (
             {f'{capability}_{kind}' for capability in self.outcomes for kind in 'axp'}
             | set(self.ends.values())
@@ -69,7 +69,7 @@ class Vocabulary:
 
 
 def suffixes(outcomes: Sequence[str]) -> dict[str, str]:
-    """The beginning of each outcome that no other one has: its first letter, where that suffices."""
+    """Return the beginning of each outcome that no other one has: its first letter, where that suffices."""
     found = {}
     for outcome in outcomes:
         lengths = range(1, len(outcome) + 1)

@@ -30,43 +30,44 @@ class YamlFile(YamlParts):
         self._text = text
 
     def top(self, what: str, known: Collection[str] | None = None) -> dict[str, yaml.Node]:
-        """The top-level entries."""
+        """Return the top-level entries."""
         root = self.root(self._text)
         self.end()
         return self.entries(root, what, known)
 
     def end(self) -> None:
-        """Raises SynthesisError with all problems, if there are any."""
+        """Raise SynthesisError with all problems, if there are any."""
         if self.problems:
             raise SynthesisError(self.problems)
 
     def entries(self, node: yaml.Node | None, what: str, known: Collection[str] | None = None) -> dict[str, yaml.Node]:
-        """The entries of a mapping by their names; empty when there is none. Others than ``known`` are problems."""
+        """Return the entries of a mapping by their names; empty when there is none. Others than ``known`` are
+        problems."""
         found = self.mapping(None if node is None or is_null(node) else node, what)
         if known is not None:
             self.refuse_others(found, known, what)
         return found
 
     def words(self, node: yaml.Node | None, what: str) -> tuple[YamlEntry, ...]:
-        """The texts of a list; of one text by itself."""
+        """Return the texts of a list; of one text by itself."""
         if node is None or is_null(node):
             return ()
         nodes = [node] if isinstance(node, yaml.ScalarNode) else self.sequence(node, what)
         return tuple(YamlEntry(self.word(one, f'an entry of {what}'), line_of(one)) for one in nodes)
 
     def word(self, node: yaml.Node, what: str) -> str:
-        """A text as it is written."""
+        """Return a text as it is written."""
         return self.name(node, what).strip()
 
     def number(self, node: yaml.Node, text: str, what: str) -> int:
-        """An integer that is written so."""
+        """Return an integer that is written so."""
         if re.fullmatch(r'[-+]?\d{1,9}', text, re.ASCII):
             return int(text)
         self.problem(node, f'{what} has to be an integer of at most 9 digits, not {short_repr(text)}')
         return 0
 
     def flag(self, node: yaml.Node, what: str) -> bool:
-        """A truth value."""
+        """Return a truth value."""
         value = self.value(node, what)
         if not isinstance(value, bool | int):
             self.problem(node, f'{what} has to be true or false, not {short_repr(value)}')
@@ -78,5 +79,5 @@ class YamlFile(YamlParts):
 
 
 def is_null(node: yaml.Node) -> bool:
-    """Whether nothing is written there."""
+    """Return whether nothing is written there."""
     return isinstance(node, yaml.ScalarNode) and node.tag.endswith(':null')

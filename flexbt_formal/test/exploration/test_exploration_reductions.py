@@ -309,7 +309,7 @@ def test_of_a_fleet_of_robots_that_do_the_same_few_situations_are_left() -> None
 
 
 def first_of_two(kind: type[OperatableStateMachine], *, reduces: bool) -> Report:
-    """The first that is done ends it, and one of them may be forced to search."""
+    """Return the first that is done ends it, and one of them may be forced to search."""
     both = ConcurrencyContainer(outcomes=['done'], conditions=[('done', [(label, 'done')]) for label in 'AB'])
     for label in 'AB':
         robot = kind(outcomes=['done'])

@@ -23,7 +23,7 @@ def action(name: str, needs: str, adds: str, deletes: str, cost: float = 1.0) ->
 
 
 def led_by(problem: PlanningProblem, attempts: int = 2) -> PlanningProblem:
-    """The problem with leaves that the world knows."""
+    """Return the problem with leaves that the world knows."""
     every = (*problem.actions, *problem.disturbances)
     literals = {literal for one in every for literal in one.needs | one.adds | one.deletes}.union(*problem.goal)
     leaves = {literal: Leaf('Holds', {'literal': literal}) for literal in literals}

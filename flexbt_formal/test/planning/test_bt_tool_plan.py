@@ -18,7 +18,8 @@ SUMMARY, TEAM_SUMMARY = re.findall(r'^\$ bt_tool plan .*\n((?:.+\n)+)```$', PAGE
 
 
 def without_times(text: str) -> str:
-    """A summary without how long it took, without the progress that is told on a busy machine, and in whole lines."""
+    """Return a summary without how long it took, without the progress that is told on a busy machine, and in whole
+    lines."""
     whole = text.replace('\n  ', ' ')
     return re.sub(r'^[\d.]+ s: no plan costs .*\n| \(\d+ conditions, .* s\)', '', whole, flags=re.MULTILINE)
 

@@ -23,7 +23,7 @@ ROBOTS = ('red', 'blue')
 
 
 def fetching(robots: Collection[str] = ROBOTS) -> Team:
-    """Each robot can go to both shelves, take what is there, and bring it back; none can carry two things."""
+    """Return each robot can go to both shelves, take what is there, and bring it back; none can carry two things."""
     actions: list[Action] = []
     doers: dict[str, str] = {}
     for robot, thing in itertools.product(robots, ('cup', 'pan')):

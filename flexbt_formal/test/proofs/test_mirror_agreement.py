@@ -65,7 +65,7 @@ class Robot:
 
 
 def seen(mirror: Mirror) -> tuple[object, ...]:
-    """What the operator sees."""
+    """Return what the operator sees."""
     snapshot = mirror.view().snapshot
     assert snapshot is not None
     if snapshot.state is ExecutiveState.IDLE:
@@ -76,7 +76,7 @@ def seen(mirror: Mirror) -> tuple[object, ...]:
 
 
 def true(robot: Robot) -> tuple[object, ...]:
-    """What is so."""
+    """Return what is so."""
     run = robot.run
     if run.outcome is not None:
         return run.outcome, [], [], False

@@ -45,7 +45,7 @@ def behavior(*words: str) -> tuple[int, str, str]:
 
 
 def saved_tests(file: Path) -> list[Callable[[], None]]:
-    """The tests in a file that the program under test has written."""
+    """Return the tests in a file that the program under test has written."""
     return [value for name, value in runpy.run_path(str(file)).items() if name.startswith('test_')]
 
 
@@ -149,7 +149,7 @@ def test_what_trees_hand_to_each_other_is_there_on_all_ways_of_the_machine(
 
 
 def split(folder: Path, plan: str, unplanned: str = 'failed') -> str:
-    """The file of a machine that drives along what the tree ``plan`` has written."""
+    """Return the file of a machine that drives along what the tree ``plan`` has written."""
     (folder / 'plan.xml').write_text(document(f'Plan: {plan}', main=None))
     (folder / 'drive.xml').write_text(document('Drive: <FollowPath path="{path}"/>', main=None))
     machine = folder / 'split.yaml'
@@ -377,7 +377,7 @@ def test_what_is_required_of_a_behavior_is_about_its_machine() -> None:
 
 
 def model(folder: Path, chance: str) -> str:
-    """The model of the guide: up to three tries."""
+    """Return the model of the guide: up to three tries."""
     halt = '<bt_halt target="open"><bt_return_halted/></bt_halt>'
     success, failure = ('<bt_return_status status="SUCCESS"/>', '<bt_return_status status="FAILURE"/>')
     files = {

@@ -44,7 +44,7 @@ def registry() -> NodeRegistry:
 
 
 def found(directory: Path, ports: str) -> list[str]:
-    """The findings of the rule, as ``file:line message``."""
+    """Return the findings of the rule, as ``file:line message``."""
     tree = directory / 'tree.xml'
     tree.write_text(document(f'Main: <ReachGoal {ports}/>'))
     findings = check_trees([str(tree)], registry())

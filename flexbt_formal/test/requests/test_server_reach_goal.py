@@ -142,7 +142,7 @@ class Bench:
         )
 
     def run(self, tree: Tree, most: int = 1000) -> NodeStatus:
-        """Ticks to the end."""
+        """Tick to the end."""
         for _ in range(most):
             status = tree.tick_once()
             if status is not RUNNING:
@@ -162,7 +162,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 def once(when: int, change: Callable[[World], None]) -> Callable[[World], None]:
-    """Does a change before the action of this number."""
+    """Do a change before the action of this number."""
     left = [when]
 
     def meanwhile(world: World) -> None:

@@ -35,7 +35,8 @@ def write(
     parameters: str = '',
     declarations: str = '',
 ) -> Path:
-    """The files of a model. Of nodes and plugins: what <ascxml> has, after the name of the first state and '|'."""
+    """Return the files of a model. Of nodes and plugins: what <ascxml> has, after the name of the first state and
+    '|'."""
     inputs: dict[str, list[str]] = {'behavior_tree': [], 'node_models': []}
     for section, kind, files in (
         ('node_models', 'node-ascxml', nodes or {}),

@@ -32,7 +32,7 @@ capabilities:
 
 
 def interface(name: str, parameters: Mapping[str, Any]) -> StateInterface:
-    """Every state tries something, and fails or not."""
+    """Return every state tries something, and fails or not."""
     return StateInterface(('done', 'failed'))
 
 
@@ -43,7 +43,7 @@ def coffee(
     outcomes: tuple[str, ...] = (),
     **options: Any,
 ) -> SynthesisProblem:
-    """The problem of the coffee machine with parts of its text replaced. Raises SynthesisError."""
+    """Return the problem of the coffee machine with parts of its text replaced. Raises SynthesisError."""
     text = COFFEE
     for before, after in changes:
         assert before in text

@@ -56,7 +56,7 @@ def answer(capabilities: Mapping[str, Any], goal: str, **options: Any) -> Synthe
 
 
 def states(capabilities: Mapping[str, Any], goal: str, **options: Any) -> list[tuple[str, ...]]:
-    """The capabilities of each state of the machine."""
+    """Return the capabilities of each state of the machine."""
     machine = answer(capabilities, goal, **options).machine
     assert machine is not None
     return sorted(tuple(part.capability for part in state.parts) for state in machine.states.values())

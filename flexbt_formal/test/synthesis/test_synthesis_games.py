@@ -111,7 +111,8 @@ class Position(NamedTuple):
 
 
 def parity_won(explicit: Explicit) -> set[State]:
-    """The winning states by way of a parity game: counters for assumptions and guarantees, priorities 0, 1, 2."""
+    """Return the winning states by way of a parity game: counters for assumptions and guarantees, priorities 0, 1,
+    2."""
     assumptions = explicit.specification.of(Section.ENV_LIVENESS) or [TRUE]
     guarantees = explicit.specification.of(Section.SYS_LIVENESS)
     edges: dict[Position, list[Position]] = {}
@@ -148,7 +149,7 @@ def parity_won(explicit: Explicit) -> set[State]:
 def zielonka(
     positions: set[Position], edges: dict[Position, list[Position]], of_system: set[Position]
 ) -> set[Position]:
-    """The positions from which the system sees to it that the greatest priority that comes for ever is even."""
+    """Return the positions from which the system sees to it that the greatest priority that comes for ever is even."""
     if not positions:
         return set()
     greatest = max(one.priority for one in positions)
@@ -199,7 +200,8 @@ def test_who_wins_is_what_a_parity_game_says(specification: Specification) -> No
 
 
 def fairly_won(explicit: Explicit, goal: Formula, live: Formula) -> set[State]:
-    """The states from which one of all positional strategies wins, if the world takes each live move at some time."""
+    """Return the states from which one of all positional strategies wins, if the world takes each live move at some
+    time."""
     choices = [(state, inputs) for state in explicit.states for inputs in explicit.moves[state]]
     winning: set[State] = set()
     nothing: list[State | None] = [None]
@@ -222,7 +224,7 @@ def fairly_won(explicit: Explicit, goal: Formula, live: Formula) -> set[State]:
 
 
 def traps(graph: dict[State, list[tuple[State | None, bool, bool]]], among: set[State]) -> Iterator[set[State]]:
-    """Sets in which the world can go round for ever, past the goal, and yet take each live move."""
+    """Set in which the world can go round for ever, past the goal, and yet take each live move."""
     inside = set(among)
     while True:
         leaving = {
@@ -309,7 +311,7 @@ def certificate() -> dict[str, Any]:
 
 
 def damages() -> Iterator[tuple[str, dict[str, Any]]]:
-    """The certificate of the door with each single thing in it changed."""
+    """Yield the certificate of the door with each single thing in it changed."""
     whole = certificate()
     for number, node in enumerate(whole['nodes']):
         for key, value in (('goal', 1 - node['goal']), ('kind', 0 if node['kind'] == 'fair' else 7), ('rank', -1)):

@@ -102,7 +102,7 @@ def parameter(value: Any) -> Any:
 
 
 def sm_loader_machine(name: str) -> SynthesizedMachine:
-    """A machine that was written for flexbe_synthesis' ``sm_loader``."""
+    """Return a machine that was written for flexbe_synthesis' ``sm_loader``."""
     written = yaml.safe_load((DATA / name).read_text(encoding='utf-8'))
     states = {}
     for one in written['states']:

@@ -48,7 +48,7 @@ class _Timed:
 
 
 def _kept_apart(apart: KeepingApart, costmap: Costmap, pose: Pose, velocity: Velocity, now: float) -> Velocity:
-    """Raises NavigationError COLLISION_AHEAD when something that may move is too near."""
+    """Raise NavigationError COLLISION_AHEAD when something that may move is too near."""
     apart.look(costmap, pose, now)
     limited = apart.limited(costmap, pose, velocity)
     if limited is None:

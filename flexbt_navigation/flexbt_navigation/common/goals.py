@@ -38,7 +38,7 @@ CANCELED: Final = GoalEnd(canceled=True, message='canceled by the client')
 
 
 def end_by(runtime: NodeRuntime, error: Exception, what: str) -> GoalEnd:
-    """The end of a goal that an error came in the way of; a fault of ours is reported as one of ``what``."""
+    """Return the end of a goal that an error came in the way of; a fault of ours is reported as one of ``what``."""
     if isinstance(error, NavigationError):
         return GoalEnd(code=error.code, message=str(error))
     runtime.report_fault(error, what)

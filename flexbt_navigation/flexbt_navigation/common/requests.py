@@ -41,7 +41,7 @@ def bounded(value: float, name: str, most: float) -> float:
 
 
 def finite_pose(message: Any, name: str, code: str) -> Pose:
-    """The pose of a geometry_msgs/Pose.
+    """Return the pose of a geometry_msgs/Pose.
 
     Raises:
         NavigationError: with ``code`` when it is no place: NaN, infinite, or beyond FARTHEST.
@@ -105,12 +105,12 @@ class Asked(NamedTuple):
 
 
 def asked_pose(stamped: Any, name: str, code: str) -> Asked:
-    """A geometry_msgs/PoseStamped."""
+    """Return a geometry_msgs/PoseStamped."""
     return Asked(stamped.header, stamped.pose, name, code)
 
 
 def asked_path(path: Any) -> list[Asked]:
-    """A nav_msgs/Path: its own header counts, not those of its poses."""
+    """Return a nav_msgs/Path: its own header counts, not those of its poses."""
     return [
         Asked(path.header, stamped.pose, f'pose {index} of the path', 'INVALID_PATH')
         for index, stamped in enumerate(path.poses)
@@ -179,15 +179,15 @@ class MapFrame:
             )
 
     async def known(self, asked: Sequence[Asked]) -> list[Pose]:
-        """The same for services. Raises NavigationError."""
+        """Return the same for services. Raises NavigationError."""
         done = Future(executor=self._runtime.node.executor)
         self.poses(asked, done.set_result, done.set_exception)
         poses: list[Pose] = await done
         return poses
 
     def drift(self, header: Any) -> Callable[[], Pose]:
-        """Where in the map the frame of a header has come to since the time of the header, if it was that of the map
-        then; to be asked again and again, for what is fixed to that frame. Its transform has to be known by now.
+        """Return where in the map the frame of a header has come to since the time of the header, if it was that of the
+        map then; to be asked again and again, for what is fixed to that frame. Its transform has to be known by now.
 
         A frame that the robot carries has no drift: what is given in it is meant as it was then. NavigationError
         TF_ERROR is raised when the transform is not known any more, or nothing new of it comes for ``pose_timeout``.

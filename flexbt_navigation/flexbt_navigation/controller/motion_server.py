@@ -69,7 +69,7 @@ class MotionArbiter:
         robot.on_map = self._on_map
 
     def ask(self) -> int:
-        """A motion is asked for: its number, which is greater than those before."""
+        """Return a motion is asked for: its number, which is greater than those before."""
         self._asked += 1
         return self._asked
 

@@ -78,7 +78,7 @@ class Motion(Protocol):
     """Something that drives the robot."""
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
-        """The velocity to drive with, or None when the motion is complete.
+        """Return the velocity to drive with, or None when the motion is complete.
 
         Raises:
             NavigationError: it cannot go on.
@@ -118,14 +118,14 @@ class Inertia:
     angular: float = math.inf
 
     def after(self, command: Velocity, seconds: float) -> Inertia:
-        """When the robot has been commanded so for some time."""
+        """Return when the robot has been commanded so for some time."""
         pairs = zip(self.velocity, command, (self.linear, self.angular), strict=True)
         changes = (max(-limit * seconds, min(limit * seconds, wanted - now)) for now, wanted, limit in pairs)
         linear, angular = map(sum, zip(self.velocity, changes, strict=True))
         return replace(self, velocity=Velocity(linear, angular))
 
     def poses(self, pose: Pose, command: Velocity, seconds: float, steps: int) -> Iterator[Pose]:
-        """Where the robot gets to when it is commanded so, in equal steps."""
+        """Yield where the robot gets to when it is commanded so, in equal steps."""
         inertia = self
         for _ in range(steps):
             then = inertia.after(command, seconds / steps)
@@ -156,14 +156,14 @@ class CommandedDrive:
         return self._inertia.velocity == STOP
 
     def foreseen(self, pose: Pose) -> tuple[Pose, Inertia]:
-        """Where a robot at a pose is, and how it goes, when the next command takes effect."""
+        """Return where a robot at a pose is, and how it goes, when the next command takes effect."""
         (coming,) = self._inertia.poses(pose, self._before, LATENCY, 1)
         return coming, self._inertia.after(self._before, LATENCY)
 
 
 def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, inertia: Inertia | None = None) -> bool:
-    """Whether driving as commanded for some time ends in an obstacle, or beside the map. Without ``inertia`` the robot
-    goes like this at once.
+    """Return whether driving as commanded for some time ends in an obstacle, or beside the map. Without ``inertia`` the
+    robot goes like this at once.
 
     Getting no deeper into one that the robot overlaps already is none, and neither is a circle's turn on the spot.
     """
@@ -230,11 +230,11 @@ class KeepingApart:
         self._closing = max(self._pace, change if nearer > 0.0 else 0.0)
 
     def has_company(self, now: float) -> bool:
-        """Whether something near has moved lately, or touches the robot, which goes so near to nothing."""
+        """Return whether something near has moved lately, or touches the robot, which goes so near to nothing."""
         return self._here < 0.0 or now - self._seen_moving <= COMPANY_TIME
 
     def leaves(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> bool:
-        """Whether somebody is within ``PERSONAL_SPACE``, and the robot comes no nearer to them."""
+        """Return whether somebody is within ``PERSONAL_SPACE``, and the robot comes no nearer to them."""
         swing = abs(velocity.angular) * costmap.inflation.outer_radius if costmap.inflation.corners else 0.0
         if self._here >= PERSONAL_SPACE:
             return False
@@ -245,7 +245,7 @@ class KeepingApart:
         return self._grows(costmap, pose, velocity, escape, (SIDE_TIME / 2.0, SIDE_TIME))
 
     def _grows(self, costmap: Costmap, pose: Pose, velocity: Velocity, speed: float, times: tuple[float, ...]) -> bool:
-        """Whether the gap is so much greater, for each second, at these times."""
+        """Return whether the gap is so much greater, for each second, at these times."""
         gaps = (costmap.gap_seen(drive(pose, *velocity, time), self._reach) for time in times)
         return all(gap >= self._here + speed * time - SAME_GAP for gap, time in zip(gaps, times, strict=True))
 
@@ -283,7 +283,7 @@ class KeepingApart:
 
 
 def slowed(costmap: Costmap, pose: Pose, command: Velocity, seconds: float) -> Velocity:
-    """A command, scaled by the time until a collision in relation to the time that is looked ahead, s.
+    """Return a command, scaled by the time until a collision in relation to the time that is looked ahead, s.
 
     Nothing is left of it when it collides within the first tenth of a second.
     """

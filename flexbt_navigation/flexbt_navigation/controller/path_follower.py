@@ -341,7 +341,8 @@ class PathFollower:
             self._goal, self._legs, self._drifted = compose(drifted, goal), left, drifted
 
     def _nearest(self, pose: Pose) -> float:
-        """Where on the path the robot is: not much farther than it was, unless this is its first step on the path."""
+        """Return where on the path the robot is: not much farther than it was, unless this is its first step on the
+        path."""
         track = self._track
         near = track.nearest(pose, self._at, self._at + SEARCH_DISTANCE)
         if not self._has_begun:
@@ -354,7 +355,7 @@ class PathFollower:
         return near
 
     def place(self, pose: Pose) -> PlaceOnPath:
-        """How the robot, at ``pose``, is on the path, after its last step."""
+        """Return how the robot, at ``pose``, is on the path, after its last step."""
         leg, before = self._legs[0], self._given[1][: -len(self._legs)]
         x, y = leg.track.point(self._at)
         heading = leg.track.heading(self._at)
@@ -407,7 +408,7 @@ class PathFollower:
         return self._apart.limited(self._costmap, pose, velocity)
 
     def _is_free_until(self, end: float) -> bool:
-        """Whether the path itself is free for so far, m from its beginning."""
+        """Return whether the path itself is free for so far, m from its beginning."""
         track, turn = self._track, math.pi if self._legs[0].backward else 0.0
         places = numpy.arange(self._at, min(end, track.length), self._costmap.world.resolution)
         poses = (Pose(*track.point(at), track.heading(at) + turn) for at in places)

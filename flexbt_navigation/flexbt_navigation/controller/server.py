@@ -137,7 +137,8 @@ class ControllerServer:
 
 
 def following(motion: PathFollower, pose: Pose, frame: str, stamp: Time) -> FollowPath.Feedback:
-    """How the robot, at ``pose`` in ``frame``, follows its path; in main with all of nav2_msgs/TrackingFeedback."""
+    """Return how the robot, at ``pose`` in ``frame``, follows its path; in main with all of
+    nav2_msgs/TrackingFeedback."""
     feedback = FollowPath.Feedback()
     if not hasattr(feedback, 'tracking_feedback'):
         feedback.distance_to_goal, feedback.speed = float(motion.distance_to_goal), float(motion.speed)

@@ -32,7 +32,7 @@ class Track:
         self.length = self._at[-1]
 
     def moved(self, by: Pose) -> Track:
-        """The same one where it comes to when its frame, which was that of the map, moves to ``by``."""
+        """Return the same one where it comes to when its frame, which was that of the map, moves to ``by``."""
         moved = copy(self)
         moved._corners = [compose(by, Pose(*corner, 0.0))[:2] for corner in self._corners]
         return moved
@@ -53,7 +53,7 @@ class Track:
         return max(0, bisect_right(self._at, at) - 1)
 
     def heading(self, at: float) -> float:
-        """Where it leads at a distance from the beginning, rad; 0 for a track without length."""
+        """Return where it leads at a distance from the beginning, rad; 0 for a track without length."""
         index = min(max(bisect_right(self._at, at), 1), len(self._at) - 1)
         while index > 1 and self._at[index] == self._at[index - 1]:
             index -= 1
@@ -74,7 +74,8 @@ class Track:
         return best
 
     def ahead(self, pose: Pose, begin: float, reach: float) -> Point:
-        """The first point after a distance from the beginning that is ``reach`` away from a position, or the end."""
+        """Return the first point after a distance from the beginning that is ``reach`` away from a position, or the
+        end."""
         x, y = self.point(begin)
         gap = math.hypot(x - pose.x, y - pose.y)
         for _, (to_x, to_y) in self._part(begin, self.length):
@@ -92,7 +93,7 @@ class Track:
         return self._corners[-1]
 
     def _part(self, begin: float, end: float) -> Iterator[tuple[float, Point]]:
-        """The track between two distances from its beginning: distances and positions of its ends and corners."""
+        """Yield the track between two distances from its beginning: distances and positions of its ends and corners."""
         yield begin, self.point(begin)
         last = min(end, self.length)
         for index in range(bisect_right(self._at, begin), len(self._at)):
@@ -111,8 +112,8 @@ class Leg:
 
 
 def drivable_legs(path: Sequence[Pose], turning_radius: float) -> list[Leg]:
-    """The parts of a path between changes of direction; none where a robot cannot drive it as its poses say: where it
-    would have to turn on the spot, or bend more than the radius, m, allows.
+    """Return the parts of a path between changes of direction; none where a robot cannot drive it as its poses say:
+    where it would have to turn on the spot, or bend more than the radius, m, allows.
     """
     corners: list[list[Pose]] = []
     backward: list[bool] = []

@@ -143,11 +143,12 @@ class Costmap:
         return labels
 
     def in_collision(self, pose: Pose) -> bool:
-        """Whether the robot would overlap an obstacle there, or its centre be outside of the map."""
+        """Return whether the robot would overlap an obstacle there, or its centre be outside of the map."""
         return not self.world.contains(*self.world.cell(pose.x, pose.y)) or self.overlap(pose) > 0.0
 
     def overlap(self, pose: Pose) -> float:
-        """How much the robot would overlap obstacles there: 0 if it does not; otherwise the depth, m, to compare with.
+        """Return how much the robot would overlap obstacles there: 0 if it does not; otherwise the depth, m, to compare
+        with.
 
         For a circle exactly. For a polygon it is the depth of its inscribed circle and the area of the cells that it
         touches, square m; some that it misses by up to a fifth of a cell count, too.
@@ -159,7 +160,7 @@ class Costmap:
         return depth + self._touched(pose) * self.world.resolution**2 if self.inflation.corners else depth
 
     def _touched(self, pose: Pose, on_map: bool | None = None) -> int:
-        """How many obstacle cells the polygon touches; of those that are ``on_map``, or are not."""
+        """Return how many obstacle cells the polygon touches; of those that are ``on_map``, or are not."""
         gaps = self._outline_gaps(pose, self.inflation.outer_radius, on_map)
         return int(numpy.count_nonzero(gaps < self.world.resolution * math.sqrt(0.5)))
 
@@ -200,7 +201,7 @@ class Costmap:
         return numpy.where(inside, -gaps, gaps)
 
     def is_free(self, x: float, y: float, radius: float) -> bool:
-        """Whether a circle of a radius, m, round a point overlaps no obstacle; on the map exactly."""
+        """Return whether a circle of a radius, m, round a point overlaps no obstacle; on the map exactly."""
         world = self.world
         row, column = world.grid_position(x, y)
         r, c = (min(max(math.floor(at), 0), size - 1) for at, size in zip((row, column), self.costs.shape, strict=True))
@@ -208,7 +209,7 @@ class Costmap:
         return known * world.resolution >= radius or self.clearance(x, y, radius) >= radius
 
     def has_room(self, pose: Pose, radius: float) -> bool:
-        """Whether a circle of a radius, m, round a pose is on the map as a whole, and overlaps no obstacle."""
+        """Return whether a circle of a radius, m, round a pose is on the map as a whole, and overlaps no obstacle."""
         world, cells = self.world, radius / self.world.resolution
         row, column = world.grid_position(pose.x, pose.y)
         is_on_map = cells <= row <= world.height - cells and cells <= column <= world.width - cells
@@ -219,7 +220,7 @@ class Costmap:
         return self._distance(x, y, within)
 
     def touches_map(self, pose: Pose) -> bool:
-        """Whether the robot would overlap an obstacle of the static map there, whatever else was seen."""
+        """Return whether the robot would overlap an obstacle of the static map there, whatever else was seen."""
         radius = self.inflation.robot_radius
         if self._distance(pose.x, pose.y, radius, on_map=True) < radius:
             return True
@@ -253,7 +254,7 @@ class Costmap:
         return math.sqrt(self.squares[cell]) * self.world.resolution / 2.0
 
     def is_clear(self, start: Position, end: Position, radius: float) -> bool:
-        """Whether a circle, of a radius in m, can move straight from one position to the other.
+        """Return whether a circle, of a radius in m, can move straight from one position to the other.
 
         Never wrongly true; wrongly false at most where it has less than a cell to spare.
         """
@@ -281,5 +282,5 @@ class Loops(NamedTuple):
 
 @functools.cache
 def loops() -> Loops:
-    """The compiled functions; with FLEXBT_ACCELERATION=0, or without numba, those that numpy and scipy have."""
+    """Return the compiled functions; with FLEXBT_ACCELERATION=0, or without numba, those that numpy and scipy have."""
     return Loops(*(compiled(getattr(kernels, name)) or getattr(arrays, name) for name in Loops._fields))

@@ -23,7 +23,8 @@ Weights = NDArray[numpy.float64]
 
 
 def neighbours(width: int) -> tuple[int, ...]:
-    """What the number of a cell differs by from those of its eight neighbours, in a grid so wide; diagonals last."""
+    """Return what the number of a cell differs by from those of its eight neighbours, in a grid so wide; diagonals
+    last."""
     return 1, width, -1, -width, width + 1, width - 1, -width - 1, -width + 1
 
 
@@ -79,8 +80,8 @@ def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int,
 
 
 def regions(free: Bools) -> Squares:
-    """A number for each cell: the same for two if and only if a way over neighbouring free cells joins them; 0 in
-    cells that are not free.
+    """Return a number for each cell: the same for two if and only if a way over neighbouring free cells joins them; 0
+    in cells that are not free.
     """
     height, width = free.shape
     labels = numpy.zeros((height, width), numpy.int32)
@@ -216,7 +217,7 @@ def search(
 def is_clear(
     obstacles: Bools, squares: Squares, start: tuple[float, float], end: tuple[float, float], radius: float
 ) -> Any:
-    """Whether a circle can move straight from one position to another; all in cells.
+    """Return whether a circle can move straight from one position to another; all in cells.
 
     Never wrongly true; wrongly false where it has hardly anything to spare. What may be hidden between two samples is
     bounded by the square of their spacing, since the square of the distance from a point has the constant curvature 2.

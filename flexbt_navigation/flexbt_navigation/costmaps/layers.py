@@ -40,8 +40,8 @@ def local_size(inflation: Inflation) -> float:
 
 
 def mark_range(inflation: Inflation) -> float:
-    """How far from its lidar, which may be anywhere on it, a robot marks obstacles, m: all that is round it, as far as
-    the local costmap reaches to each side. A car that backs up has its lidar in front.
+    """Return how far from its lidar, which may be anywhere on it, a robot marks obstacles, m: all that is round it, as
+    far as the local costmap reaches to each side. A car that backs up has its lidar in front.
     """
     return max(MARK_RANGE, local_size(inflation) / 2.0 + inflation.outer_radius)
 
@@ -104,7 +104,7 @@ class LayeredCostmap:
             self.observe(*before._newest)
 
     def window(self, robot: Pose) -> CellBox:
-        """The part of the grid round the robot whose obstacles are not forgotten."""
+        """Return the part of the grid round the robot whose obstacles are not forgotten."""
         world = self.costmap.world
         if math.isinf(self._window_size):
             return CellBox(0, world.height, 0, world.width)
@@ -172,7 +172,7 @@ class LayeredCostmap:
 
 
 def _square(world: OccupancyMap, centre: Pose, size: float) -> CellBox:
-    """The cells of a square, ``size`` m wide, that lies as the grid does; those that are on the map."""
+    """Return the cells of a square, ``size`` m wide, that lies as the grid does; those that are on the map."""
     (row, column), half = world.grid_position(centre.x, centre.y), size / 2.0 / world.resolution
     bottom, top = (min(max(math.floor(at), 0), world.height) for at in (row - half, row + half + 1.0))
     left, right = (min(max(math.floor(at), 0), world.width) for at in (column - half, column + half + 1.0))
@@ -180,7 +180,7 @@ def _square(world: OccupancyMap, centre: Pose, size: float) -> CellBox:
 
 
 def _around(*boxes: CellBox) -> CellBox:
-    """The smallest box that holds others; empty ones do not count."""
+    """Return the smallest box that holds others; empty ones do not count."""
     filled: Sequence[CellBox] = [box for box in boxes if box.bottom < box.top and box.left < box.right]
     if not filled:
         return boxes[0]

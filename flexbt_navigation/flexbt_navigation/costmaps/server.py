@@ -253,7 +253,7 @@ class CostmapServer:
                 self._publish(name)
 
     def _mounted(self, frame: str) -> Pose:
-        """Where a lidar is on the robot. Raises TransformError."""
+        """Return where a lidar is on the robot. Raises TransformError."""
         base = self._robot.base_frame
         if frame in ('', base):
             return Pose(0.0, 0.0, 0.0)
@@ -287,7 +287,7 @@ class CostmapServer:
         return Header(frame_id=self._robot.map_frame, stamp=self._runtime.clock.stamp())
 
     def _part(self, name: str) -> CellBox:
-        """The cells that are part of a costmap as others see it: of the local one those in the window."""
+        """Return the cells that are part of a costmap as others see it: of the local one those in the window."""
         layers = self._kept[name].layers
         world = layers.costmap.world
         if name == LOCAL and self._poses:
@@ -311,7 +311,7 @@ class CostmapServer:
         return message
 
     def _footprint(self, pose: Pose) -> PolygonStamped:
-        """A circle as Nav2 shows it: a polygon of 16 corners."""
+        """Return a circle as Nav2 shows it: a polygon of 16 corners."""
         inflation = self._parameters.inflation
         circle = [drive(Pose(0.0, 0.0, math.tau * n / 16.0), inflation.robot_radius, 0.0, 1.0)[:2] for n in range(16)]
         corners = [
@@ -414,7 +414,7 @@ def _distance(request: Any) -> float:
 
 
 def _between(before: tuple[float, Pose], after: tuple[float, Pose], time: float) -> Pose:
-    """Where the robot was between two poses."""
+    """Return where the robot was between two poses."""
     share = (time - before[0]) / (after[0] - before[0]) if after[0] > before[0] else 1.0
     a, b = before[1], after[1]
     return Pose(a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), wrap(a.yaw + share * wrap(b.yaw - a.yaw)))

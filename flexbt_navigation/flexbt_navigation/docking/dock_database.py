@@ -40,7 +40,7 @@ class Dock:
 
 
 def load_docks(file: Path) -> dict[str, Dock]:
-    """The docks of a file, by their names.
+    """Return the docks of a file, by their names.
 
     ``docks:`` has for each one ``type``, ``pose`` (x, y, yaw) and, when it is not map, ``frame``. A file that has
     ``stations:`` is a world file.

@@ -39,7 +39,8 @@ _SMALLEST: Final = 1e-6
 
 
 def velocity_to(target: Pose, pose: Pose, law: ControlLaw, *, backward: bool = False) -> Velocity:
-    """The velocity that leads from a pose to another one, forward or backward; at the other one it is arbitrary."""
+    """Return the velocity that leads from a pose to another one, forward or backward; at the other one it is
+    arbitrary."""
     dx, dy = target.x - pose.x, target.y - pose.y
     distance = max(math.hypot(dx, dy), _SMALLEST)
     # Backward, it is the way of a robot that looks the other way.
@@ -339,7 +340,7 @@ class UndockMotion:
 
 
 def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, spent: float) -> Velocity | None:
-    """The velocity until the robot is as far back as a staging pose, and for a turn there; None when it is done.
+    """Return the velocity until the robot is as far back as a staging pose, and for a turn there; None when it is done.
 
     Raises:
         NavigationError: FAILED_TO_CONTROL.
@@ -357,12 +358,13 @@ def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, sp
 
 
 def _ahead(target: Pose, pose: Pose) -> float:
-    """How far, m, the robot is before a pose, as that heads; negative beyond it."""
+    """Return how far, m, the robot is before a pose, as that heads; negative beyond it."""
     return -compose(inverse(target), pose).x
 
 
 def _is_at(target: Pose, pose: Pose, limits: DockingLimits, *, backward: bool) -> bool:
-    """Whether the robot is as far as a pose, to one side of it or not: the control law leads no nearer from there."""
+    """Return whether the robot is as far as a pose, to one side of it or not: the control law leads no nearer from
+    there."""
     left = _ahead(target, pose)
     return (-left if backward else left) <= limits.linear_tolerance
 
@@ -370,7 +372,8 @@ def _is_at(target: Pose, pose: Pose, limits: DockingLimits, *, backward: bool) -
 def _collides(
     costmap: Costmap, pose: Pose, target: Pose, limits: DockingLimits, *, backward: bool, apart_from: Pose
 ) -> bool:
-    """Whether the control law leads into an obstacle that is farther than the threshold from the place of the dock."""
+    """Return whether the control law leads into an obstacle that is farther than the threshold from the place of the
+    dock."""
     here = pose
     for _ in range(math.ceil(limits.projection_seconds / STEP)):
         here = drive(here, *velocity_to(target, here, limits.law, backward=backward), STEP)

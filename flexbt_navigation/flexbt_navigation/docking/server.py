@@ -66,7 +66,7 @@ class DockingServer:
         controller: ControllerParameters,
         arbiter: MotionArbiter,
     ) -> None:
-        """Raises DockError: the parameter ``dock_database`` names no database."""
+        """Raise DockError: the parameter ``dock_database`` names no database."""
         self.runtime = runtime
         self.parameters = parameters
         self.controller = controller
@@ -137,7 +137,7 @@ class DockingServer:
         return response
 
     def dock(self, request: Any) -> tuple[Dock, DockType]:
-        """What a request means; without an id it says itself where the dock is.
+        """Return what a request means; without an id it says itself where the dock is.
 
         Raises:
             NavigationError: DOCK_NOT_IN_DB or DOCK_NOT_VALID.
@@ -170,7 +170,8 @@ class DockingServer:
         self._docked = kind, pose
 
     def is_docked(self, dock: Pose) -> bool:
-        """Whether the robot is charged, or stands on the dock. Raises NavigationError, as the pose of the robot."""
+        """Return whether the robot is charged, or stands on the dock. Raises NavigationError, as the pose of the
+        robot."""
         near = self.arbiter.robot.pose.distance(dock) < self.parameters.limits.docked_within
         return near or self._is_charging
 

@@ -51,7 +51,7 @@ class StopFlag:
         self.cell[0] = 1
 
     def check(self) -> None:
-        """Raises PlanningStopped once it is set."""
+        """Raise PlanningStopped once it is set."""
         if self.cell[0]:
             raise PlanningStopped('UNKNOWN', 'the plan is not wanted any more')
 
@@ -73,7 +73,8 @@ class GridPlanner:
         stop: StopFlag | None = None,
         before: Sequence[Sequence[Pose]] = (),
     ) -> list[list[Pose]]:
-        """The legs of a path from goal to goal; each begins where the one before it ends. Raises as :meth:`plan`.
+        """Return the legs of a path from goal to goal; each begins where the one before it ends. Raises as
+        :meth:`plan`.
 
         ``before`` is for the first one: the others begin at a goal, and not where the robot is.
         """
@@ -89,7 +90,8 @@ class GridPlanner:
         stop: StopFlag | None = None,
         before: Sequence[Sequence[Pose]] = (),
     ) -> list[Pose]:
-        """A path from start to goal, with the goal's own pose at its end; just this one if they are in one place.
+        """Return a path from start to goal, with the goal's own pose at its end; just this one if they are in one
+        place.
 
         The robot overlaps no obstacle on its poses and between them. From a start where it does, the path leads
         straight out. ``before`` are paths that the robot may be on, for planners to which that matters.
@@ -125,19 +127,20 @@ class GridPlanner:
         stop: StopFlag,
         before: Sequence[Sequence[Pose]],
     ) -> list[Pose]:
-        """A path, where one over cells leads from the one near the start to the one near the goal."""
+        """Return a path, where one over cells leads from the one near the start to the one near the goal."""
         cells = self._search(source, target, stop).tolist()
         begin, end = (self._costmap.world.grid_position(*pose[:2]) for pose in (start, goal))
         way = [begin, *((row + 0.5, column + 0.5) for row, column in cells), end]
         return self._along(start, self._pull_straight(way, stop), goal)
 
     def _along(self, start: Pose, corners: Sequence[Position], goal: Pose) -> list[Pose]:
-        """A path with corners at these positions; the first and the last are those of start and goal."""
+        """Return a path with corners at these positions; the first and the last are those of start and goal."""
         points = [self._costmap.world.point(row - 0.5, column - 0.5) for row, column in corners]
         return _resample([(start.x, start.y), *points[1:-1], (goal.x, goal.y)], goal)
 
     def _occupied(self, goal: Pose) -> NavigationError:
-        """What the map has there stays; what was seen there may go away, and trees wait for that and try again."""
+        """Return what the map has there stays; what was seen there may go away, and trees wait for that and try
+        again."""
         place = f'the goal ({goal.x:.2f}, {goal.y:.2f})'
         if not self._costmap.touches_map(goal):
             return NavigationError('NO_VALID_PATH', f'{place} is covered by an obstacle that is seen there')
@@ -153,7 +156,8 @@ class GridPlanner:
         return row, column
 
     def _anchor(self, position: Position, pose: Pose) -> Cell | None:
-        """The nearest free cell that the robot can get to straight, without coming nearer to an obstacle than it is.
+        """Return the nearest free cell that the robot can get to straight, without coming nearer to an obstacle than it
+        is.
 
         There is none for a robot whose centre is in an obstacle.
         """
@@ -171,7 +175,8 @@ class GridPlanner:
         return None
 
     def _nearest_reachable(self, position: Position, source: Cell, yaw: float) -> Cell | None:
-        """The nearest cell to which there is a way, and where the robot fits with a heading, within the tolerance."""
+        """Return the nearest cell to which there is a way, and where the robot fits with a heading, within the
+        tolerance."""
         costmap, regions = self._costmap, self._costmap.regions
         near = self._nearest_first(position, self._tolerance) if self._tolerance else []
         return next(
@@ -184,7 +189,7 @@ class GridPlanner:
         )
 
     def _nearest_first(self, position: Position, distance: float) -> list[Cell]:
-        """The free cells of a square round a position, ``distance`` in m to each side."""
+        """Return the free cells of a square round a position, ``distance`` in m to each side."""
         reach = math.ceil(distance / self._costmap.world.resolution)
         bottom, left = (max(0, math.floor(value) - reach) for value in position)
         top, right = (math.floor(value) + reach + 1 for value in position)
@@ -193,7 +198,7 @@ class GridPlanner:
         return [(row, column) for row, column in cells[nearest_first].tolist()]
 
     def _search(self, source: Cell, target: Cell, stop: StopFlag) -> NDArray[numpy.int64]:
-        """The cells of a cheapest way, shape (n, 2)."""
+        """Return the cells of a cheapest way, shape (n, 2)."""
         costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
         width = costs.shape[1]
         start, last = ((row + 1) * width + column + 1 for row, column in (source, target))

@@ -92,14 +92,14 @@ def ways(free: Bools, row: int, column: int, near: float) -> Any:
 
 
 def far_from(squares: Squares, x: float, y: float) -> Any:
-    """A distance that no obstacle is nearer than."""
+    """Return a distance that no obstacle is nearer than."""
     row = min(max(math.floor(y), 0), squares.shape[0] - 1)
     column = min(max(math.floor(x), 0), squares.shape[1] - 1)
     return math.sqrt(squares[row, column]) / 2.0 - math.hypot(y - row - 0.5, x - column - 0.5)
 
 
 def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool) -> Any:
-    """Whether an obstacle is nearer than ``needed``: the centre of its cell, or its square."""
+    """Return whether an obstacle is nearer than ``needed``: the centre of its cell, or its square."""
     height, width = obstacles.shape
     reach = needed if to_centre else needed + 0.5
     for row in range(max(0, math.ceil(y - reach - 0.5)), min(height, math.floor(y + reach + 0.5))):
@@ -124,7 +124,8 @@ def room(
     y: float,
     yaw: float,
 ) -> Any:
-    """How far, at least, the outline of the robot can be moved until it touches an obstacle; negative where it does.
+    """Return how far, at least, the outline of the robot can be moved until it touches an obstacle; negative where it
+    does.
 
     ``corners``, shape (n, 2), are those of its polygon, none for a circle; ``discs``, shape (n, 3), centres and radii,
     have all of it within them, and so has a circle of the radius ``reach`` round its centre. What is inside of a
@@ -179,7 +180,7 @@ def room_along(
     up: float,
     turn: float,
 ) -> Any:
-    """The least :func:`room` while the robot goes straight, or turns, by so much, but for where it begins."""
+    """Return the least :func:`room` while the robot goes straight, or turns, by so much, but for where it begins."""
     x, y, yaw = pose
     way = math.hypot(right, up) + abs(turn) * reach
     if way == 0.0:
@@ -199,7 +200,7 @@ def room_along(
 
 
 def stepped(pose: tuple[float, float, float], step: int) -> Any:
-    """The pose after a step of a robot that turns on the spot, but for the last one."""
+    """Return the pose after a step of a robot that turns on the spot, but for the last one."""
     x, y, yaw = pose
     if step in (STAY, ARRIVE):
         return x, y, yaw
@@ -225,8 +226,8 @@ def room_on_way(
     yaw: float,
     end: float,
 ) -> Any:
-    """The least :func:`room` on straight lines between points, shape (n, 2), of a robot that turns on the spot: which
-    comes to them with a heading ``yaw`` and leaves with ``end``.
+    """Return the least :func:`room` on straight lines between points, shape (n, 2), of a robot that turns on the spot:
+    which comes to them with a heading ``yaw`` and leaves with ``end``.
     """
     least = math.inf
     for i in range(len(way)):
@@ -243,7 +244,7 @@ def room_on_way(
 
 
 def moved(x: float, y: float, yaw: float, turn: float, length: float, turning_radius: float) -> Any:
-    """The pose after a piece of a way."""
+    """Return the pose after a piece of a way."""
     if turn == 0.0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
     after = yaw + turn * length / turning_radius
@@ -265,8 +266,8 @@ def cost_of_piece(
     length: float,
     turning_radius: float,
 ) -> Any:
-    """What it costs to drive a piece, infinite where the robot touches something on it, but for its beginning; and the
-    room that there is at its end. ``gap`` is that at its beginning.
+    """Return what it costs to drive a piece, infinite where the robot touches something on it, but for its beginning;
+    and the room that there is at its end. ``gap`` is that at its beginning.
     """
     x, y, yaw = moved(pose[0], pose[1], pose[2], turn, length, turning_radius)
     last = room(obstacles, squares, corners, discs, reach, slack, x, y, yaw)
@@ -354,7 +355,7 @@ def curves(x: float, y: float, yaw: float, reverses: bool) -> Weights:
 
 
 def turn_into(angle: float) -> Any:
-    """What the bend into a straight way costs more, in turning radii, than it leads ahead on it."""
+    """Return what the bend into a straight way costs more, in turning radii, than it leads ahead on it."""
     angle = abs((angle + math.pi) % math.tau - math.pi)
     return BEND_COST * angle - math.sin(angle)
 
@@ -379,7 +380,8 @@ def hybrid_search(
     most: int,
     stop: Costs,
 ) -> Any:
-    """The pieces of a way from a pose to another one, turns and lengths of shape (n, 2), and how many states were seen.
+    """Return the pieces of a way from a pose to another one, turns and lengths of shape (n, 2), and how many states
+    were seen.
 
     No bend is narrower than ``turning_radius``. Nearer than ``margin`` to obstacles the way costs more. ``ahead``,
     ``following`` and ``gates`` are the :func:`ways` to the goal over squares of ``block`` cells, and those of NEAR. The

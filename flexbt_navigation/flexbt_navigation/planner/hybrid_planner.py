@@ -43,7 +43,7 @@ MOST_BLOCKS: Final = 60_000
 
 
 def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> GridPlanner:
-    """The planner for a robot; ``tolerance`` as :class:`GridPlanner` has it."""
+    """Return the planner for a robot; ``tolerance`` as :class:`GridPlanner` has it."""
     if steering.turning_radius:
         return HybridPlanner(costmap, steering, tolerance)
     if costmap.inflation.corners:
@@ -102,7 +102,7 @@ class HybridPlanner(OutlinePlanner):
             return *self.shape_turned, *rules, *self._ahead(source, radius), turned_round(end), turned_round(begin)
 
         def halves() -> Iterator[tuple[Any, ...]]:
-            """The ways to a place in the midst, from the start and from the goal."""
+            """Yield the ways to a place in the midst, from the start and from the goal."""
             *_, following, _, block, _, _ = problem(False)
             if gate := self._gate(following, block, source, radius):
                 ahead = self._ahead((int(gate[1]), int(gate[0])), radius)
@@ -135,8 +135,8 @@ class HybridPlanner(OutlinePlanner):
     def _searched(
         self, problem: tuple[Any, ...], radius: float, lengths: list[float], most: int, stop: StopFlag
     ) -> tuple[NDArray[numpy.float64], int]:
-        """The pieces of a way, empty when none was found, and how many states were looked at, at most so many with
-        pieces of each length. The lengths with which there is no way are taken away; the last one is tried first.
+        """Return the pieces of a way, empty when none was found, and how many states were looked at, at most so many
+        with pieces of each length. The lengths with which there is no way are taken away; the last one is tried first.
         """
         looked, pieces = 0, numpy.empty((0, 2))
         while lengths:
@@ -153,7 +153,8 @@ class HybridPlanner(OutlinePlanner):
     def _gate(
         self, following: NDArray[numpy.int32], block: int, source: Cell, radius: float
     ) -> tuple[float, float, float] | None:
-        """Where there is most room on a way over blocks, but for its ends, with the heading that the way has there."""
+        """Return where there is most room on a way over blocks, but for its ends, with the heading that the way has
+        there."""
         height, width = self._costmap.costs.shape
         across = (width + block - 1) // block
         way = [source[0] // block * across + source[1] // block]
@@ -191,7 +192,7 @@ class HybridPlanner(OutlinePlanner):
         return all(outline_loops().room(*self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in path)
 
     def _ahead(self, target: Cell, radius: float) -> tuple[Any, ...]:
-        """The :func:`.hybrid_kernels.ways` to a cell over blocks; and how many cells wide a block is."""
+        """Return the :func:`.hybrid_kernels.ways` to a cell over blocks; and how many cells wide a block is."""
         free = self._costmap.costs < INSCRIBED
         block = math.ceil(math.sqrt(free.size / MOST_BLOCKS))
         free = numpy.pad(free, [(0, -size % block) for size in free.shape])
@@ -200,7 +201,7 @@ class HybridPlanner(OutlinePlanner):
 
 
 def _driven_back(pieces: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
-    """The pieces of a way of a robot that stands the other way round, from its end to its beginning."""
+    """Return the pieces of a way of a robot that stands the other way round, from its end to its beginning."""
     return pieces[::-1] * (-1.0, 1.0)
 
 

@@ -63,7 +63,7 @@ class OutlineLoops(NamedTuple):
 
 @cache
 def outline_loops() -> OutlineLoops:
-    """The compiled functions, or where there is no compiler the same ones as they are written."""
+    """Return the compiled functions, or where there is no compiler the same ones as they are written."""
     functions = [getattr(hybrid_kernels, name) for name in OutlineLoops._fields]
     return OutlineLoops(*(compiled(one) or one for one in functions))
 
@@ -99,7 +99,7 @@ class OutlinePlanner(GridPlanner):
         return path if way is None else self._along(start, self._straightened(way, stop), goal)
 
     def _is_drivable(self, path: Sequence[Pose], yaw: float) -> bool:
-        """Whether the outline has room along a path; ``yaw`` is the heading at its beginning."""
+        """Return whether the outline has room along a path; ``yaw`` is the heading at its beginning."""
         world = self._costmap.world
         x, y, yaws = numpy.array(path).T
         way = (x - world.origin.x + 1j * (y - world.origin.y)) * numpy.exp(-1j * world.origin.yaw) / world.resolution
@@ -108,7 +108,8 @@ class OutlinePlanner(GridPlanner):
         return bool(outline_loops().room_on_way(*self.shape, points, *ends) >= 0.0)
 
     def _rest(self, paths: Sequence[Sequence[Pose]], start: Pose, goal: Pose) -> list[Pose]:
-        """What is left of the first path that leads to the goal, has room, and has the robot on it; [] without one."""
+        """Return what is left of the first path that leads to the goal, has room, and has the robot on it; [] without
+        one."""
         for path in paths:
             if path and path[-1] == goal:
                 beside = [self._beside(start, pose) for pose in path]
@@ -123,11 +124,11 @@ class OutlinePlanner(GridPlanner):
         return ON_PATH
 
     def _beside(self, start: Pose, pose: Pose) -> float:
-        """How far, m, a robot is from a pose of a path."""
+        """Return how far, m, a robot is from a pose of a path."""
         return start.distance(pose)
 
     def _is_free(self, path: Sequence[Pose], yaw: float) -> bool:
-        """Whether the rest of a path before has room."""
+        """Return whether the rest of a path before has room."""
         return self._is_drivable(path, yaw)
 
     def _outline_way(
@@ -163,7 +164,7 @@ class OutlinePlanner(GridPlanner):
         return None
 
     def _costs_to(self, cell: Cell, stop: StopFlag) -> NDArray[numpy.float32]:
-        """What the way to a cell costs from each other one, infinite without a way."""
+        """Return what the way to a cell costs from each other one, infinite without a way."""
         costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
         number = (cell[0] + 1) * costs.shape[1] + cell[1] + 1
         _, spent = loops().search(costs, WEIGHTS, number, 0, stop.cell)
@@ -205,14 +206,14 @@ class OutlinePlanner(GridPlanner):
         return obstacles, squares, -corners, discs * (-1.0, -1.0, 1.0), reach
 
     def on_grid(self, pose: Pose) -> tuple[float, float, float]:
-        """A pose in cells, as the loops have it."""
+        """Return a pose in cells, as the loops have it."""
         world = self._costmap.world
         row, column = world.grid_position(pose.x, pose.y)
         return column, row, float(pose.yaw - world.origin.yaw)
 
 
 def turned_round(pose: tuple[float, float, float]) -> tuple[float, float, float]:
-    """A pose with the opposite heading."""
+    """Return a pose with the opposite heading."""
     x, y, yaw = pose
     return x, y, yaw + math.pi
 

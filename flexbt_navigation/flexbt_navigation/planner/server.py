@@ -109,7 +109,7 @@ class PlannerServer:
         GoalServer(self._runtime, action_type, name, serve)
 
     def _asked(self, request: Any, goals: Sequence[Any]) -> list[Asked]:
-        """The goals, and the start behind them if there is one."""
+        """Return the goals, and the start behind them if there is one."""
         check_id(request.planner_id, self._parameters.planner_ids, 'planner', 'INVALID_PLANNER')
         if not goals:
             raise NavigationError('NO_VIAPOINTS_GIVEN', 'the goal has no poses')

@@ -48,7 +48,7 @@ class Smoothing:
 def smooth_path(
     path: Sequence[Pose], costmap: Costmap, smoothing: Smoothing, check_time: Callable[[], None]
 ) -> list[Pose]:
-    """The path, smoothed, with as many poses. Both ends stay; no step that moves leads into an obstacle.
+    """Return the path, smoothed, with as many poses. Both ends stay; no step that moves leads into an obstacle.
 
     ``check_time()`` is called now and then.
 
@@ -98,7 +98,7 @@ def _smoothed(points: Points, costmap: Costmap, refinements: int, check_time: Ca
 
 
 def _drawn(points: Points, fixed: Flags) -> Points:
-    """Where the points come to rest."""
+    """Return where the points come to rest."""
     free = ~fixed[1:-1]
     bands = numpy.zeros((3, len(points)))
     bands[1] = 1.0

@@ -76,7 +76,7 @@ class SmootherServer:
 
 
 def _checked(poses: Sequence[Pose], costmap: Costmap) -> GoalEnd:
-    """The end of a goal whose path must not touch anything."""
+    """Return the end of a goal whose path must not touch anything."""
     for pose in poses:
         if costmap.in_collision(pose):
             said = f'the path is in collision at ({pose.x:.2f}, {pose.y:.2f})'
@@ -85,7 +85,7 @@ def _checked(poses: Sequence[Pose], costmap: Costmap) -> GoalEnd:
 
 
 def _with_poses(path: Path, poses: Sequence[Pose], frame: str) -> Path:
-    """The message with other poses, in the frame of the map; stamps and heights stay."""
+    """Return the message with other poses, in the frame of the map; stamps and heights stay."""
     path.header.frame_id = frame
     for stamped, pose in zip(path.poses, poses, strict=True):
         stamped.header.frame_id = frame

@@ -44,7 +44,7 @@ class Scorer(Protocol):
     """What the edges of a graph cost for a request."""
 
     def __call__(self, graph: RouteGraph, request: RouteRequest, /) -> Costs:
-        """Raises NavigationError INVALID_EDGE_SCORER_USE."""
+        """Raise NavigationError INVALID_EDGE_SCORER_USE."""
 
 
 @dataclass
@@ -89,7 +89,7 @@ def _length(edge: RouteEdge) -> float:
 
 
 def _seconds(edge: RouteEdge) -> float:
-    """Those that it took the last time, or those at the speed that is given, or at the greatest one."""
+    """Return those that it took the last time, or those at the speed that is given, or at the greatest one."""
     taken, speed = number(edge, 'abs_time_taken'), number(edge, 'abs_speed_limit')
     if taken is not None and taken > 0.0:
         return taken
@@ -101,7 +101,7 @@ def _penalty_of(edge: RouteEdge) -> float:
 
 
 def _costmap(graph: RouteGraph, request: RouteRequest) -> Costs:
-    """The greatest cost on an edge as a part of that of a collision; none in a collision, or beside the map."""
+    """Return the greatest cost on an edge as a part of that of a collision; none in a collision, or beside the map."""
     if request.costmap is None:
         return numpy.full(len(graph.edges), numpy.inf)
     greatest, is_on_map = greatest_costs(
@@ -113,12 +113,12 @@ def _costmap(graph: RouteGraph, request: RouteRequest) -> Costs:
 
 
 def _start_orientation(graph: RouteGraph, request: RouteRequest) -> Costs:
-    """How much the first edge turns away from the heading of the start, rad."""
+    """Return how much the first edge turns away from the heading of the start, rad."""
     return _turns(graph, _given(request.start_pose, 'StartPoseOrientationScorer'), graph.links.starts, request.start)
 
 
 def _goal_orientation(graph: RouteGraph, request: RouteRequest) -> Costs:
-    """How much the last edge turns away from the heading of the goal, rad."""
+    """Return how much the last edge turns away from the heading of the goal, rad."""
     return _turns(graph, _given(request.goal_pose, 'GoalPoseOrientationScorer'), graph.links.ends, request.goal)
 
 
@@ -148,8 +148,8 @@ SCORERS: Final[Mapping[str, Scorer]] = {
 
 
 def edge_scorer(scorers: Iterable[Scorer]) -> Scorer:
-    """What edges cost by several scorers, never less than 0; NaN for an edge with a cost of its own, which nothing
-    overrides, that is not positive.
+    """Return what edges cost by several scorers, never less than 0; NaN for an edge with a cost of its own, which
+    nothing overrides, that is not positive.
     """
     scorers = tuple(scorers)
 

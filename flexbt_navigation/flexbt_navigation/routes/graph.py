@@ -109,7 +109,7 @@ class EdgeLinks:
         return distances, before
 
     def cheapest(self, costs: NDArray[numpy.float64], start: int, end: int) -> int:
-        """The cheapest of the edges from one node to another."""
+        """Return the cheapest of the edges from one node to another."""
         row = self._columns[self._rows[start] : self._rows[start + 1]]
         group = int(self._rows[start] + numpy.searchsorted(row, end))
         limits = [*self._groups[group : group + 2].tolist(), len(self._order)][:2]
@@ -129,11 +129,11 @@ class RouteGraph:
         self._of_edges: dict[Callable[[RouteEdge], float], NDArray[numpy.float64]] = {}
 
     def leaving(self, node: RouteNode) -> list[RouteEdge]:
-        """The edges that begin at a node."""
+        """Return the edges that begin at a node."""
         return self._leaving[node.id]
 
     def of_edges(self, value: Callable[[RouteEdge], float]) -> NDArray[numpy.float64]:
-        """A value of each edge that never changes, in their order. It is kept; not to be written to."""
+        """Return a value of each edge that never changes, in their order. It is kept; not to be written to."""
         found = self._of_edges.get(value)
         if found is None:
             found = self._of_edges[value] = numpy.array([value(edge) for edge in self.edges], float)
@@ -160,7 +160,7 @@ class RouteGraph:
         return {node.frame for node in self.nodes.values()}
 
     def moved(self, frame: str, origins: Mapping[str, Pose]) -> RouteGraph:
-        """The same graph in one frame; ``origins`` are the poses in it of the other frames."""
+        """Return the same graph in one frame; ``origins`` are the poses in it of the other frames."""
 
         def place(node: RouteNode) -> RouteNode:
             x, y, _ = compose(origins[node.frame], Pose(node.x, node.y, 0.0))
@@ -174,7 +174,7 @@ class RouteGraph:
 
 
 def speed_limit(edge: RouteEdge) -> float:
-    """The part of the greatest speed that is allowed on an edge, of (0, 1].
+    """Return the part of the greatest speed that is allowed on an edge, of (0, 1].
 
     Nav2 documents percent (85.0), and its samples have parts (0.85): up to 1 it is a part.
     """
@@ -185,7 +185,7 @@ def speed_limit(edge: RouteEdge) -> float:
 
 
 def number(edge: RouteEdge, key: str) -> float | None:
-    """A number in the metadata of an edge, or None."""
+    """Return a number in the metadata of an edge, or None."""
     value = edge.metadata.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MOST:
         return None
@@ -207,7 +207,7 @@ EDGE_GEOMETRIES: Final = ('LineString', 'MultiLineString')
 
 
 def load_graph(file: Path) -> RouteGraph:
-    """The graph of a file.
+    """Return the graph of a file.
 
     Raises:
         GraphError: the file cannot be read, or it is no graph.
@@ -243,7 +243,7 @@ class _Feature:
 
 
 def _features(file: Path) -> Iterator[tuple[_Feature, str, Mapping[str, Any]]]:
-    """Each feature with the type of its geometry and its properties."""
+    """Yield each feature with the type of its geometry and its properties."""
     try:
         collection = load_json(read_text(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:

@@ -54,7 +54,7 @@ def greatest_costs(
 
 
 def closest_point(place: Point, start: Point, end: Point) -> Point:
-    """The point of the line from start to end that is closest to a place."""
+    """Return the point of the line from start to end that is closest to a place."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     square = dx * dx + dy * dy
     part = ((place[0] - start[0]) * dx + (place[1] - start[1]) * dy) / square if square else 0.0

@@ -15,7 +15,7 @@ from .route import Route
 
 
 def route_message(route: Route, frame: str, stamp: Time) -> RouteMessage:
-    """A route: one node more than edges."""
+    """Return a route: one node more than edges."""
     message = RouteMessage(
         route_cost=float(route.cost),
         nodes=[RouteNode(nodeid=node.id, position=_point(node.point)) for node in route.nodes],
@@ -29,7 +29,7 @@ def route_message(route: Route, frame: str, stamp: Time) -> RouteMessage:
 
 
 def graph_markers(graph: RouteGraph, frame: str, stamp: Time) -> MarkerArray:
-    """A graph for display, with the namespaces of Nav2: nodes, edges, and the ids of both."""
+    """Return a graph for display, with the namespaces of Nav2: nodes, edges, and the ids of both."""
     nodes = Marker(ns='route_graph_nodes', type=Marker.SPHERE_LIST, scale=Vector3(x=0.1, y=0.1, z=0.1))
     nodes.color = ColorRGBA(r=1.0, a=1.0)
     nodes.points = [_point(node.point) for node in graph.nodes.values()]

@@ -42,7 +42,7 @@ def find_route(
     blocked: Collection[int] = (),
     check_time: Callable[[], None] = lambda: None,
 ) -> Route:
-    """The cheapest route. Edges, and nodes, with an id among the ``blocked`` are not used.
+    """Return the cheapest route. Edges, and nodes, with an id among the ``blocked`` are not used.
 
     ``check_time()`` is called before and after the search.
 
@@ -93,7 +93,7 @@ class PathShape:
 
 
 def route_path(route: Route, shape: PathShape, begin: Point | None = None) -> list[Pose]:
-    """The poses along a route, each heading to the next, and the last one as its edge.
+    """Return the poses along a route, each heading to the next, and the last one as its edge.
 
     ``begin`` is where the robot is on the edge that leads to the first node, when it is on its way there. A corner
     stays as it is where its edges are too short for the arc.

@@ -28,7 +28,7 @@ class Ends:
     pose: Pose | None = None
 
     def node(self, graph: RouteGraph, costmap: Costmap | None) -> RouteNode:
-        """Raises NavigationError INDETERMINANT_NODES_ON_GRAPH."""
+        """Raise NavigationError INDETERMINANT_NODES_ON_GRAPH."""
         if self.pose is not None:
             return nearest_node(graph, self.pose, costmap)
         if self.id not in graph.nodes:
@@ -75,7 +75,7 @@ class RoutePlanner:
         progress: RouteProgress | None = None,
         check_time: Callable[[], None] = lambda: None,
     ) -> PlannedRoute:
-        """A route from start to goal; ``progress`` when there was another one before.
+        """Return a route from start to goal; ``progress`` when there was another one before.
 
         Raises:
             NavigationError: INDETERMINANT_NODES_ON_GRAPH, NO_VALID_ROUTE, NO_VALID_GRAPH, INVALID_EDGE_SCORER_USE, or
@@ -121,7 +121,7 @@ LEAST_FROM_GOAL: Final = 0.15
 
 
 def nearest_node(graph: RouteGraph, pose: Pose, costmap: Costmap | None) -> RouteNode:
-    """The nearest node; of the five nearest the one with the shortest free way, when something is in between."""
+    """Return the nearest node; of the five nearest the one with the shortest free way, when something is in between."""
     nodes = graph.nearest(pose, NEAREST_NODES)
     if costmap is None:
         return nodes[0]
@@ -136,7 +136,7 @@ def nearest_node(graph: RouteGraph, pose: Pose, costmap: Costmap | None) -> Rout
 def _first_reached(
     costmap: Costmap, start: tuple[int, int], wanted: dict[tuple[int, int], RouteNode]
 ) -> RouteNode | None:
-    """The node at the first of the wanted cells to which the free cells lead, by breadth-first search."""
+    """Return the node at the first of the wanted cells to which the free cells lead, by breadth-first search."""
     seen = {start}
     queue = deque([start])
     for _ in range(MOST_CELLS):
@@ -172,12 +172,12 @@ def pruned(route: Route, start: Point | None, goal: Point | None) -> Route:
 
 
 def _along(start: Point, end: Point, origin: Point, place: Point) -> float:
-    """Whether a place lies ahead of an origin in the direction of a line (more than 0), or behind it."""
+    """Return whether a place lies ahead of an origin in the direction of a line (more than 0), or behind it."""
     value = cosine(end[0] - start[0], end[1] - start[1], place[0] - origin[0], place[1] - origin[1])
     return value if abs(value) > 1e-6 else 0.0
 
 
 def _is_beside(place: Point, start: Point, end: Point, node: Point, least: float) -> bool:
-    """Whether a place is near enough to an edge, and not at its node."""
+    """Return whether a place is near enough to an edge, and not at its node."""
     near = math.dist(closest_point(place, start, end), place) <= FARTHEST_FROM_EDGE
     return near and math.dist(place, node) > least

@@ -55,7 +55,7 @@ class RouteServer:
     """On the executor thread."""
 
     def __init__(self, runtime: NodeRuntime, parameters: RouteParameters, robot: RobotInterface) -> None:
-        """Raises GraphError: the parameter ``graph_filepath`` names no graph."""
+        """Raise GraphError: the parameter ``graph_filepath`` names no graph."""
         self._runtime = runtime
         self._parameters = parameters
         self._robot = robot
@@ -253,7 +253,7 @@ class RouteServer:
 
 
 def _asked(request: Any) -> list[Asked]:
-    """The goal, and the start behind it if there is one."""
+    """Return the goal, and the start behind it if there is one."""
     if not request.use_poses:
         return []
     goal = asked_pose(request.goal, 'the goal', NO_PLACE)

@@ -42,7 +42,7 @@ class RouteTracker:
         return self.next_node is None
 
     def step(self, pose: Pose) -> bool:
-        """Whether the next node is achieved. Then the one after it is the next one, or the route is complete."""
+        """Return whether the next node is achieved. Then the one after it is the next one, or the route is complete."""
         node = self.next_node
         if node is None or not self._is_achieved(pose, node):
             return False
@@ -60,7 +60,7 @@ class RouteTracker:
         return self.route.edges[self._index + 1 :]
 
     def operations(self) -> list[Operation]:
-        """Those of the graph at the place where a node was just achieved."""
+        """Return those of the graph at the place where a node was just achieved."""
         places = ((self.last_node, 'NODE'), (self.edge, 'ON_ENTER'), (self.left, 'ON_EXIT'))
         return [
             operation
@@ -91,7 +91,7 @@ class RouteTracker:
 
 
 def blocked_edge(tracker: RouteTracker, pose: Pose, costmap: Costmap, distance: float) -> RouteEdge | None:
-    """The first edge within so many m ahead on which the robot would collide: Nav2's CollisionMonitor.
+    """Return the first edge within so many m ahead on which the robot would collide: Nav2's CollisionMonitor.
 
     The map ends that: what is beyond cannot be known.
     """

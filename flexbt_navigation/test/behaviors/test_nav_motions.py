@@ -49,7 +49,7 @@ def drive(
 
 
 def turned(sightings: list[Sighting]) -> float:
-    """How far the robot has turned, rad."""
+    """Return how far the robot has turned, rad."""
     return math.fsum(math.remainder(later.yaw - earlier.yaw, math.tau) for earlier, later in pairwise(sightings))
 
 

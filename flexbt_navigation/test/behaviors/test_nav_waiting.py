@@ -42,7 +42,7 @@ def world() -> Iterator[RobotProbe]:
 
 
 def robot_of(runtime: NodeRuntime) -> RobotInterface:
-    """What navigation servers on a node would have of the robot."""
+    """Return what navigation servers on a node would have of the robot."""
 
     def make() -> RobotInterface:
         parameters = declare_navigation_parameters(runtime.node)
@@ -144,7 +144,8 @@ def test_a_pose_is_as_old_as_its_sending_and_no_older_than_the_one_before() -> N
         data = serialize_message(pose(DOCK))
 
         def receive(age: float) -> tuple[float, float]:
-            """The silence after a pose, and before it, when its stamp says that it was sent so many seconds ago."""
+            """Return the silence after a pose, and before it, when its stamp says that it was sent so many seconds
+            ago."""
             before = robot.silence
             robot._receive_pose(Received(data, len(data), b'', time.time() - age))
             return robot.silence, before
@@ -170,7 +171,7 @@ def test_a_scan_waits_for_the_frame_of_its_lidar_and_one_that_never_comes_is_tol
         scan.header.frame_id = 'base_scan'
 
         def see(seconds: float) -> bool:
-            """Whether there is an obstacle after a scan and a pose of that time."""
+            """Return whether there is an obstacle after a scan and a pose of that time."""
             scan.header.stamp = time_message(seconds)
             data = serialize_message(scan)
             costmaps._receive_scan(Received(data, len(data), b'', time.time()))

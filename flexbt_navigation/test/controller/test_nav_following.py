@@ -36,7 +36,7 @@ def world() -> Iterator[RobotProbe]:
 
 @pytest.fixture(autouse=True)
 def fast(world: RobotProbe) -> Iterator[None]:
-    """A test that measures wall time changes the speed factor."""
+    """Yield a test that measures wall time changes the speed factor."""
     yield
     world.set_speed_factor(0.0)
 

@@ -128,7 +128,8 @@ def test_a_drive_covers_its_distance_straight_ahead_or_back(
 
 
 def way_ahead(world: OccupancyMap, start: Pose, sign: float, distance: float) -> float:
-    """How far a robot could go straight, m, up to a distance, without touching an obstacle or leaving the map."""
+    """Return how far a robot could go straight, m, up to a distance, without touching an obstacle or leaving the
+    map."""
     lengths = numpy.arange(0.0, distance + 0.002, 0.002)
     direction = numpy.array([math.cos(start.yaw), math.sin(start.yaw)]) * sign
     points = start[:2] + lengths[:, None] * direction
@@ -293,7 +294,7 @@ def test_a_box_can_back_away_from_what_stands_against_it() -> None:
 
 
 def seen_from(here: Pose, inflation: Inflation, ahead: float, beside: float) -> Costmap:
-    """The open map, with a point that was seen, the middle of a cell."""
+    """Return the open map, with a point that was seen, the middle of a cell."""
     layers = LayeredCostmap(Costmap(OPEN, inflation), window=3.0)
     angles, ranges = numpy.array([math.atan2(beside, ahead)]), numpy.array([math.hypot(beside, ahead)])
     layers.observe(Observation(here, angles, ranges), here)

@@ -427,8 +427,8 @@ CAR = FollowerLimits(
 def drive_car(
     start: Pose, goal: Pose, limits: FollowerLimits = CAR, planned_for: Steering = CAR.steering, late: int = 0
 ) -> Pose:
-    """Where it gets to. Raises NavigationError; no command asks for a bend that a car cannot drive. Commands are so
-    many periods late."""
+    """Return where it gets to. Raises NavigationError; no command asks for a bend that a car cannot drive. Commands are
+    so many periods late."""
     world = World(FIELD)
     world.add('car', MODELS['car'], start)
     car = world.robots['car']

@@ -233,7 +233,7 @@ def test_a_map_that_cannot_be_used_leaves_the_one_before(surveyor: Surveyor, wro
 
 
 def valid(surveyor: Surveyor, path: Path) -> tuple[bool, list[int]]:
-    """Whether a path is valid, and which of its poses are not."""
+    """Return whether a path is valid, and which of its poses are not."""
     request = IsPathValid.Request(path=path)
     response = surveyor.probe.ask(IsPathValid, names.IS_PATH_VALID, request)
     return response.is_valid, list(response.invalid_pose_indices)

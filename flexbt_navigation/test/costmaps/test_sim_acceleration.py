@@ -68,7 +68,7 @@ def test_regions(world: OccupancyMap, seed: int) -> None:
 
 
 def way_cost(costs: NDArray[numpy.uint8], directions: NDArray[numpy.int8], start: int, goal: int) -> float:
-    """What the way to the goal costs; infinite without one."""
+    """Return what the way to the goal costs; infinite without one."""
     if start != goal and directions[goal] < 0:
         return math.inf
     total, cell, flat = 0.0, goal, costs.ravel()

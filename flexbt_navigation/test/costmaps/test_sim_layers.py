@@ -22,7 +22,7 @@ ROBOT = Pose(3.0, 3.0, 0.4)
 
 
 def with_block(world: OccupancyMap, x: float, y: float, size: float = 0.3) -> OccupancyMap:
-    """The map, and a square about a point."""
+    """Return the map, and a square about a point."""
     cells = world.cells.copy()
     row, column = world.cell(x - size / 2.0, y - size / 2.0)
     cells[row : row + round(size / world.resolution), column : column + round(size / world.resolution)] = OCCUPIED
@@ -30,7 +30,7 @@ def with_block(world: OccupancyMap, x: float, y: float, size: float = 0.3) -> Oc
 
 
 def seen(world: OccupancyMap, robot: Pose, model: LidarModel = MODEL, seed: int = 0) -> Observation:
-    """What a lidar on the robot sees."""
+    """Return what a lidar on the robot sees."""
     angles = numpy.arange(model.beams, dtype=numpy.float64) * model.angle_increment
     return Observation(robot, angles, Scanner(world, model, seed).scan(robot).astype(numpy.float64), model.range_max)
 
@@ -40,7 +40,7 @@ def layered(world: OccupancyMap = EMPTY, window: float = math.inf) -> LayeredCos
 
 
 def marks(layers: LayeredCostmap) -> set[tuple[int, int]]:
-    """The cells that are obstacles, and are none on the map."""
+    """Return the cells that are obstacles, and are none on the map."""
     rows, columns = numpy.nonzero(layers.costmap.obstacles & ~layers.costmap.world.obstacles)
     return set(zip(rows.tolist(), columns.tolist(), strict=True))
 

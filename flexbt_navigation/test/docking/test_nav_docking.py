@@ -55,7 +55,7 @@ def world(world_file: Path) -> Iterator[RobotProbe]:
 
 @pytest.fixture(scope='module')
 def battery(world: RobotProbe) -> list[bool]:
-    """Whether the battery is charged, as it is told."""
+    """Return whether the battery is charged, as it is told."""
     told: list[bool] = []
 
     def on_battery(message: BatteryState) -> None:

@@ -11,7 +11,7 @@ from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, line
 
 
 def main() -> int:
-    """The node NAME says on stdout when its goal is accepted."""
+    """Return the node NAME says on stdout when its goal is accepted."""
 
     def setup(runtime: NodeRuntime) -> None:
         LivelinessToken(runtime)

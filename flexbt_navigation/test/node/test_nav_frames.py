@@ -52,7 +52,7 @@ def slow(world: RobotProbe) -> None:
 
 
 def in_frame(world: RobotProbe, frame: str, place: Sequence[float]) -> PoseStamped:
-    """A place of the map as a pose in another frame, by the newest transform."""
+    """Return a place of the map as a pose in another frame, by the newest transform."""
     listener, now = TransformListener.of(world.runtime), world.now.time
 
     def is_known() -> bool:

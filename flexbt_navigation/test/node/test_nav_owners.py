@@ -27,7 +27,7 @@ def world() -> Iterator[RobotProbe]:
 
 @contextlib.contextmanager
 def goal_giver(name: str) -> Iterator[subprocess.Popen[str]]:
-    """A process whose goal sends the robot along the corridor."""
+    """Provide a process whose goal sends the robot along the corridor."""
     script = Path(__file__).with_name('goal_giver.py')
     with subprocess.Popen([sys.executable, str(script), name], stdout=subprocess.PIPE, text=True) as process:
         try:

@@ -38,7 +38,7 @@ SEEING = RobotModel(lidar=LidarModel(beams=180))
 
 
 def walled(height: int, width: int, resolution: float, draw: Callable[[NDArray[numpy.int8]], None]) -> OccupancyMap:
-    """A closed map with what ``draw`` adds."""
+    """Return a closed map with what ``draw`` adds."""
     cells = numpy.zeros((height, width), numpy.int8)
     cells[:2] = cells[-2:] = cells[:, :2] = cells[:, -2:] = 100
     draw(cells)
@@ -53,7 +53,7 @@ def shelves(cells: NDArray[numpy.int8]) -> None:
 
 
 def posts(cells: NDArray[numpy.int8]) -> None:
-    """Posts and a wall with a gap."""
+    """Post and a wall with a gap."""
     for row in range(30, cells.shape[0] - 30, 40):
         for column in range(30, cells.shape[1] - 30, 40):
             cells[row : row + 6, column : column + 6] = 100
@@ -63,7 +63,7 @@ def posts(cells: NDArray[numpy.int8]) -> None:
 
 
 def free_places(costmap: Costmap, seed: int) -> Callable[[], Pose]:
-    """Draws places with room for the robot."""
+    """Draw places with room for the robot."""
     random = numpy.random.default_rng(seed)
     cells = numpy.argwhere(costmap.costs < 150)
 

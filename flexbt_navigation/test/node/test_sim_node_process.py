@@ -51,7 +51,7 @@ sys.exit({name}())
 
 
 def fork(executable: str, setting: str) -> PythonProcess:
-    """An executable with a parameter, where its beginning is not the subject."""
+    """Return an executable with a parameter, where its beginning is not the subject."""
     return python_process(
         ['-c', PROGRAM.format(package=PACKAGES[executable], name=executable), '--ros-args', '-p', setting], PREPARED
     )

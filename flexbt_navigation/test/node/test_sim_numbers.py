@@ -48,7 +48,7 @@ def world() -> Iterator[RobotProbe]:
 
 
 def reals(message: Any) -> Iterator[tuple[str, Any, str]]:
-    """Each field of a message that holds a real number: path, the message it is in, and its name there."""
+    """Yield each field of a message that holds a real number: path, the message it is in, and its name there."""
     for name, slot in zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True):
         value = getattr(message, name)
         if isinstance(slot, BasicType) and slot.typename in ('float', 'double'):
@@ -60,7 +60,7 @@ def reals(message: Any) -> Iterator[tuple[str, Any, str]]:
 
 
 def hostile(message: Any) -> Iterator[tuple[str, Any]]:
-    """Copies of a message with a hostile number in one field each."""
+    """Copy of a message with a hostile number in one field each."""
     for index, (path, _, _) in enumerate(reals(message)):
         for number in HOSTILE:
             changed = copy.deepcopy(message)

@@ -50,7 +50,7 @@ def ends(path: Path) -> tuple[PoseStamped, PoseStamped]:
 
 
 def at(stamped: PoseStamped, place: tuple[float, ...]) -> bool:
-    """Whether a pose is at a place (x, y), or also has the heading of one (x, y, yaw)."""
+    """Return whether a pose is at a place (x, y), or also has the heading of one (x, y, yaw)."""
     return math.dist(pose_of(stamped.pose)[: len(place)], place) < 1e-6
 
 

@@ -150,7 +150,7 @@ def test_a_search_ends_when_it_is_stopped() -> None:
 
 @pytest.fixture
 def states(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """How many each search has looked at."""
+    """Return how many each search has looked at."""
     loops, looked = outline_loops(), []
 
     def search(*problem: Any) -> Any:

@@ -40,7 +40,7 @@ def floor_of(
 
 
 def turn(costmap: Costmap, pose: Pose, yaw: float) -> bool:
-    """Whether the robot has room to turn on the spot to a heading, the shorter way round."""
+    """Return whether the robot has room to turn on the spot to a heading, the shorter way round."""
     parts = numpy.linspace(0.0, wrap(yaw - pose.yaw), 20)[1:].tolist()
     return not any(costmap.in_collision(pose._replace(yaw=pose.yaw + part)) for part in parts)
 

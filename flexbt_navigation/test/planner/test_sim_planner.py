@@ -73,7 +73,7 @@ def fine(path: Sequence[Pose]) -> NDArray[numpy.float64]:
 
 
 def spent(costmap: Costmap, path: Sequence[Pose]) -> float:
-    """What driving along a path costs, by the law of Nav2's NavFn."""
+    """Return what driving along a path costs, by the law of Nav2's NavFn."""
     total = 0.0
     for a, b in pairwise(path):
         for part in numpy.linspace(0.05, 0.95, 10):

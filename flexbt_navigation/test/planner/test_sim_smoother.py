@@ -27,7 +27,7 @@ def ignore() -> None:
 
 
 def bends(path: list[Pose]) -> float:
-    """How much a path bends: the sum of the squares of its second differences."""
+    """Return how much a path bends: the sum of the squares of its second differences."""
     points = numpy.array([pose[:2] for pose in path])
     return float((numpy.diff(points, 2, axis=0) ** 2).sum())
 

@@ -201,7 +201,7 @@ def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_doe
 
 @pytest.fixture(scope='module')
 def door(world: RobotProbe) -> list[bool]:
-    """What the door says next to whoever wants it to open; the last one of it stays."""
+    """Return what the door says next to whoever wants it to open; the last one of it stays."""
     answers = [True]
 
     def opens(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -271,7 +271,7 @@ class Behavior:
 
 
 def parameter_text(value: ParameterValue) -> str:
-    """A parameter's value as text; :meth:`BehaviorParameter.from_text` gives back the same value."""
+    """Return a parameter's value as text; :meth:`BehaviorParameter.from_text` gives back the same value."""
     if isinstance(value, list | dict):
         text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True)
         return text.strip()

@@ -57,7 +57,7 @@ class BehaviorEntry:
         return self.make()
 
     def to_message(self) -> BehaviorManifestMessage:
-        """What the operator is told of it."""
+        """Return what the operator is told of it."""
         return BehaviorManifestMessage(
             name=self.name,
             package=self.package,
@@ -137,7 +137,7 @@ class BehaviorLibrary:
             del self._entries[name]
 
     def find(self, name: str) -> BehaviorEntry:
-        """The behavior called ``name``, or ``package/name``.
+        """Return the behavior called ``name``, or ``package/name``.
 
         Raises:
             UnknownBehaviorError: there is none, or several packages have one.
@@ -183,7 +183,7 @@ def _entries_of_source(point: EntryPoint) -> Iterator[BehaviorEntry]:
 
 
 def described(error: BaseException) -> str:
-    """The error with the place in the behavior's own files, on one line."""
+    """Return the error with the place in the behavior's own files, on one line."""
     text = ' '.join(f'{type(error).__name__}: {error}'.split())
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if 'importlib' not in frame.filename]
     if len(frames) <= 1:  # not raised in the behavior's code

@@ -34,12 +34,12 @@ STATES_GROUP: Final = 'flexbt.states'
 
 
 def state_modules() -> list[str]:
-    """The names of the modules that packages list, sorted."""
+    """Return the names of the modules that packages list, sorted."""
     return sorted({point.value for point in entry_points(group=STATES_GROUP)})
 
 
 def states_of(modules: Iterable[str]) -> dict[str, type[EventState]]:
-    """The states of modules by their names; those of the last module count.
+    """Return the states of modules by their names; those of the last module count.
 
     Raises:
         BrokenBehaviorError: a module cannot be imported.
@@ -67,12 +67,13 @@ class MachineBehavior(Behavior):
         super().__init__()
 
     def create(self) -> MachineDefinition:
-        """The machine. Raises MachineError with every problem of the text, BrokenBehaviorError for missing states."""
+        """Return the machine. Raises MachineError with every problem of the text, BrokenBehaviorError for missing
+        states."""
         return read_machine(self._text, states_of(state_modules()), self.name)
 
 
 def machine_entry(name: str, text: str) -> BehaviorEntry:
-    """What the library has of a machine; its description is the comment with which the text begins."""
+    """Return what the library has of a machine; its description is the comment with which the text begins."""
     first = text.partition('\n')[0]
     manifest = BehaviorManifest(name, one_line(first.removeprefix('#').strip()) if first.startswith('#') else '')
     make = functools.partial(MachineBehavior, manifest, text)
@@ -108,7 +109,8 @@ class MachineStore:
         self._directory = directory
 
     def entries(self) -> tuple[list[BehaviorEntry], list[str]]:
-        """Those that are there, and why other files are none. Raises OSError when the directory cannot be read."""
+        """Return those that are there, and why other files are none. Raises OSError when the directory cannot be
+        read."""
         machines, problems = self._machines()
         return [machine_entry(file.stem, text) for file, text in sorted(machines[:MOST_MACHINES])], problems[
             :MOST_MACHINES
@@ -149,7 +151,7 @@ class MachineStore:
 
 
 def _text_of(file: Path) -> str:
-    """The text of a machine. Raises BehaviorError, OSError and ValueError where a file is none."""
+    """Return the text of a machine. Raises BehaviorError, OSError and ValueError where a file is none."""
     check_name(file.stem)
     if not file.is_file():
         raise ValueError('it is no file')

@@ -50,7 +50,7 @@ def run_request(
     *,
     is_durable: bool = True,
 ) -> RunRequest:
-    """What to run, from what somebody asks for.
+    """Return what to run, from what somebody asks for.
 
     Raises:
         CommandRefusedError: there is no such behavior, it is broken, or the level of autonomy is none.
@@ -65,7 +65,7 @@ def run_request(
 
 
 def checked_autonomy(level: int) -> int:
-    """A level of autonomy.
+    """Return a level of autonomy.
 
     Raises:
         CommandRefusedError: there is no such level.
@@ -95,7 +95,7 @@ def build(request: RunRequest) -> tuple[Behavior, MachineDefinition]:
 
 
 def definition_of(behavior: Behavior) -> MachineDefinition:
-    """The checked machine that a behavior creates. Its code may raise anything.
+    """Return the checked machine that a behavior creates. Its code may raise anything.
 
     Raises:
         ParameterError: what was created is no machine.
@@ -112,7 +112,7 @@ def definition_of(behavior: Behavior) -> MachineDefinition:
 
 
 def structure_message(definition: MachineDefinition, run_id: str, behavior: str) -> BehaviorStructure:
-    """The structure of a run for the consoles."""
+    """Return the structure of a run for the consoles."""
     return BehaviorStructure(
         run_id=run_id,
         behavior=behavior,
@@ -132,7 +132,8 @@ def structure_message(definition: MachineDefinition, run_id: str, behavior: str)
 
 
 def checked_inputs(definition: MachineDefinition, inputs: Sequence[BlackboardEntry]) -> dict[str, Any]:
-    """The values of the inputs by userdata key; all that something reads and that have no default, and no unknown ones.
+    """Return the values of the inputs by userdata key; all that something reads and that have no default, and no
+    unknown ones.
 
     Raises:
         ParameterError: one is missing, unknown or given twice.

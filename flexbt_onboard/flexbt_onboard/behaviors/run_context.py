@@ -71,16 +71,16 @@ class RunGoals:
             sent.call.cancel(None)
 
     def __bool__(self) -> bool:
-        """Whether a goal is not known to have ended."""
+        """Return whether a goal is not known to have ended."""
         return bool(self._going_on())
 
     def halting(self, state: EventState) -> str | None:
-        """Which goals of a state were canceled, and are not confirmed to have ended; None when there is none."""
+        """Return which goals of a state were canceled, and are not confirmed to have ended; None when there is none."""
         waiting = [sent.topic for sent in self._going_on(state) if sent.call.cancel_requested]
         return f'goal of {", ".join(waiting)} not confirmed canceled' if waiting else None
 
     def not_paused(self, state: EventState) -> list[str]:
-        """Which goals of a state go on while it is paused, as "goal of TOPIC: why"; a line for each reason."""
+        """Return which goals of a state go on while it is paused, as "goal of TOPIC: why"; a line for each reason."""
         return [f'goal of {sent.topic}: {why}' for sent in self._going_on(state) for why in sent.not_paused()]
 
     def untold(self, topic: str, lines: Sequence[str]) -> list[str]:
@@ -130,14 +130,14 @@ class StateServices:
 
     @classmethod
     def of(cls, runtime: NodeRuntime) -> StateServices:
-        """Those of a node that knows nothing of others."""
+        """Return those of a node that knows nothing of others."""
         return runtime.call(
             lambda: cls(runtime, ActionLinks(runtime), ServiceLinks(runtime), runtime.node.get_fully_qualified_name())
         )
 
 
 def state_services(state: EventState) -> StateServices:
-    """The services that a state was given by its host.
+    """Return the services that a state was given by its host.
 
     Raises:
         TypeError: the state machine runs without ROS.
@@ -183,7 +183,7 @@ class RunContext:
         return services
 
     def shared(self, make: Callable[[RunContext], T]) -> T:
-        """What ``make`` gave when it was asked for first: one for the whole run."""
+        """Return what ``make`` gave when it was asked for first: one for the whole run."""
         if make not in self._shared:
             self._shared[make] = make(self)
         made: T = self._shared[make]
@@ -228,7 +228,7 @@ _entered: Final[list[RunContext]] = []
 
 
 def current_run() -> RunContext:
-    """The run on whose thread this is; on a thread of nobody's, the only run of the process.
+    """Return the run on whose thread this is; on a thread of nobody's, the only run of the process.
 
     Raises:
         OnboardError: the thread belongs to no run, and there is none or there are several.

@@ -37,7 +37,7 @@ messages (:mod:`flexbt_common.values.limits`)."""
 
 
 def excess_of_command(command: ExecutiveCommand) -> str:
-    """What of a command is too large; '' for nothing."""
+    """Return what of a command is too large; '' for nothing."""
     return next(_excesses_of_command(command), '')
 
 

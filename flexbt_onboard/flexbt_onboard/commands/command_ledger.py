@@ -49,10 +49,10 @@ class CommandHandling(Protocol):
     """What commands do."""
 
     def is_addressed(self, command: ExecutiveCommand) -> bool:
-        """Whether a command is for this executive, which cannot know what another one made of it."""
+        """Return whether a command is for this executive, which cannot know what another one made of it."""
 
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
-        """What the command says, for the event log."""
+        """Return what the command says, for the event log."""
 
     def apply(self, command: ExecutiveCommand, answer: CommandReply, writer: bytes) -> bool:
         """True when it has had its effect; False when ``answer`` gets to know about it later, on any thread.
@@ -119,7 +119,7 @@ class CommandLedger:
         self._changed()
 
     def results(self) -> list[CommandResult]:
-        """The results that are to be reported, oldest first."""
+        """Return the results that are to be reported, oldest first."""
         oldest = self._now() - REPORT_TIME
         while self._reported and next(iter(self._reported.values())) < oldest:
             self._reported.popitem(last=False)
@@ -196,6 +196,7 @@ class CommandLedger:
 
 
 def _bare_stop(command: ExecutiveCommand, excess: str) -> ExecutiveCommand:
-    """A STOP of which something is too large: it stops all the same, and the rest of what it says is left out."""
+    """Return a STOP of which something is too large: it stops all the same, and the rest of what it says is left
+    out."""
     operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
     return ExecutiveCommand(id=command.id, stamp=command.stamp, kind=command.kind, operator_id=operator, reason=excess)

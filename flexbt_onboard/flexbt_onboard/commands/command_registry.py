@@ -119,14 +119,14 @@ class CommandRegistry:
         self._report = report
 
     def is_addressed(self, command: ExecutiveCommand) -> bool:
-        """Whether a command is for this executive, which cannot know what another one made of it."""
+        """Return whether a command is for this executive, which cannot know what another one made of it."""
         if command.executive_id in ('', self._executive_id):
             return True
         known = self._commands.get(command.kind)
         return known is not None and known.for_anybody
 
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
-        """What the command says, for the event log."""
+        """Return what the command says, for the event log."""
         known = self._commands.get(command.kind)
         return command_fields(command, known.name if known is not None else f'kind {command.kind}')
 
@@ -211,7 +211,8 @@ _CHECKS: Final[Mapping[RunRequirement, Callable[[RunSupervisor, ExecutiveCommand
 
 
 def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
-    """The fields of a command that are set, for the event log; of long values only what shows which they were."""
+    """Return the fields of a command that are set, for the event log; of long values only what shows which they
+    were."""
     fields: dict[str, Any] = {
         'id': command.id,
         'command': name,
@@ -344,12 +345,12 @@ def _operator(given: CommandContext) -> str:
 
 
 def _to_machine(send: Callable[[MachineRun, CommandReply], None]) -> Callable[[CommandContext], CommandEffect]:
-    """A command that the engine takes as it is."""
+    """Return a command that the engine takes as it is."""
     return lambda given: lambda answer: given.run.command(send, answer)
 
 
 def _at_path(send: Callable[[MachineRun, str, CommandReply], None]) -> Callable[[CommandContext], CommandEffect]:
-    """A command that the engine takes for a state or container."""
+    """Return a command that the engine takes for a state or container."""
 
     def apply(given: CommandContext) -> CommandEffect:
         path = given.command.path

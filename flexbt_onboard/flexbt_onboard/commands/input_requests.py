@@ -69,7 +69,7 @@ class InputRequests:
         )
 
     def decisions(self) -> list[PendingDecision]:
-        """The open requests, oldest first."""
+        """Return the open requests, oldest first."""
         return [
             PendingDecision(
                 id=request.id,
@@ -90,7 +90,7 @@ class InputRequests:
         return [request.subject for request in self._open.values() if request.subject is not None]
 
     def is_open(self, request_id: str) -> bool:
-        """Whether there is such a request and it waits for its answer."""
+        """Return whether there is such a request and it waits for its answer."""
         return request_id in self._open
 
     def answer(self, request_id: str, value: BlackboardEntry, operator_id: str) -> None:
@@ -194,7 +194,7 @@ def _refused(why: str) -> Any:
 
 
 def _checked_type(goal: Any) -> str:
-    """The canonical name of the type that is asked for."""
+    """Return the canonical name of the type that is asked for."""
     type = resolve_type(goal.type).name
     for text in goal.choices:
         text_to_value(text, type)

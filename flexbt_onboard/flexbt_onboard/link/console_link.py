@@ -95,7 +95,7 @@ class ConsoleLink:
         CommandIntake(self._runtime, on_command, self.log)
 
     def node_of(self, participant: bytes) -> str:
-        """The node of a participant that can command; '' when there is none (any more)."""
+        """Return the node of a participant that can command; '' when there is none (any more)."""
         return writer_name(self._runtime.node, names.EXECUTIVE_COMMAND, participant)
 
     def publish_status(self, status: ExecutiveStatus) -> None:

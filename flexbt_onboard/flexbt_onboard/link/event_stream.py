@@ -75,7 +75,8 @@ class EventStream:
 
 
 def _message(stamp: Time, event: str, fields: Mapping[str, Any]) -> ExecutiveEvent:
-    """The message of an event of the event log; see :mod:`flexbt_onboard.persistence.event_log` for its fields."""
+    """Return the message of an event of the event log; see :mod:`flexbt_onboard.persistence.event_log` for its
+    fields."""
 
     def text(name: str) -> str:
         return sanitize_for_message(str(fields.get(name, '')), TEXT_LENGTH)

@@ -52,7 +52,7 @@ def status_of(
     gone: Sequence[str],
     notice: str,
 ) -> ExecutiveStatus:
-    """A status of the run that is shown; sender, number and time are for whoever sends it.
+    """Return a status of the run that is shown; sender, number and time are for whoever sends it.
 
     ``gone`` are the nodes that have died, which is said with each decision of the run: what it is about may need them.
     ``notice`` is what else has to be said: why nothing can be started, what cannot be written to the disk; or ''.

@@ -73,7 +73,7 @@ class PeersWatch:
         ]
 
     def statuses(self) -> list[PeerStatus]:
-        """What is known of each, in the order of the names; one that was never seen is not alive."""
+        """Return what is known of each, in the order of the names; one that was never seen is not alive."""
         return [
             PeerStatus(
                 name=peer.name,
@@ -89,11 +89,11 @@ class PeersWatch:
         ]
 
     def gone(self) -> list[str]:
-        """The names of those that were alive, and are not any more."""
+        """Return the names of those that were alive, and are not any more."""
         return [peer.name for peer in self._peers if peer.alive is False]
 
     def has_ended(self, writer: bytes) -> bool:
-        """Whether this is a writer of one of them whose process has ended for certain."""
+        """Return whether this is a writer of one of them whose process has ended for certain."""
         return any(watch.has_ended(writer) for watch in self._watches)
 
     def _absence(self, peer: _Peer) -> str:
@@ -105,7 +105,7 @@ class PeersWatch:
         return f'its process ended, or is out of reach, since {seconds:.0f} s; restart it'
 
     def unready(self) -> list[str]:
-        """The names of those that are alive, and not ready: they are starting, or late. From any thread."""
+        """Return the names of those that are alive, and not ready: they are starting, or late. From any thread."""
         return [peer.name for peer in self._peers if peer.alive and not peer.ready]
 
     def _alive_changed(self, peer: _Peer, alive: bool) -> None:
@@ -150,6 +150,6 @@ class PeersWatch:
 
 
 def _qualified(runtime: NodeRuntime, name: str) -> str:
-    """The fully qualified name of a node that is named relative to this one's namespace."""
+    """Return the fully qualified name of a node that is named relative to this one's namespace."""
     topic = table.alive_topic('')
     return str(runtime.node.resolve_topic_name(name + topic)).removesuffix(topic)

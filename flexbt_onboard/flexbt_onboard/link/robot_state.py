@@ -29,7 +29,7 @@ class RobotPose:
         self._pose = LatestMessage(runtime.node, PoseStamped, topic, qos)
 
     def latest(self) -> PoseStamped:
-        """The newest pose; its frame_id is empty while none has come."""
+        """Return the newest pose; its frame_id is empty while none has come."""
         return self._pose.message or PoseStamped()
 
     def problem(self, gone: Collection[str] = ()) -> str:

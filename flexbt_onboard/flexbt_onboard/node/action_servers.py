@@ -134,7 +134,7 @@ class BehaviorActionServer:
 
 
 def _result(end: RunEnd, encoding: int) -> Any:
-    """The result of a run that was built."""
+    """Return the result of a run that was built."""
     if end.outcome == PREEMPTED:
         return ExecuteBehaviorResult(code=ExecuteBehaviorResult.CANCELED, message=end.message)
     if end.outcome == ERROR:

@@ -251,7 +251,7 @@ class Executive:
         self._link.publish_behaviors(BehaviorList(behaviors=[entry.to_message() for entry in entries]))
 
     def _behaviors_in_use(self) -> set[str]:
-        """Names of the behavior that runs, and of the one that was interrupted."""
+        """Name of the behavior that runs, and of the one that was interrupted."""
         run, interrupted = self.runs.run, self.runs.interrupted
         return {one.behavior for one in (run.snapshot if run else None, interrupted) if one is not None}
 

@@ -301,7 +301,7 @@ def _by(request: SearchRequest) -> str:
 
 
 def _installed_command() -> Sequence[str]:
-    """The program that searches. Raises CommandRefusedError when none is installed."""
+    """Return the program that searches. Raises CommandRefusedError when none is installed."""
     points = sorted(entry_points(group=SEARCH_GROUP), key=lambda point: point.name)
     if not points:
         raise CommandRefusedError('nothing is installed that synthesizes: install the package flexbt_formal here')

@@ -250,12 +250,12 @@ def _entry(stamp: float, event: str, fields: Mapping[str, Any]) -> dict[str, Any
 
 
 def _lost_event(number: int, before: Mapping[str, Any]) -> dict[str, Any]:
-    """The event that so many were lost before another one."""
+    """Return the event that so many were lost before another one."""
     return {name: before[name] for name in ('time', 'stamp', 'steady')} | {'event': 'lost', 'number': number}
 
 
 def _is_cut(file: Path) -> bool:
-    """Whether the last line of a file has no end."""
+    """Return whether the last line of a file has no end."""
     with file.open('rb') as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - 1))
@@ -263,11 +263,11 @@ def _is_cut(file: Path) -> bool:
 
 
 def newest_log(directory: Path) -> Path | None:
-    """The event log below a directory to which something was added last; None when there is none."""
+    """Return the event log below a directory to which something was added last; None when there is none."""
     logs = [file for file in directory.rglob('*.jsonl') if not Path(file.stem).suffix.removeprefix('.').isdigit()]
     return max(logs, key=lambda file: file.stat().st_mtime_ns, default=None)
 
 
 def rotated(file: Path, number: int) -> Path:
-    """The file that was written ``number`` files before."""
+    """Return the file that was written ``number`` files before."""
     return file if number == 0 else file.with_name(f'{file.stem}.{number}{file.suffix}')

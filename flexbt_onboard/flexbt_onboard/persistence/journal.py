@@ -88,7 +88,7 @@ class JournalState:
             self.commands.popitem(last=False)
 
     def lines(self) -> list[JournalLine]:
-        """The fewest lines that say the same."""
+        """Return the fewest lines that say the same."""
         commands = [[command_id, code, reason] for command_id, (code, reason) in self.commands.items()]
         lines: list[JournalLine] = [{'commands': commands}] if commands else []
         if self.autonomy is not None:
@@ -374,7 +374,7 @@ def _unusable(file: Path, why: object) -> OnboardError:
 
 
 def _write_whole(descriptor: int, data: bytes) -> None:
-    """Raises OSError when not all of it fits onto the disk."""
+    """Raise OSError when not all of it fits onto the disk."""
     written = os.write(descriptor, data)
     if written != len(data):
         raise OSError(f'{written} of {len(data)} bytes fit onto the disk')
@@ -426,13 +426,13 @@ class FoundJournal:
 
 
 def encode_line(number: int, content: JournalLine) -> bytes:
-    """A line of the file."""
+    """Return a line of the file."""
     text = b'%d %s' % (number, json.dumps(content, ensure_ascii=True, separators=(',', ':')).encode())
     return b'%08x %s\n' % (zlib.crc32(text), text)
 
 
 def encode_head() -> bytes:
-    """The first line of a file."""
+    """Return the first line of a file."""
     return encode_line(0, {'format': FORMAT})
 
 
@@ -527,7 +527,7 @@ def _is_any_text(value: Any) -> bool:
 
 
 def _is_text(value: Any, longest: int = _LONGEST_TEXT) -> bool:
-    """Whether it is one that a message can have: JSON has lone surrogates, too."""
+    """Return whether it is one that a message can have: JSON has lone surrogates, too."""
     return isinstance(value, str) and len(value) <= longest and value.encode('utf-8', 'replace').decode() == value
 
 

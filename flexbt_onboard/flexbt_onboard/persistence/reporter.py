@@ -38,7 +38,7 @@ class StorageProblems:
         return '; '.join(filter(None, self.texts.values()))
 
     def of(self, file: str, severity: int) -> Callable[[str], None]:
-        """Takes what is wrong with a file, such as 'event log'; '' when it can be written again."""
+        """Take what is wrong with a file, such as 'event log'; '' when it can be written again."""
 
         def tell(text: str) -> None:
             self.texts[file] = text

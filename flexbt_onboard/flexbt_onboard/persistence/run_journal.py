@@ -94,7 +94,7 @@ class InterruptedRun:
         return self.levels.get(ROOT_PATH, self.first_autonomy)
 
     def position(self) -> RunPosition | None:
-        """Where the run goes on; None at its beginning.
+        """Return where the run goes on; None at its beginning.
 
         Raises:
             CommandRefusedError: what was written cannot be read again.
@@ -191,7 +191,7 @@ class RunJournal:
         decided: Sequence[Decided],
         switched_to: RunRequest | None = None,
     ) -> Sequence[str]:
-        """The machine has moved to a position. What was decided with it is written in the same line.
+        """Return the machine has moved to a position. What was decided with it is written in the same line.
 
         Gives the types of values that could not be written, each once.
         """
@@ -294,7 +294,8 @@ def _ignore(_what: str) -> None:
 
 
 def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth: int = 0) -> Any:
-    """What ``json.dumps`` takes. Never raises: of what cannot be written the type is noted, and ``on_lost`` told."""
+    """Return what ``json.dumps`` takes. Never raises: of what cannot be written the type is noted, and ``on_lost``
+    told."""
     if value is None or type(value) in (bool, float, str):
         return value
     if type(value) is int:
@@ -321,7 +322,7 @@ def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth:
 
 
 def from_plain_form(value: Any, depth: int = 0) -> Any:
-    """The value that was written.
+    """Return the value that was written.
 
     Raises:
         FlexbtError: it could not be written, or is nothing that :func:`to_plain_form` writes.

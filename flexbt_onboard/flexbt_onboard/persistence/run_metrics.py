@@ -162,7 +162,7 @@ class RunMetrics:
         return list(found.values())
 
     def commands(self) -> dict[str, int]:
-        """How many commands of each kind were applied, and how many were refused, as ``KIND refused``."""
+        """Return how many commands of each kind were applied, and how many were refused, as ``KIND refused``."""
         names = [
             one.command if one.effect == 'applied' else f'{one.command} {one.effect}' for one in self.interventions
         ]
@@ -170,8 +170,8 @@ class RunMetrics:
 
 
 def read_events(files: Iterable[Path]) -> Iterator[LoggedEvent]:
-    """The events of the files of an event log, the oldest file first. Lines that were cut off, or are no events, are
-    left out.
+    """Yield the events of the files of an event log, the oldest file first. Lines that were cut off, or are no events,
+    are left out.
 
     Raises:
         OSError: a file cannot be read.
@@ -199,7 +199,7 @@ def _is_event(entry: object) -> bool:
 
 
 def metrics_of(events: Iterable[LoggedEvent], *, wall: bool = False) -> list[RunMetrics]:
-    """The runs of an event log, in the order of their starts."""
+    """Return the runs of an event log, in the order of their starts."""
     runs: dict[str, _Reader] = {}
     for event in events:
         kind = event['event']
@@ -301,7 +301,7 @@ class _Reader:
                 self._decide(decision, self._now)
 
     def finished(self) -> RunMetrics:
-        """The figures, when there are no more events."""
+        """Return the figures, when there are no more events."""
         self.interrupt()
         for place, wait in enumerate(self._metrics.waits):
             if wait.decision in self._causes:
@@ -351,6 +351,6 @@ class _Reader:
 
 
 def _levels(path: str) -> Sequence[str]:
-    """A path and those of the machines around it, the root first."""
+    """Return a path and those of the machines around it, the root first."""
     labels = [label for label in path.split('/') if label]
     return [ROOT, *('/' + '/'.join(labels[: number + 1]) for number in range(len(labels)))]

@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def as_json(run: RunMetrics) -> dict[str, object]:
-    """The figures and what they are made of, for programs. Times in seconds."""
+    """Return the figures and what they are made of, for programs. Times in seconds."""
     return {
         'run': run.run,
         'behavior': run.behavior,
@@ -75,7 +75,7 @@ def as_json(run: RunMetrics) -> dict[str, object]:
 
 
 def as_text(run: RunMetrics) -> list[str]:
-    """The figures for a person."""
+    """Return the figures for a person."""
     ended = one_line(run.outcome or 'no end') + (f' ({one_line(run.message)})' if run.message else '')
     share = 100.0 * run.waiting / run.duration if run.duration else 0.0
     shown = [
@@ -111,7 +111,7 @@ def _summary(run: RunMetrics) -> str:
 
 
 def _files(given: Sequence[str]) -> list[Path]:
-    """The files of an event log, the oldest first: those that were rotated belong to it.
+    """Return the files of an event log, the oldest first: those that were rotated belong to it.
 
     Raises FileNotFoundError when a directory has none.
     """
@@ -183,7 +183,8 @@ _LEGEND: Final = {
 
 
 def timeline(metrics: RunMetrics) -> str:
-    """An SVG document. Bars have tooltips; red lines are commands of operators, dashed when they were refused."""
+    """Return an SVG document. Bars have tooltips; red lines are commands of operators, dashed when they were
+    refused."""
     rows = [one.path for one in metrics.paths()]
     machines = {path for path in rows for other in rows if other != path and other.startswith(path.rstrip('/') + '/')}
     bottom = _TOP + _ROW * max(1, len(rows)) + 40
@@ -244,7 +245,7 @@ def _mark(at: float, bottom: int, one: Intervention) -> str:
 
 
 def _legend(picture: str, top: int) -> list[str]:
-    """A sample and a text of each class that is in a picture."""
+    """Return a sample and a text of each class that is in a picture."""
     shown, x = [], 10.0
     for kind, text in _LEGEND.items():
         if f'<rect class="{kind}"' in picture:

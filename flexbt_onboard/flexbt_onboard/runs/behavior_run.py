@@ -285,7 +285,7 @@ class BehaviorRun:
             self._observer.ended(end)
 
     def _ends(self) -> bool:
-        """Whether the end is still to be told; it is told once."""
+        """Return whether the end is still to be told; it is told once."""
         with self._lock:
             has_ended, self._has_ended = self._has_ended, True
         return not has_ended
@@ -458,5 +458,5 @@ class BehaviorRun:
 
 
 def _when_gone(behavior: Behavior) -> dict[str, Any]:
-    """What a behavior wants when no operator is there, as fields of a snapshot."""
+    """Return what a behavior wants when no operator is there, as fields of a snapshot."""
     return {'operator_gone': behavior.operator_gone, 'operator_gone_after': float(behavior.operator_gone_after)}

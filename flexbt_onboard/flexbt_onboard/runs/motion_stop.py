@@ -203,7 +203,7 @@ class MotionStop:
         ReceivedMessages(self._runtime.node, GoalStatusArray, _status_topic(name), qos, told, _STATUS_BYTES)
 
     def _writers(self, name: str) -> set[bytes]:
-        """Those who tell of the goals of an action, as :class:`Received` names them."""
+        """Return those who tell of the goals of an action, as :class:`Received` names them."""
         node = self._runtime.node
         endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(_status_topic(name)))
         return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}

@@ -132,7 +132,7 @@ class RunMonitors:
         self._machine: MachineMonitor | None = None
 
     def monitor_for(self, behavior: str, definition: MachineDefinition) -> MachineMonitor | None:
-        """The monitor of a machine that is about to begin; None when nothing is monitored."""
+        """Return the monitor of a machine that is about to begin; None when nothing is monitored."""
         if self._monitoring.is_on:
             for problem in self._monitoring.problems_of(behavior, machine_vocabulary(definition)):
                 self._observer.log(ExecutiveLog.WARN, '', problem)

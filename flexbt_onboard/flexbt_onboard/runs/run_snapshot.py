@@ -145,7 +145,7 @@ class SnapshotSource:
         self._subjects: dict[str, dict[str, Any]] = {}  # by decision: the values of which its subject was made
 
     def is_outdated(self) -> bool:
-        """Whether a state is active that is not in the last snapshot."""
+        """Return whether a state is active that is not in the last snapshot."""
         return any(self._entered_at.get(leaf.path) != leaf.entered_at for leaf in self.machine.active_states())
 
     def left(self, path: str) -> None:
@@ -153,7 +153,7 @@ class SnapshotSource:
         self._entered_at.pop(path, None)
 
     def take(self, before: RunSnapshot) -> tuple[dict[str, Any], list[EventEntry]]:
-        """What the machine says of the fields of a snapshot, and what is new in it as events.
+        """Return what the machine says of the fields of a snapshot, and what is new in it as events.
 
         What has not changed since the snapshot ``before`` keeps its time stamp.
         """
@@ -187,7 +187,7 @@ class SnapshotSource:
         return fields, [*events, *decision_events]
 
     def asked(self, active: tuple[ActiveLeaf, ...]) -> tuple[ActiveLeaf, ...]:
-        """The active states with what they say that they are doing, and not pausing; this calls their code."""
+        """Return the active states with what they say that they are doing, and not pausing; this calls their code."""
         runs = {leaf.path: leaf for leaf in self.machine.active_states()}
         return tuple(self._asked(leaf, runs[leaf.path]) if leaf.path in runs else leaf for leaf in active)
 
@@ -241,12 +241,12 @@ class SnapshotSource:
 
 
 def decision_id(run_id: str, number: str) -> str:
-    """The name of a decision in this executive: the run numbers its decisions."""
+    """Return the name of a decision in this executive: the run numbers its decisions."""
     return f'{run_id[:8]}-{number}'
 
 
 def decision_number(run_id: str, decision: str) -> str | None:
-    """The number that the run gave to a decision; None when it is no decision of this run."""
+    """Return the number that the run gave to a decision; None when it is no decision of this run."""
     prefix = decision_id(run_id, '')
     return decision.removeprefix(prefix) if decision.startswith(prefix) else None
 
@@ -303,7 +303,7 @@ class ActivityPoll:
         return self._has_changed or self._is_requested
 
     def ask(self, source: SnapshotSource, before: tuple[ActiveLeaf, ...]) -> tuple[tuple[ActiveLeaf, ...], bool]:
-        """The active states with what they say now, and whether that is to be shown at once.
+        """Return the active states with what they say now, and whether that is to be shown at once.
 
         What is another thing each time that it is asked for, such as a time, is no event: the next status has it.
         """

@@ -128,7 +128,7 @@ class StopEnforcer:
         self._check_in(_PERIOD, run)
 
     def _goes_on(self) -> bool:
-        """Whether something moves the robot all the same, of which operators are told."""
+        """Return whether something moves the robot all the same, of which operators are told."""
         going_on = self._robot.going_on
         if going_on and going_on.keys() != self._told.keys():
             self._warn(

@@ -43,7 +43,7 @@ def waiting() -> OperatableStateMachine:
 
 @pytest.fixture
 def make_bench() -> Iterator[Callable[[float], ExecutiveBench]]:
-    """Makes a bench with a timeout of the authority, and closes it."""
+    """Make a bench with a timeout of the authority, and closes it."""
     benches: list[ExecutiveBench] = []
 
     def make(timeout: float) -> ExecutiveBench:
@@ -85,7 +85,7 @@ class _Operator:
 
 @pytest.fixture
 def consoles() -> Iterator[Callable[[str], _Operator]]:
-    """Makes consoles of operators, and closes them."""
+    """Make consoles of operators, and closes them."""
     made: list[_Operator] = []
 
     def make(operator: str) -> _Operator:

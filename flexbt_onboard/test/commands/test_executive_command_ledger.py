@@ -50,7 +50,7 @@ class Books:
         self.ledger.receive(ExecutiveCommand(id=id, kind=kind, executive_id='other' if id == 'other' else ''))
 
     def results(self) -> list[tuple[str, int]]:
-        """What is reported."""
+        """Return what is reported."""
         return [(result.command_id, result.code) for result in self.ledger.results()]
 
     def is_addressed(self, command: ExecutiveCommand) -> bool:

@@ -326,12 +326,12 @@ class Asker:
         self.bench.console.call(send)
 
     def result(self) -> Any:
-        """The next result."""
+        """Return the next result."""
         wait_until(lambda: self.results, 'result')
         return self.results.pop(0).result
 
     def decision(self) -> PendingDecision:
-        """The decision as the console sees it."""
+        """Return the decision as the console sees it."""
 
         def find(status: ExecutiveStatus) -> Any:
             return next((one for one in status.decisions if one.kind == PendingDecision.INPUT), None)

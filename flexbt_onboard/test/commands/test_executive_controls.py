@@ -108,7 +108,7 @@ def test_locks_and_breakpoints_are_shown_and_hold(bench: ControlBench) -> None:
 
 
 def activities(bench: ControlBench) -> list[str]:
-    """What the only active state is shown to do."""
+    """Return what the only active state is shown to do."""
     (state,) = bench.status.active_states
     return list(state.activity)
 

@@ -107,7 +107,7 @@ class ManagedBench(Operator):
         wait_until(lambda: self.statuses and is_shown() and self._commands.get_subscription_count(), state)
 
     def entities(self) -> Counter[type]:
-        """What there is on the node, by kind."""
+        """Return what there is on the node, by kind."""
 
         return self.runtime.call(lambda: entities_of(self.node))
 

@@ -74,7 +74,7 @@ def circle() -> OperatableStateMachine:
 
 @pytest.fixture
 def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
-    """Makes benches, and closes them."""
+    """Make benches, and closes them."""
     benches: list[ExecutiveBench] = []
 
     def make(**options: Any) -> ExecutiveBench:
@@ -423,7 +423,7 @@ def test_every_field_of_the_status_is_told() -> None:
 
 @pytest.fixture
 def server() -> Iterator[LivelinessToken]:
-    """A node that is alive, and not ready."""
+    """Yield a node that is alive, and not ready."""
     with NodeRuntime.open('bt_server') as runtime:
         yield LivelinessToken(runtime)
 

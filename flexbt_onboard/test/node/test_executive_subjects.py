@@ -36,7 +36,7 @@ from flexbt_testing.waiting import wait_until
 
 
 def path_of(count: int, frame: str = 'map') -> Path:
-    """A straight path of so many poses, 5 cm from one to the next."""
+    """Return a straight path of so many poses, 5 cm from one to the next."""
     path = Path()
     path.header.frame_id = frame
     for number in range(count):
@@ -99,14 +99,14 @@ def open_bench() -> Iterator[Opened]:
 
 
 def asked(bench: ExecutiveBench) -> PendingDecision:
-    """The decision that waits, with what it is about."""
+    """Return the decision that waits, with what it is about."""
     bench.wait_for(lambda status: status.decisions and status.decisions[0].subject_number, 'asked')
     return bench.status.decisions[0]
 
 
 @contextlib.contextmanager
 def late_reader(type: type[Any], topic: str) -> Iterator[list[Any]]:
-    """What somebody gets who subscribes now."""
+    """Provide what somebody gets who subscribes now."""
     heard: list[Any] = []
     with NodeRuntime.open('late_console') as late:
         late.call(lambda: late.node.create_subscription(type, topic, heard.append, names.transient_local_qos()))
@@ -114,7 +114,7 @@ def late_reader(type: type[Any], topic: str) -> Iterator[list[Any]]:
 
 
 def late_subject(decision: PendingDecision) -> DecisionSubject:
-    """What a console gets of a decision that comes while it waits."""
+    """Return what a console gets of a decision that comes while it waits."""
     with late_reader(DecisionSubjects, names.EXECUTIVE_SUBJECTS) as heard:
 
         def found() -> list[DecisionSubject]:

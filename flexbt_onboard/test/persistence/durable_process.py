@@ -47,7 +47,7 @@ class Spoil(EventState):
 
 
 def counting() -> OperatableStateMachine:
-    """Asks and counts, in a machine inside."""
+    """Ask and counts, in a machine inside."""
     inner = OperatableStateMachine(outcomes=['out'], io_keys=['count'])
     with inner:
         OperatableStateMachine.add('Ask', Ask(), {'again': 'Add', 'out': 'out'}, autonomy={'again': Autonomy.Full})
@@ -61,7 +61,7 @@ def counting() -> OperatableStateMachine:
 
 
 def spoiling() -> OperatableStateMachine:
-    """Waits for ever, with something in the userdata that cannot be written."""
+    """Wait for ever, with something in the userdata that cannot be written."""
     machine = OperatableStateMachine(outcomes=['finished'])
     with machine:
         OperatableStateMachine.add('Spoil', Spoil(), {'done': 'finished'})
@@ -101,7 +101,7 @@ class Crash(EventState):
 
 
 def crashing() -> OperatableStateMachine:
-    """Does not get to its first state before a crash."""
+    """Do not get to its first state before a crash."""
     machine = OperatableStateMachine(outcomes=['finished'])
     with machine:
         OperatableStateMachine.add('Crash', Crash(), {'done': 'finished'})

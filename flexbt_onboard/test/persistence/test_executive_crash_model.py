@@ -36,7 +36,7 @@ NAME = '/onboard_executive'
 
 
 def counting() -> OperatableStateMachine:
-    """Asks and counts, in a machine inside."""
+    """Ask and counts, in a machine inside."""
     inner = OperatableStateMachine(outcomes=['out'], io_keys=['count'])
     with inner:
         OperatableStateMachine.add('Ask', Ask(), {'again': 'Add', 'out': 'out'}, autonomy={'again': Autonomy.Full})
@@ -120,7 +120,7 @@ def bench(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
 
 
 def started_again(parent: Path, content: bytes) -> RunJournal:
-    """What an executive knows that finds this on its disk."""
+    """Return what an executive knows that finds this on its disk."""
     directory = mkdtemp(dir=parent)  # of its own: on a slow disk the one before may not have let go of its files yet
     Path(directory, 'onboard_executive.journal').write_bytes(content)
     journal = RunJournal(directory, NAME, lambda _problem: None, ManualClock())
@@ -174,7 +174,7 @@ def check(status: ExecutiveStatus, found: RunJournal, lines: Sequence[JournalLin
 
 
 def said(found: RunJournal, state: JournalState) -> tuple[Any, ...]:
-    """What is shown by an executive that finds a journal that says this."""
+    """Return what is shown by an executive that finds a journal that says this."""
     found = copy.copy(found)
     found._journal = copy.copy(found._journal)
     cast(Any, found._journal).state = state
@@ -188,7 +188,7 @@ def said(found: RunJournal, state: JournalState) -> tuple[Any, ...]:
 
 
 def shown_by(status: ExecutiveStatus) -> tuple[Any, ...]:
-    """The same of a status."""
+    """Return the same of a status."""
     if status.state == ExecutiveStatus.IDLE:
         return '', status.autonomy
     levels = [(one.path, one.level) for one in status.autonomy_levels]

@@ -63,7 +63,7 @@ class DurableBench(Operator):
         return int(self.status.state)
 
     def result(self, command_id: str) -> CommandResult:
-        """The result of a command, which is sent until there is one, as a console does."""
+        """Return the result of a command, which is sent until there is one, as a console does."""
         self._due = time.monotonic() + 0.2
 
         def find() -> CommandResult | None:
@@ -89,7 +89,7 @@ class DurableBench(Operator):
         return self._process.wait(60.0)
 
     def answer(self, command_id: str) -> CommandResult | None:
-        """What is known of a command."""
+        """Return what is known of a command."""
         for status in reversed(self.statuses[-50:]):
             for result in status.results:
                 if result.command_id == command_id:

@@ -41,7 +41,7 @@ class Go(EventState):
 
 
 def loop() -> OperatableStateMachine:
-    """A nested machine of two instantaneous states, then one that asks."""
+    """Return a nested machine of two instantaneous states, then one that asks."""
     inner = OperatableStateMachine(outcomes=['done'])
     with inner:
         OperatableStateMachine.add('A', Go(), {'done': 'B', 'out': 'done'})
@@ -55,7 +55,7 @@ def loop() -> OperatableStateMachine:
 
 @pytest.fixture
 def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
-    """Makes a bench with an event log in a directory, and closes it."""
+    """Make a bench with an event log in a directory, and closes it."""
     benches: list[ExecutiveBench] = []
 
     def make(directory: Path) -> ExecutiveBench:
@@ -69,13 +69,13 @@ def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
 
 
 def events(directory: Path) -> list[dict[str, Any]]:
-    """What the event log says."""
+    """Return what the event log says."""
     text = (directory / 'onboard_executive.jsonl').read_text()
     return [json.loads(line) for line in text.splitlines() if line]
 
 
 def commands_of(told: list[dict[str, Any]]) -> list[str]:
-    """The kinds of the commands among events."""
+    """Return the kinds of the commands among events."""
     return [one['command'] for one in told if one['event'] == 'command']
 
 

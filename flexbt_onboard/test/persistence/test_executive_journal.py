@@ -48,12 +48,12 @@ COMMANDS = st.lists(st.tuples(TEXTS, st.integers(1, 2), TEXTS), max_size=3)
 
 
 def begin_of(run: str, **parts: Any) -> JournalLine:
-    """What is written of a run that begins."""
+    """Return what is written of a run that begins."""
     return {'run': run, 'behavior': 'B', 'arguments': [], 'inputs': [], 'by': 'ann', 'autonomy': 1} | parts
 
 
 def position_of(*active: str) -> JournalLine:
-    """What is written of a place in a machine."""
+    """Return what is written of a place in a machine."""
     return {'active': list(active), 'coming': [], 'levels': {'/': 1}, 'locked': [], 'breakpoints': []}
 
 
@@ -82,7 +82,7 @@ def no_problem(text: str) -> None:
 
 
 def state_of(lines: list[JournalLine]) -> JournalState:
-    """What lines say."""
+    """Return what lines say."""
     state = JournalState()
     for line in lines:
         state.apply(line)
@@ -90,7 +90,7 @@ def state_of(lines: list[JournalLine]) -> JournalState:
 
 
 def file_of(lines: list[JournalLine]) -> bytes:
-    """A journal with these lines."""
+    """Return a journal with these lines."""
     return b''.join([encode_head(), *(encode_line(number, line) for number, line in enumerate(lines, 1))])
 
 
@@ -103,7 +103,7 @@ def clock() -> Iterator[SteadyClock]:
 
 @pytest.fixture
 def opened(clock: SteadyClock) -> Iterator[Callable[..., Journal]]:
-    """Opens journals, and closes them."""
+    """Open journals, and closes them."""
     journals: list[Journal] = []
 
     def open_one(file: Path, on_problem: Callable[[str], None] = no_problem) -> Journal:
@@ -116,7 +116,7 @@ def opened(clock: SteadyClock) -> Iterator[Callable[..., Journal]]:
 
 
 def written(journal: Journal) -> Journal:
-    """A journal whose lines are on the disk."""
+    """Return a journal whose lines are on the disk."""
     assert journal.sync(20.0)
     return journal
 

@@ -43,7 +43,7 @@ def waiting() -> OperatableStateMachine:
 
 
 def waiting_longer() -> OperatableStateMachine:
-    """The same, and one more."""
+    """Return the same, and one more."""
     machine = OperatableStateMachine(outcomes=['finished'])
     with machine:
         OperatableStateMachine.add('A', Wait(), {'done': 'B'})

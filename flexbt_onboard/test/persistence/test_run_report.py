@@ -26,7 +26,7 @@ from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 
 
 def parsed(picture: str) -> ElementTree.Element:
-    """The picture, which has to be well-formed."""
+    """Return the picture, which has to be well-formed."""
     return ElementTree.fromstring(picture)  # noqa: S314 - our own
 
 

@@ -72,7 +72,7 @@ def robot() -> Iterator[Robot]:
 
 
 def publisher_of(runtime: NodeRuntime, topic: str, name: str) -> bytes:
-    """The one of the node ``name``."""
+    """Return the one of the node ``name``."""
     (found,) = (end for end in runtime.node.get_publishers_info_by_topic(topic) if end.node_name == name)
     return bytes(found.endpoint_gid)
 

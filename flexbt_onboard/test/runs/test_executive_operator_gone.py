@@ -20,7 +20,7 @@ AFTER = 0.6
 
 
 def behavior(policy: object, after: object = AFTER, state: str = 'Wait', name: str = '') -> type[Behavior]:
-    """A behavior that waits for ever in a state, with a policy."""
+    """Return a behavior that waits for ever in a state, with a policy."""
 
     class Waiting(Behavior):
         manifest = BehaviorManifest(name or str(getattr(policy, 'value', policy)))
@@ -47,7 +47,7 @@ def bench() -> Iterator[ExecutiveBench]:
 
 @pytest.fixture
 def operator(bench: ExecutiveBench) -> Iterator[NodeRuntime]:
-    """A console, as far as the executive sees that it is there."""
+    """Yield a console, as far as the executive sees that it is there."""
     runtime = NodeRuntime('console', args=())
     PresenceToken(runtime, 'ann')
     bench.wait_for(lambda _status: bench.executive._presence.present, 'seen')

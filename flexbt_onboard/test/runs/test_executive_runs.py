@@ -51,7 +51,7 @@ class Step(EventState):
 
 
 def single(state: Callable[[], EventState], **add: Any) -> Callable[[], OperatableStateMachine]:
-    """A machine of one state, whose outcomes it has."""
+    """Return a machine of one state, whose outcomes it has."""
 
     def make() -> OperatableStateMachine:
         one = state()
@@ -64,7 +64,7 @@ def single(state: Callable[[], EventState], **add: Any) -> Callable[[], Operatab
 
 
 def two_steps() -> OperatableStateMachine:
-    """The first is done at once, the second waits for ever; low autonomy on the way in between."""
+    """Return the first is done at once, the second waits for ever; low autonomy on the way in between."""
     machine = OperatableStateMachine(outcomes=['finished', 'failed'])
     with machine:
         OperatableStateMachine.add(
@@ -99,7 +99,7 @@ TYPED_SEEN: list[Any] = []
 
 @pytest.fixture
 def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
-    """Makes benches, and closes them."""
+    """Make benches, and closes them."""
     benches: list[ExecutiveBench] = []
 
     def make(*behaviors: Any, **options: Any) -> ExecutiveBench:
@@ -618,7 +618,7 @@ def failing() -> OperatableStateMachine:
 
 
 def recovering() -> OperatableStateMachine:
-    """Ends by a state that has nothing to say, after one that has."""
+    """End by a state that has nothing to say, after one that has."""
     machine = OperatableStateMachine(outcomes=['failed'])
     with machine:
         OperatableStateMachine.add('Drive', Failing(), {'failed': 'Give up'})

@@ -83,7 +83,7 @@ class SynthesisBench(ExecutiveBench):
         return ActionCall(self._link, goal, on_done=done.set_result, server_timeout=DEADLINE), done
 
     def cancel_all(self) -> int:
-        """What a console asks for that asked for nothing itself; how many searches are canceled."""
+        """Return what a console asks for that asked for nothing itself; how many searches are canceled."""
         service: Any = SynthesizeBehavior.Impl.CancelGoalService
         link = ServiceLinks(self.console).link(service, f'{names.SYNTHESIZE_BEHAVIOR}/_action/cancel_goal')
         response: Any = service_outcome(link, service.Request(), DEADLINE).response

@@ -119,8 +119,9 @@ def feedback_of(
     not_ended: Sequence[str],
     clock_problem: str,
 ) -> Any:
-    """The feedback message of a run. ``pose``: the latest of the robot, a PoseStamped; ``speed`` in m/s; ``seconds``
-    since the acceptance; ``not_ended``: canceled goals that go on; ``clock_problem``: what is wrong with the time.
+    """Return the feedback message of a run. ``pose``: the latest of the robot, a PoseStamped; ``speed`` in m/s;
+    ``seconds`` since the acceptance; ``not_ended``: canceled goals that go on; ``clock_problem``: what is wrong with
+    the time.
     """
     distance = distance_along(board.get_or('path', None), pose)
     poses = _poses_ahead(board)
@@ -140,7 +141,7 @@ def feedback_of(
 
 
 def _poses_ahead(board: Blackboard) -> list[PoseStamped]:
-    """Where the robot has still to go, by Nav2's names of the keys."""
+    """Return where the robot has still to go, by Nav2's names of the keys."""
     goal, goals = board.get_or('goal', None), board.get_or('goals', None)
     poses = goals if isinstance(goals, list) else [goal]
     return [pose for pose in poses if isinstance(pose, PoseStamped)]
@@ -149,7 +150,7 @@ def _poses_ahead(board: Blackboard) -> list[PoseStamped]:
 def result_of(
     request: Any, outcome: RunOutcome, board: Blackboard, notice: str, seconds: float, not_ended: Sequence[str]
 ) -> Any:
-    """The result message for a goal. An output that cannot be sent makes it an ERROR.
+    """Return the result message for a goal. An output that cannot be sent makes it an ERROR.
 
     ``notice`` is for the case that the run did not succeed; ``seconds`` since the acceptance; ``not_ended``: canceled
     goals that go on.

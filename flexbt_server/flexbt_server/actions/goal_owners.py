@@ -81,7 +81,7 @@ class GoalOwners:
             del self._goals[owner]
 
     def sees(self, owner: str) -> bool:
-        """Whether the owner is watched, and alive."""
+        """Return whether the owner is watched, and alive."""
         return owner in self._watches and self._watches[owner].alive is True
 
     def problem(self, owner: str) -> str:

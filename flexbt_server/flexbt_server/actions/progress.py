@@ -53,7 +53,7 @@ def distance_along(path: Any, pose: PoseStamped) -> float:
 
 
 def _nearest_on_segment(here: Point, start: Point, end: Point, length: float) -> tuple[Point, float]:
-    """The point of a segment that is nearest to ``here``, and how far it is from the segment's end."""
+    """Return the point of a segment that is nearest to ``here``, and how far it is from the segment's end."""
     if length <= 0.0:
         return end, 0.0
     along = ((here[0] - start[0]) * (end[0] - start[0]) + (here[1] - start[1]) * (end[1] - start[1])) / length**2
@@ -73,12 +73,12 @@ def distance_left(path: Any, pose: PoseStamped) -> float:
 
 
 def seconds_left(distance: float, speed: float) -> float:
-    """How long ``distance``, m, takes at ``speed``, m/s; 0 while the robot hardly moves, or is nearly there."""
+    """Return how long ``distance``, m, takes at ``speed``, m/s; 0 while the robot hardly moves, or is nearly there."""
     return min(distance / speed, LONGEST) if speed > LEAST_SPEED and distance > LEAST_DISTANCE else 0.0
 
 
 def recoveries(board: Blackboard) -> int:
-    """The recoveries that trees have counted on a blackboard, where anybody may write what he likes."""
+    """Return the recoveries that trees have counted on a blackboard, where anybody may write what he likes."""
     return int(min(max(finite_number(board.get_or(RECOVERIES_KEY, 0)) or 0.0, 0.0), MOST_COUNTED))
 
 
@@ -89,7 +89,7 @@ class Speed:
         self._poses: list[tuple[float, float, float]] = []
 
     def at(self, pose: PoseStamped) -> float:
-        """The speed over the last :data:`SMOOTHING` seconds and up to this pose."""
+        """Return the speed over the last :data:`SMOOTHING` seconds and up to this pose."""
         at = pose.pose.position
         seen = (Time.from_msg(pose.header.stamp).nanoseconds * 1e-9, at.x, at.y)
         if self._poses and seen[0] < self._poses[-1][0]:

@@ -423,14 +423,14 @@ class TreeGoal(ABC):
 
     @abstractmethod
     def read(self) -> list[Value]:
-        """What is written to the blackboard before the tree works for this goal; on the thread that reads files.
+        """Return what is written to the blackboard before the tree works for this goal; on the thread that reads files.
 
         Raises:
             FlexbtError: the goal cannot be served.
         """
 
     def fresh_values(self) -> list[Value]:
-        """What is written as well when the tree begins to run for this goal, and not when it takes it over."""
+        """Return what is written as well when the tree begins to run for this goal, and not when it takes it over."""
         return []
 
     def when_ready(self, go_on: Callable[[], None]) -> None:
@@ -439,17 +439,17 @@ class TreeGoal(ABC):
 
     @abstractmethod
     def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
-        """The feedback message. ``pose``: the latest of the robot, without a frame while there is none; ``seconds``
-        since the acceptance.
+        """Return the feedback message. ``pose``: the latest of the robot, without a frame while there is none;
+        ``seconds`` since the acceptance.
         """
 
     @abstractmethod
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
-        """How the goal ends, as a code of BtExecute.Result, and the result message."""
+        """Return how the goal ends, as a code of BtExecute.Result, and the result message."""
 
     @abstractmethod
     def fault_result(self, why: str) -> Any:
-        """The result message when the server is at fault."""
+        """Return the result message when the server is at fault."""
 
 
 @dataclass(eq=False)
@@ -492,18 +492,18 @@ class RunningTrees:
         self._running: dict[tuple[TreeKey, str], RunningTree] = {}
 
     def get(self, key: TreeKey, blackboard: str) -> RunningTree | None:
-        """The run of a tree on a blackboard, if there is one."""
+        """Return the run of a tree on a blackboard, if there is one."""
         return self._running.get((key, blackboard))
 
     def __contains__(self, running: RunningTree) -> bool:
         return self.get(running.key, running.blackboard) is running
 
     def all(self) -> tuple[RunningTree, ...]:
-        """Every tree that runs."""
+        """Return every tree that runs."""
         return tuple(self._running.values())
 
     def on(self, blackboard: str) -> list[RunningTree]:
-        """Those that run on a blackboard."""
+        """Return those that run on a blackboard."""
         return [running for running in self.all() if running.blackboard == blackboard]
 
     def add(self, running: RunningTree) -> None:
@@ -515,8 +515,8 @@ class RunningTrees:
         del self._running[running.key, running.blackboard]
 
     def find(self, run_id: str) -> RunningTree:
-        """The run of this ID (TreeStructure.run_id), or that works or has worked for the goal of this ID; the only one
-        there is for ''.
+        """Return the run of this ID (TreeStructure.run_id), or that works or has worked for the goal of this ID; the
+        only one there is for ''.
 
         Raises:
             UnknownRunError: there is none, or there are several; says which.

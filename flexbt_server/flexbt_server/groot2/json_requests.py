@@ -28,7 +28,7 @@ class RequestError(Exception):
 
 
 def parse(data: bytes) -> Any:
-    """The document. Raises RequestError."""
+    """Return the document. Raises RequestError."""
     try:
         text = data.decode('utf-8-sig')
     except UnicodeDecodeError as error:
@@ -59,7 +59,7 @@ def _finite(text: str) -> float:
 
 
 def member(document: Any, name: str) -> Any:
-    """A member of an object. Raises RequestError."""
+    """Return a member of an object. Raises RequestError."""
     if not isinstance(document, dict):
         raise RequestError(f'[json.exception.type_error.304] cannot use at() with {_NAMES[type(document)]}')
     if name not in document:
@@ -68,24 +68,24 @@ def member(document: Any, name: str) -> Any:
 
 
 def unsigned_16(value: Any) -> int:
-    """A number of 16 bits without sign. Raises RequestError."""
+    """Return a number of 16 bits without sign. Raises RequestError."""
     return _number(value) & 0xFFFF
 
 
 def signed_32(value: Any) -> int:
-    """A number of 32 bits. Raises RequestError."""
+    """Return a number of 32 bits. Raises RequestError."""
     return ((_number(value) + 0x80000000) & 0xFFFFFFFF) - 0x80000000
 
 
 def boolean(value: Any) -> bool:
-    """Raises RequestError."""
+    """Raise RequestError."""
     if not isinstance(value, bool):
         raise _type_error('boolean', value)
     return value
 
 
 def string(value: Any) -> str:
-    """Raises RequestError."""
+    """Raise RequestError."""
     if not isinstance(value, str):
         raise _type_error('string', value)
     return value

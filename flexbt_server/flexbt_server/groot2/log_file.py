@@ -61,7 +61,7 @@ class LogWriter:
         write: Callable[[LogStep], str | None] = lambda step: step(),
         on_error: Callable[[str], None],
     ) -> None:
-        """Begins the file. ``log`` is timed; ``start`` is the time of the beginning on its clock, ns, and ``epoch``
+        """Begin the file. ``log`` is timed; ``start`` is the time of the beginning on its clock, ns, and ``epoch``
         since 1970, s."""
         self._path = path
         self._log = log
@@ -157,7 +157,7 @@ class LogContent(NamedTuple):
 
 
 def read_log(path: Path) -> LogContent:
-    """Reads a log file, also one that is still being written, or was cut off. Raises LogError and OSError."""
+    """Read a log file, also one that is still being written, or was cut off. Raises LogError and OSError."""
     with open(path, 'rb', opener=open_regular) as file:
         data = file.read()
     position = len(_MAGIC) + 1 + _LENGTH.size
@@ -238,7 +238,7 @@ class LogBuffer:
         return len(self._marks)
 
     def take(self) -> list[int]:
-        """What was written since the last call."""
+        """Return what was written since the last call."""
         count = len(self._marks)  # the tree may go on meanwhile
         marks = self._marks[:count]
         del self._marks[:count]

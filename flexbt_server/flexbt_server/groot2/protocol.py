@@ -53,27 +53,28 @@ class RequestType(IntEnum):
 
 
 def request_header(type: RequestType, id: int | None = None) -> bytes:
-    """The first frame of a request, and of a notification. A random ``id`` will do."""
+    """Return the first frame of a request, and of a notification. A random ``id`` will do."""
     return _HEADER.pack(PROTOCOL, type, random.getrandbits(32) if id is None else id)
 
 
 def reply_header(request: bytes, tree: bytes) -> bytes:
-    """The first frame of a reply: the header of the request, in our protocol, and the 16 bytes that name the tree."""
+    """Return the first frame of a reply: the header of the request, in our protocol, and the 16 bytes that name the
+    tree."""
     return bytes((PROTOCOL,)) + request[1:HEADER_BYTES] + tree
 
 
 def status_bytes(uid: int, status: NodeStatus) -> bytes:
-    """A node in the reply to a request for statuses."""
+    """Return a node in the reply to a request for statuses."""
     return _STATUS.pack(uid, status)
 
 
 def status_byte(before: int, after: int) -> int:
-    """The number of a status as clients see it; of a node that is IDLE again they see what it was before."""
+    """Return the number of a status as clients see it; of a node that is IDLE again they see what it was before."""
     return after or _WENT_IDLE + before
 
 
 def record(microseconds: int, uid: int, status: int) -> bytes:
-    """A transition in a recording or a log file; ``microseconds`` since its beginning, 48 bits of them."""
+    """Return a transition in a recording or a log file; ``microseconds`` since its beginning, 48 bits of them."""
     return _RECORD.pack(microseconds & 0xFFFFFFFF, microseconds >> 32 & 0xFFFF, uid, status)
 
 
@@ -90,7 +91,7 @@ def read_record(data: bytes, offset: int) -> tuple[int, int, int]:
 
 
 def tree_document(tree: Tree) -> str:
-    """The XML of a running tree."""
+    """Return the XML of a running tree."""
     return '\n'.join(_lines(tree)) + '\n'
 
 
@@ -114,7 +115,7 @@ def _lines(tree: Tree) -> Iterator[str]:
 
 
 def _nodes(root: TreeNode, definitions: dict[TreeNode, NodeDefinition], tree_ids: Mapping[str, str]) -> Iterator[str]:
-    """The nodes of one sub-tree. ``tree_ids`` has the trees of sub-trees by their paths."""
+    """Yield the nodes of one sub-tree. ``tree_ids`` has the trees of sub-trees by their paths."""
     pending: list[tuple[int, TreeNode | str]] = [(2, root)]
     while pending:
         level, node = pending.pop()
@@ -158,7 +159,7 @@ def models_document(manifests: Iterable[NodeManifest]) -> Iterator[str]:
 
 
 def model_lines(manifest: NodeManifest) -> Iterator[str]:
-    """The model of a node type."""
+    """Yield the model of a node type."""
     head = f'{manifest.kind.value} ID={xml_attribute(manifest.id)}'
     inner = [_port(name, port) for name, port in manifest.ports.items()]
     if manifest.documentation:

@@ -57,7 +57,7 @@ class Groot2Server:
         types: JsonTypes | None = None,
         silence: float = SILENCE,
     ) -> None:
-        """Begins to answer. ``types`` shows values of one's own on blackboards. Raises OSError if it cannot listen."""
+        """Begin to answer. ``types`` shows values of one's own on blackboards. Raises OSError if it cannot listen."""
         self._only = only
         self._types = types if types is not None else JsonTypes()
         self._silence = silence
@@ -100,7 +100,7 @@ class Groot2Server:
         self.close()
 
     def close(self) -> None:
-        """Ends it; whatever a breakpoint holds up goes on."""
+        """End it; whatever a breakpoint holds up goes on."""
         with self._lock:
             self._silent = True
             self._mute()
@@ -115,7 +115,7 @@ class Groot2Server:
     def add(
         self, tree: Tree, log: LogBuffer, on_held: Callable[[bool], None] = lambda held: None
     ) -> WatchedTree | None:
-        """Shows a tree whose first tick is next; None when it is not to be shown.
+        """Show a tree whose first tick is next; None when it is not to be shown.
 
         The tree writes to ``log``, whose clock is that of ``watched_tree``; ``settle`` of what is returned is to be
         called after each round. ``on_held`` hears, on the ticking thread, when a breakpoint holds the tree up, or lets
@@ -137,8 +137,8 @@ class Groot2Server:
         return watched
 
     def expanded(self, before: WatchedTree, on_held: Callable[[bool], None] = lambda held: None) -> WatchedTree | None:
-        """The nodes of a watched tree are others, between two ticks: clients see another tree. Gives what watches it
-        from now on; None when it is too large."""
+        """Return the nodes of a watched tree are others, between two ticks: clients see another tree. Gives what
+        watches it from now on; None when it is too large."""
         before.end()
         if not self._fits(before.tree):
             before.breakpoints.end()
@@ -168,7 +168,7 @@ class Groot2Server:
             self._mute()
 
     def watch(self, tree: Tree) -> WatchHandle:
-        """Shows a tree, for a program that has no other observer: a context manager."""
+        """Show a tree, for a program that has no other observer: a context manager."""
         return WatchHandle(self, tree)
 
     def _mute(self) -> None:
@@ -209,7 +209,7 @@ class Groot2Server:
                 self._mute()
 
     def answer(self, frames: Sequence[bytes]) -> list[bytes]:
-        """The frames of the reply to those of a request, whatever they are."""
+        """Return the frames of the reply to those of a request, whatever they are."""
         try:
             return self._answer(frames)
         except RequestError as error:

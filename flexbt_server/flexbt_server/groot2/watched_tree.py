@@ -83,11 +83,11 @@ class WatchedTree:
         self._untimed: list[tuple[int, int]] = []
 
     def _change(self, uid: int, before: int, after: int) -> tuple[int, int, int, int]:
-        """Where and what clients see of it, and what is recorded."""
+        """Return where and what clients see of it, and what is recorded."""
         return self._places[uid], protocol.status_byte(before, after), uid, after
 
     def same_tree(self, other: WatchedTree) -> bool:
-        """Whether both are runs of one tree, with the same nodes."""
+        """Return whether both are runs of one tree, with the same nodes."""
         ours, theirs = self.tree.definitions, other.tree.definitions
         return len(ours) == len(theirs) and all(one is two for one, two in zip(ours, theirs, strict=True))
 
@@ -140,7 +140,7 @@ class WatchedTree:
         return bytes(self._statuses)
 
     def toggle_recording(self, command: bytes) -> bytes | None:
-        """Begins to record, and gives the time since the epoch in µs, or ends it."""
+        """Begin to record, and gives the time since the epoch in µs, or ends it."""
         if command not in (b'start', b'stop'):
             return None
         with self._reading:
@@ -155,7 +155,7 @@ class WatchedTree:
         return str(time.time_ns() // 1000).encode()
 
     def transitions(self) -> bytes:
-        """What was recorded since the last call."""
+        """Return what was recorded since the last call."""
         self._read()
         start = self._recorded_from
         records = [protocol.record(max(0, when - start) // 1000, uid, status) for when, uid, status in self._recorded]
@@ -195,7 +195,7 @@ class WatchedTree:
 
 
 def _packable(value: Any) -> Any:
-    """The value with text in the place of integers that msgpack has no room for."""
+    """Return the value with text in the place of integers that msgpack has no room for."""
     if isinstance(value, dict):
         return {key: _packable(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -280,18 +280,18 @@ class Breakpoints:
             return self._holding is not None and not self._goes_on(self._holding)
 
     def take_over(self, older: Breakpoints) -> None:
-        """Places the hooks of an earlier run of the same tree."""
+        """Place the hooks of an earlier run of the same tree."""
         for settings in older.all():
             self._place(settings)
 
     def take_over_from(self, older: Breakpoints) -> None:
-        """Takes the hooks of the same run from before it had other nodes: those of nodes that it has still."""
+        """Take the hooks of the same run from before it had other nodes: those of nodes that it has still."""
         for settings in older.end():
             if self._nodes.get(settings.uid) is older._nodes[settings.uid]:
                 self._place(settings)
 
     def end(self) -> list[HookSettings]:
-        """Removes all hooks, and gives their settings; from now on none is placed: a request may have come late."""
+        """Remove all hooks, and gives their settings; from now on none is placed: a request may have come late."""
         with self._changed:
             self._ended = True
             settings = self.all()
@@ -299,7 +299,7 @@ class Breakpoints:
             return settings
 
     def all(self) -> list[HookSettings]:
-        """Copies of the settings of all hooks, those before ticks first, by uid."""
+        """Copy of the settings of all hooks, those before ticks first, by uid."""
         with self._changed:
             return [replace(hook.settings) for _, hook in sorted(self._placed.items(), key=lambda item: item[0])]
 
@@ -312,7 +312,7 @@ class Breakpoints:
     # -- requests ----------------------------------------------------------------------------------------------------
 
     def insert(self, document: Any) -> None:
-        """Places one hook or several; one that is there gets other settings. Raises RequestError.
+        """Place one hook or several; one that is there gets other settings. Raises RequestError.
 
         Hooks of nodes that do not exist are dropped.
         """
@@ -341,7 +341,7 @@ class Breakpoints:
                 self._callbacks.set_post_tick(node, lambda node, status: self._reach(hook, node))
 
     def remove(self, document: Any) -> None:
-        """Removes the hook of a node. Raises RequestError."""
+        """Remove the hook of a node. Raises RequestError."""
         uid = read.unsigned_16(read.member(document, 'uid'))
         after = read.signed_32(read.member(document, 'position')) != 0
         with self._changed:
@@ -361,7 +361,7 @@ class Breakpoints:
             self._changed.notify_all()
 
     def unlock(self, document: Any) -> None:
-        """Lets a breakpoint go, with the result that the node is to have. Raises RequestError."""
+        """Let a breakpoint go, with the result that the node is to have. Raises RequestError."""
         uid = read.unsigned_16(read.member(document, 'uid'))
         status = read.string(read.member(document, 'desired_status'))
         after = read.signed_32(read.member(document, 'position')) != 0
@@ -378,7 +378,7 @@ class Breakpoints:
                 self._changed.notify_all()
 
     def dump(self) -> str:
-        """All hooks, as JSON."""
+        """Return all hooks, as JSON."""
         return json.dumps([asdict(settings) for settings in self.all()], separators=(',', ':'), sort_keys=True)
 
     # -- on the ticking thread -----------------------------------------------------------------------------------------

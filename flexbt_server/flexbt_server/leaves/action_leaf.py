@@ -125,7 +125,8 @@ _CODES: Final = {
 
 
 def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
-    """The error code of a goal that did not succeed: of its result, or why there is none, or UNKNOWN; 0 without any.
+    """Return the error code of a goal that did not succeed: of its result, or why there is none, or UNKNOWN; 0 without
+    any.
 
     That of a goal that was canceled is 0, as in Nav2: no recovery helps there.
     """
@@ -136,7 +137,7 @@ def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
 
 
 def error_name_of(result: Any) -> str:
-    """The constant that the error code of a result is; '' for none. Nav2's servers often tell no more."""
+    """Return the constant that the error code of a result is; '' for none. Nav2's servers often tell no more."""
     code = getattr(result, 'error_code', 0)
     return next((name for name in dir(result) if code and name.isupper() and getattr(result, name) == code), '')
 
@@ -171,25 +172,26 @@ class ActionLeaf(StatefulAction):
 
     @abstractmethod
     def make_goal(self) -> Any:
-        """The goal, from the input ports. PortError and ValueError become the reason of a FAILURE."""
+        """Return the goal, from the input ports. PortError and ValueError become the reason of a FAILURE."""
 
     def newer_goal(self, feedback: Any) -> Any | None:
         """Called at each tick while the goal is worked on, with the latest feedback: a goal to replace it, or None."""
         return None
 
     def resumed_goal(self, goal: Any, feedback: Any) -> Any:
-        """The goal that is sent when the tree goes on after a pause, in place of ``goal``, which was canceled for it.
+        """Return the goal that is sent when the tree goes on after a pause, in place of ``goal``, which was canceled
+        for it.
 
         ``feedback`` is the latest of that goal, or None.
         """
         return goal
 
     def on_success(self, result: Any) -> NodeStatus:
-        """The goal succeeded: write the output ports."""
+        """Return the goal succeeded: write the output ports."""
         return NodeStatus.SUCCESS
 
     def on_failure(self, outcome: GoalOutcome) -> NodeStatus | None:
-        """The goal did not succeed: write what the output ports have to hold then.
+        """Return the goal did not succeed: write what the output ports have to hold then.
 
         Gives the status that the leaf has for it; None for FAILURE, with the reason.
         """
@@ -256,7 +258,7 @@ class ActionLeaf(StatefulAction):
         self._rest_by = self._steady.now() + self.host.cancel_timeout + _REST_SECONDS
 
     def _may_wait(self) -> bool:
-        """Whether there is time left, at whose end the leaf looks again."""
+        """Return whether there is time left, at whose end the leaf looks again."""
         if self._steady.now() >= self._rest_by:
             return False
         if self._alarm is None and self._rest_by != math.inf:

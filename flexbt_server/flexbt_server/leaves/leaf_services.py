@@ -58,7 +58,8 @@ class LeafServices:
     _told: set[str] = field(default_factory=set)
 
     def appear_timeout(self, timeout: float) -> float:
-        """How long to wait for a server to appear, s of wall time, where ``timeout`` is how long it has otherwise.
+        """Return how long to wait for a server to appear, s of wall time, where ``timeout`` is how long it has
+        otherwise.
 
         The processes of a robot begin together, in any order: as long as this one is young, that one may be starting.
         """
@@ -93,7 +94,7 @@ class RobotFrames:
         self.robot_base_frame = robot_base_frame
 
     def robot_pose(self, frame: str = '', base: str = '') -> PoseStamped:
-        """Where the frame ``base`` of the robot is in ``frame``.
+        """Return where the frame ``base`` of the robot is in ``frame``.
 
         The topic of the pose tells it of the robot's base, also in other frames as far as tf knows them; where nothing
         was published there, and for other frames of the robot, tf does.
@@ -188,7 +189,7 @@ class EndingGoals:
         self._lock = threading.Lock()
 
     def add(self, action: str, resources: Collection[str]) -> EndingGoal:
-        """A goal was canceled; it is given to :meth:`remove` when it is known to have ended."""
+        """Return a goal was canceled; it is given to :meth:`remove` when it is known to have ended."""
         goal = EndingGoal(
             action, self._resolve(action), frozenset(resources), self._steady.now(), time.strftime('%H:%M:%S')
         )
@@ -209,7 +210,7 @@ class EndingGoals:
             wake()
 
     def overdue(self, given_up: Collection[str] = ()) -> list[str]:
-        """What goes on although its server had its time to end it, and what to do, for a person; the 16 oldest.
+        """Return what goes on although its server had its time to end it, and what to do, for a person; the 16 oldest.
 
         ``given_up``: descriptions of goals that a tree has waited for in vain, which counts as well.
         """
@@ -224,7 +225,7 @@ class EndingGoals:
         ]
 
     def in_the_way_of(self, action: str, resources: Collection[str]) -> tuple[str, ...]:
-        """What has to end before a goal for this action with these actuators is sent."""
+        """Return what has to end before a goal for this action with these actuators is sent."""
         if not self._alarms:
             return ()
         server = self._resolve(action)
@@ -280,7 +281,7 @@ class TriggerServices:
         self._services: dict[str, Any] = {}
 
     def offer(self, name: str, handler: Handler) -> None:
-        """Calls ``handler``, a bound method, on each request to the service ``name``. From any thread."""
+        """Call ``handler``, a bound method, on each request to the service ``name``. From any thread."""
         reference = weakref.WeakMethod(handler)
         self._runtime.call(lambda: self._add(name, reference))
 

@@ -57,7 +57,7 @@ class ServiceNode(LeafNode):
 
     @abstractmethod
     def make_request(self) -> Any:
-        """The request, from the input ports. PortError and ValueError become the reason of a FAILURE."""
+        """Return the request, from the input ports. PortError and ValueError become the reason of a FAILURE."""
 
     def on_response(self, response: Any) -> NodeStatus:
         """There is a response: write the output ports."""

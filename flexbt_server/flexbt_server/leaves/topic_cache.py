@@ -108,7 +108,7 @@ class TopicCaches:
         self._caches: WeakLruCache[tuple[str, type[Any], str], TopicCache] = WeakLruCache(MOST_TOPICS)
 
     def cache(self, topic: SubscribedTopic) -> TopicCache:
-        """The cache of a topic by its name, subscribed to when nobody has it yet. From any thread.
+        """Return the cache of a topic by its name, subscribed to when nobody has it yet. From any thread.
 
         Raises:
             ValueError: no topic can have that name.

@@ -44,7 +44,7 @@ class TopicCondition(Condition):
 
     @abstractmethod
     def holds(self, message: Any | None) -> bool:
-        """Whether the condition holds; ``message`` is None while nothing was received."""
+        """Return whether the condition holds; ``message`` is None while nothing was received."""
 
     @classmethod
     def subscribes_to(cls) -> Sequence[SubscribedTopic]:
@@ -82,7 +82,7 @@ class PoseLeaf(LeafNode):
 
     @abstractmethod
     def evaluate(self) -> NodeStatus:
-        """The tick. May raise PortError and TransformError."""
+        """Return the tick. May raise PortError and TransformError."""
 
     @property
     def is_informed(self) -> bool:
@@ -105,7 +105,7 @@ class PoseLeaf(LeafNode):
         return services.frames
 
     def robot_pose(self, frame: str | None = None) -> PoseStamped:
-        """Where the robot is, by the ports ``robot_base_frame`` and, unless a frame is given, ``global_frame``.
+        """Return where the robot is, by the ports ``robot_base_frame`` and, unless a frame is given, ``global_frame``.
 
         Raises:
             TransformError: it is not known.

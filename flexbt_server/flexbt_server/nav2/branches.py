@@ -30,7 +30,7 @@ def set_ports(leaf: ActionLeaf | ServiceNode, message: Any, *names: str) -> None
 
 
 def has_field(leaf: ActionLeaf | ServiceNode, message: Any, port: str) -> bool:
-    """Whether the message has the field of this port; tells people when a tree gives a port for nothing."""
+    """Return whether the message has the field of this port; tells people when a tree gives a port for nothing."""
     if hasattr(message, port):
         return True
     given = leaf.port_text(port)
@@ -51,12 +51,13 @@ FAILED: Final = 3
 
 
 def pending(goals: Iterable[PoseStamped]) -> list[Any]:
-    """The statuses of a mission that begins."""
+    """Return the statuses of a mission that begins."""
     return [WaypointStatus(waypoint_index=index, waypoint_pose=goal) for index, goal in enumerate(goals)]
 
 
 def missed(index: int, pose: PoseStamped, error_code: int, error_msg: str) -> Any:
-    """A waypoint that was not reached, as FollowWaypoints tells of it: MissedWaypoint in jazzy, WaypointStatus in main.
+    """Return a waypoint that was not reached, as FollowWaypoints tells of it: MissedWaypoint in jazzy, WaypointStatus
+    in main.
 
     ``error_code`` is that of navigate_to_pose.
     """
@@ -68,7 +69,7 @@ def missed(index: int, pose: PoseStamped, error_code: int, error_msg: str) -> An
 
 
 def concluded(statuses: Iterable[Any], *, succeeded: bool) -> list[Any]:
-    """The statuses of a mission that has ended: what was pending came to the same end."""
+    """Return the statuses of a mission that has ended: what was pending came to the same end."""
     ended = [copy.copy(one) for one in statuses]
     for one in ended:
         if one.waypoint_status == PENDING:
@@ -77,7 +78,7 @@ def concluded(statuses: Iterable[Any], *, succeeded: bool) -> list[Any]:
 
 
 def mark(statuses: Sequence[Any], goals: Iterable[PoseStamped], status: int) -> list[Any]:
-    """The statuses, in which the first pending one of each of the goals has become ``status``.
+    """Return the statuses, in which the first pending one of each of the goals has become ``status``.
 
     Raises:
         LookupError: none is pending for one of the goals.

@@ -222,7 +222,7 @@ class _CostLeaf(ServiceLeaf):
         raise NotImplementedError
 
     def on_occupied(self, occupied: Sequence[bool]) -> NodeStatus:
-        """What is known now of each of the poses."""
+        """Return what is known now of each of the poses."""
         raise NotImplementedError
 
     def make_request(self) -> Any:

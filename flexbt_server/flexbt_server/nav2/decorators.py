@@ -133,14 +133,14 @@ class GoalUpdater(Decorator):
         return self.tick_child()
 
     def subscribe(self, topic: SubscribedTopic) -> TopicCache:
-        """The messages of a topic, which tick the tree."""
+        """Return the messages of a topic, which tick the tree."""
         services: LeafServices = self.services
         cache = services.topics.cache(topic)
         cache.on_message(self.context)
         return cache
 
     def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
-        """Whether a goal of the one stamp (s, ns) takes the place of one of the other."""
+        """Return whether a goal of the one stamp (s, ns) takes the place of one of the other."""
         return published > given
 
     def newer_goals(self, goals: Sequence[PoseStamped] | None) -> Sequence[PoseStamped] | None:

@@ -50,7 +50,7 @@ class RecoveryLeaf(ActionLeaf):
     __slots__ = ()
 
     def counts(self) -> bool:
-        """Whether this start is a recovery: always, or as the port ``is_recovery`` says."""
+        """Return whether this start is a recovery: always, or as the port ``is_recovery`` says."""
         return 'is_recovery' not in self.ports or bool(self.get_input('is_recovery'))
 
     def on_start(self) -> NodeStatus:
@@ -197,8 +197,8 @@ class Spin(RecoveryLeaf):
 
 
 def _rest(whole: float, done: float) -> float:
-    """What is left of a motion, of the sign that it has. Feedback comes now and then: what the robot has moved since
-    the last, and while it braked, is moved once more.
+    """Return what is left of a motion, of the sign that it has. Feedback comes now and then: what the robot has moved
+    since the last, and while it braked, is moved once more.
     """
     return math.copysign(max(0.0, abs(whole) - abs(done)), whole)
 

@@ -31,7 +31,7 @@ class PathTracker:
         self._index = 0
 
     def feedback(self, pose: PoseStamped, speed: float) -> Any:
-        """How the robot, at ``pose`` in the frame of the path, is on it; the path has two poses or more."""
+        """Return how the robot, at ``pose`` in the frame of the path, is on it; the path has two poses or more."""
         here = position_of(pose)
         last = len(self._points) - 1
 
@@ -106,7 +106,7 @@ def first_beyond(points: Sequence[tuple[float, float]], begin: int, distance: fl
 
 
 def points_of(path: Any) -> list[tuple[float, float]]:
-    """The positions of a path."""
+    """Return the positions of a path."""
     return [position_of(pose) for pose in path.poses]
 
 
@@ -129,7 +129,7 @@ def path_length(points: Sequence[tuple[float, float]]) -> float:
 
 
 def _to_segment(here: tuple[float, float], start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
-    """How far a point is from a segment, and how far along it the nearest place is."""
+    """Return how far a point is from a segment, and how far along it the nearest place is."""
     length = math.dist(start, end)
     if length == 0.0:
         return math.dist(here, start), 0.0

@@ -33,7 +33,7 @@ FAMILIES: Final = (
 
 
 def register_leaves(registry: NodeRegistry, nav2_branch: Nav2Branch = 'jazzy') -> None:
-    """Makes them known to ``registry``, as they are in that branch of Nav2 where a file does not show its own."""
+    """Make them known to ``registry``, as they are in that branch of Nav2 where a file does not show its own."""
     registry.register_classes([ExecuteBehavior])
     for family in FAMILIES:
         register_branches(registry, family.NODES, nav2_branch)

@@ -86,8 +86,8 @@ class Activation:
 
 
 def called_servers(nodes: Iterable[NodeDefinition]) -> dict[str, str]:
-    """The servers of the action and service leaves among ``nodes``: names of services that are in the graph when they
-    are there, and what trees call them.
+    """Return the servers of the action and service leaves among ``nodes``: names of services that are in the graph when
+    they are there, and what trees call them.
 
     A server whose name comes from the blackboard, which only the run knows, is not among them.
     """
@@ -104,7 +104,7 @@ def called_servers(nodes: Iterable[NodeDefinition]) -> dict[str, str]:
 
 
 def subscribed_topics(nodes: Iterable[NodeDefinition]) -> Iterator[SubscribedTopic]:
-    """The topics that ``nodes`` subscribe to, by their names in the tree.
+    """Yield the topics that ``nodes`` subscribe to, by their names in the tree.
 
     One whose name comes from the blackboard, which only the run knows, is not among them.
     """
@@ -117,7 +117,7 @@ def subscribed_topics(nodes: Iterable[NodeDefinition]) -> Iterator[SubscribedTop
 
 
 def _name(node: NodeDefinition, port: str, default: str) -> str:
-    """What a leaf calls, or subscribes to; '' when the blackboard has it."""
+    """Return what a leaf calls, or subscribes to; '' when the blackboard has it."""
     given = node.values.get(port)
     if given is None:
         return default

@@ -141,7 +141,7 @@ class Navigators:
             self._goals.stop(goal, 'bt_navigator was deactivated')
 
     def _server_timeout(self) -> float:
-        """How long a server, or the pose of the robot, is waited for, s of wall time."""
+        """Return how long a server, or the pose of the robot, is waited for, s of wall time."""
         return self._services.appear_timeout(self._services.server_timeout)
 
     def _wait_for_servers(self, *, patient: bool) -> None:
@@ -293,7 +293,7 @@ class TreeNavigator:
         self._goals.serve(NavigatorGoal(self, served, self._runtime.clock.now()))
 
     def statuses(self) -> list[Any]:
-        """What has become of the poses so far, where trees keep account of it."""
+        """Return what has become of the poses so far, where trees keep account of it."""
         statuses = self._board.get_or(self.parameters.statuses_key, [])
         return statuses if isinstance(statuses, list) else []
 

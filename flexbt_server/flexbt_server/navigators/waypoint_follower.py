@@ -112,7 +112,7 @@ class _Tour:
         self._drive(driven)
 
     def replaced(self) -> ActionCall | None:
-        """A newer goal has come; gives what the robot does for this one."""
+        """Return a newer goal has come; gives what the robot does for this one."""
         call = self._call
         self._end(self.served.abort, 'a newer goal has taken over')
         return call

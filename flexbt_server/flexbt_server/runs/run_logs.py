@@ -52,7 +52,7 @@ class RunLogs:
     """Writes the logs, on a thread of its own. Names are time of the start (UTC), tree and run, in this order."""
 
     def __init__(self, runtime: NodeRuntime, directory: Path, keep: int) -> None:
-        """Raises ServerParameterError when there is no such directory and none can be made."""
+        """Raise ServerParameterError when there is no such directory and none can be made."""
         try:
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
@@ -71,7 +71,7 @@ class RunLogs:
         runtime.on_close(self._close)
 
     def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
-        """Watches one run."""
+        """Watch one run."""
         return _RunLog(self._begin, run_id)
 
     def _begin(self, tree: Tree, run_id: str, marks: LogBuffer) -> LogWriter:
@@ -164,7 +164,7 @@ class TreeLogs:
         )
 
     def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
-        """Watches one run."""
+        """Watch one run."""
         return _TreeLog(self)
 
     def publish(self, names_of: dict[int, str], changes: list[LoggedChange]) -> None:
@@ -239,7 +239,7 @@ class Groot2Runs:
         runtime.on_close(self._server.close)
 
     def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
-        """Watches one run."""
+        """Watch one run."""
         return _Groot2Run(self._server, shown)
 
 

@@ -18,7 +18,7 @@ class TreeObserver(Protocol):
         """The nodes exist; the first tick is next."""
 
     def expanded(self, tree: Tree) -> None:
-        """Leaves have had trees made below them: the nodes are others, and so are uids, from the next mark on."""
+        """Leave have had trees made below them: the nodes are others, and so are uids, from the next mark on."""
 
     @property
     def log(self) -> Log | None:
@@ -61,11 +61,11 @@ class RunWatcher(Protocol):
     """A part of the server that watches every run."""
 
     def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
-        """Begins to watch a run. ``shown`` is what the clients of the server see of it, such as that it is paused."""
+        """Begin to watch a run. ``shown`` is what the clients of the server see of it, such as that it is paused."""
 
 
 def watched_by(stream: TreeObserver, run_id: str, watchers: Sequence[RunWatcher]) -> TreeObserver:
-    """The observer that stands for the stream of a run and for all who watch it."""
+    """Return the observer that stands for the stream of a run and for all who watch it."""
     return _Observers(stream, [watcher.open(run_id, stream) for watcher in watchers]) if watchers else stream
 
 

@@ -169,7 +169,7 @@ class TreeRun(Generic[Client]):
             return True
 
     def take_offer(self) -> Client | None:
-        """The client whose offer is open, which is not any more."""
+        """Return the client whose offer is open, which is not any more."""
         with self._lock:
             offer, self._offer = self._offer, None
         return None if offer is None else offer[0]
@@ -305,7 +305,7 @@ class TreeRun(Generic[Client]):
             self.stop(self._client, text)
 
     def _next_due(self, due: float) -> float:
-        """When the next tick is due: a period after the last one was, unless that was a wake-up or came late."""
+        """Return when the next tick is due: a period after the last one was, unless that was a wake-up or came late."""
         now = self._clock.now()
         period = self._tick_period
         return due + period if due <= now < due + period else now + period
@@ -348,7 +348,7 @@ class TreeRun(Generic[Client]):
 
     @contextmanager
     def _waiting_in_tick(self) -> Iterator[None]:
-        """A leaf waits for somebody else: the thread of the run does not hang, and the leaf does not block."""
+        """Provide a leaf waits for somebody else: the thread of the run does not hang, and the leaf does not block."""
         began = self._steady.now()
         with self._loop.resting():
             yield
@@ -409,7 +409,7 @@ class RunOutcome:
 
 
 def outcome_of_tree(tree: Tree, status: NodeStatus) -> RunOutcome:
-    """What the status means with which a tree has completed."""
+    """Return what the status means with which a tree has completed."""
     if status is NodeStatus.SUCCESS:
         return RunOutcome(BtExecute.Result.SUCCESS)
     if status is NodeStatus.SKIPPED:
@@ -441,7 +441,7 @@ def _error(error: NodeExecutionError) -> RunOutcome:
 
 
 def outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
-    """What a step of a run gives, or the ERROR that it raises: whoever gave the goal has to hear of it."""
+    """Return what a step of a run gives, or the ERROR that it raises: whoever gave the goal has to hear of it."""
     try:
         return step()
     except NodeExecutionError as error:
@@ -486,7 +486,7 @@ class TickOverrunWarner:
 
 
 def node_on_stack(thread: threading.Thread) -> TreeNode | None:
-    """The innermost node whose methods are on the stack of ``thread``; None when there is none."""
+    """Return the innermost node whose methods are on the stack of ``thread``; None when there is none."""
     frame = sys._current_frames().get(thread.ident or 0)
     while frame is not None:
         owner = frame.f_locals.get('self')

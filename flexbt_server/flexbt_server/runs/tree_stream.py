@@ -69,7 +69,7 @@ class TreeStream:
         self._statuses = self._publisher(msg.TreeStatus, names.TREE_STATUS, RunStream.show_statuses)
 
     def open(self, run_id: str, blackboard: str) -> RunStream:
-        """The stream of one run."""
+        """Return the stream of one run."""
         return RunStream(self, self._runtime.steady, run_id, blackboard)
 
     def now(self) -> Time:
@@ -236,7 +236,7 @@ class RunStream:
         self._stream.report(error)
 
     def _batches(self) -> Iterator[tuple[int, list[bytes], bool]]:
-        """What was logged, in encoded batches: the number of changes of each, and whether it is the last.
+        """Yield what was logged, in encoded batches: the number of changes of each, and whether it is the last.
 
         The last may be empty. When a batch is given, ``_statuses`` are those after it.
         """
@@ -278,7 +278,7 @@ class RunStream:
 
 
 def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:
-    """The marks of each round, with the stamp that follows them; None when the round is not over."""
+    """Yield the marks of each round, with the stamp that follows them; None when the round is not over."""
     begin = 0
     for end in itertools.compress(itertools.count(), map((0).__gt__, marks)):
         yield -marks[end], marks[begin:end]
@@ -291,7 +291,8 @@ _KINDS: Final = {kind: getattr(msg.TreeNode, kind.name) for kind in NodeKind}
 
 
 def tree_structure(tree: Tree, run_id: str, number: int, blackboard: str, now: Time) -> msg.TreeStructure:
-    """A tree as it is told to who draws it; ``number`` counts from 1 how often its nodes have changed in the run."""
+    """Return a tree as it is told to who draws it; ``number`` counts from 1 how often its nodes have changed in the
+    run."""
     parents = {child.uid: node.uid for node in tree.nodes for child in node.attached}
     return msg.TreeStructure(
         stamp=now.to_msg(),
@@ -344,7 +345,7 @@ class RoundReader:
         return bytes(self._reader.statuses[1:])
 
     def read(self, marks: Sequence[int]) -> list[bytes]:
-        """The ends of the changes that these marks, which follow those that were read before, mean."""
+        """Return the ends of the changes that these marks, which follow those that were read before, mean."""
         reader = self._reader
         key = bytes(reader.statuses), tuple(marks)
         known = self._rounds.get(key)
@@ -366,14 +367,14 @@ def encoded(seconds: int, nanoseconds: int, ends: Iterable[bytes]) -> bytes:
 
 
 def apply(ends: Iterable[bytes], statuses: bytearray) -> None:
-    """Makes these changes to the statuses, whose index is uid - 1."""
+    """Make these changes to the statuses, whose index is uid - 1."""
     for end in ends:
         uid, _, after = _END.unpack(end)
         statuses[uid - 1] = after
 
 
 def serialized(message: msg.TreeStatus, count: int, changes: Sequence[bytes]) -> bytes:
-    """The serialized ``message``, which has no changes, with so many encoded ones."""
+    """Return the serialized ``message``, which has no changes, with so many encoded ones."""
     data: Any = serialize_message(message)
     # The last that is there is the number of changes, 0.
     return b''.join((data[: -_COUNT.size], _COUNT.pack(count), *changes))

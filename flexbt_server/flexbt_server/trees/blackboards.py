@@ -68,11 +68,11 @@ class Blackboards:
         self._lock = threading.Lock()
 
     def get(self, name: str) -> Blackboard:
-        """The blackboard called ``name``, which is made if there is none. Whoever works on it has to hold it."""
+        """Return the blackboard called ``name``, which is made if there is none. Whoever works on it has to hold it."""
         return self._shared if name == SHARED else self._named.get(name, Blackboard)
 
     def find(self, name: str) -> Blackboard:
-        """The blackboard called ``name``; if there is none, an empty one, which is nobody's."""
+        """Return the blackboard called ``name``; if there is none, an empty one, which is nobody's."""
         return self._shared if name == SHARED else self._named.find(name) or Blackboard()
 
     def receive(self, name: str, entries: Sequence[BlackboardEntry]) -> list[Value]:
@@ -128,7 +128,7 @@ def _port_type(ros_type: str) -> PortType | None:
 
 
 def _ros_type(board: Blackboard, key: str) -> str | None:
-    """The ROS type of an entry, where its type on the blackboard is one."""
+    """Return the ROS type of an entry, where its type on the blackboard is one."""
     entry = board.entry(key)
     if entry is None or entry.type is None:
         return None

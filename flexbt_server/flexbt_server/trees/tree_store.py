@@ -67,7 +67,7 @@ class FoundTree(NamedTuple):
     notice: str
 
     def nodes(self) -> Iterator[NodeDefinition]:
-        """Those of the tree, and of the trees of which it is made."""
+        """Yield those of the tree, and of the trees of which it is made."""
         for tree in _trees_behind(self.library, self.key):
             yield from self.library.definition(tree).nodes()
 
@@ -127,7 +127,7 @@ class TreeStore:
         return self._library
 
     def read_text(self, name: str) -> str:
-        """The text of another file, from where those of trees may be, and as long as they may be.
+        """Return the text of another file, from where those of trees may be, and as long as they may be.
 
         Raises:
             ResourceError: it cannot be read; says why.
@@ -162,7 +162,7 @@ class TreeStore:
             return self._load(requests, progress, newest=True)
 
     def find(self, name: str) -> FoundTree:
-        """The tree that a goal names, by ID or by file.
+        """Return the tree that a goal names, by ID or by file.
 
         A file is loaded when it is not. Files that the tree is made of, included ones too, are loaded again when they
         have changed; if what they have become is refused, all stays as it was, and the notice says why.
@@ -210,12 +210,12 @@ class TreeStore:
         return None if main is None else TreeKey(name, main)
 
     def _dropped_file(self, id: str) -> str:
-        """The file that has to be loaded again for a tree; '' if it is loaded, was never, or came as a text."""
+        """Return the file that has to be loaded again for a tree; '' if it is loaded, was never, or came as a text."""
         file = self._dropped.get(id, '')
         return '' if self._library.find(id) is not None or file.startswith(_TEXT_PREFIX) else file
 
     def _part(self, key: TreeKey) -> TreeLibrary:
-        """The part of the library of which a tree is made: a run does not keep all the rest of it."""
+        """Return the part of the library of which a tree is made: a run does not keep all the rest of it."""
         part = self._parts.get(key)
         if part is None:
             files = frozenset(self._files_behind(key))
@@ -225,7 +225,7 @@ class TreeStore:
         return part
 
     def _files_behind(self, key: TreeKey) -> list[str]:
-        """The documents that have the trees of which this one is made, and the models, which all go by."""
+        """Return the documents that have the trees of which this one is made, and the models, which all go by."""
         found = self._files_of.get(key)
         if found is None:
             with_models = (file for file, document in self._library.documents.items() if document.models)
@@ -263,7 +263,7 @@ class TreeStore:
     def _load(
         self, requests: Sequence[tuple[str, FileReading]], progress: Callable[[str, int], bool] | None, newest: bool
     ) -> list[FileReport]:
-        """Loads all or nothing. ``newest``: their trees become the newest of their names; otherwise they keep their
+        """Load all or nothing. ``newest``: their trees become the newest of their names; otherwise they keep their
         places."""
         reports: list[FileReport] = []
         documents: list[TreeDocument] = []
@@ -351,7 +351,7 @@ class TreeStore:
     def _to_drop(
         self, library: TreeLibrary, weights: Mapping[str, TreeSize], readings: Sequence[FileReading]
     ) -> list[str]:
-        """The documents that make room for new ones. Raises ResourceError when there are not enough of them."""
+        """Return the documents that make room for new ones. Raises ResourceError when there are not enough of them."""
         in_use = {file for part in self._in_use for file in part.documents}
         return self._memory.to_drop(library, weights, in_use.union(reading.name for reading in readings))
 
@@ -399,7 +399,7 @@ def _refuse(report: FileReport, error: ResourceError | OSError) -> None:
 
 
 def _trees_behind(library: TreeLibrary, key: TreeKey) -> list[TreeKey]:
-    """The tree, and those of which it is made."""
+    """Return the tree, and those of which it is made."""
     keys = [key]
     for tree in keys:
         ids = {node.tree_id for node in library.definition(tree).nodes() if node.tree_id is not None}
@@ -450,7 +450,7 @@ class TreeFiles:
         return content, SourceFile(hashlib.sha256(content).digest(), path, stamp)
 
     def are_current(self, sources: Mapping[str, SourceFile]) -> bool:
-        """Whether all of these files are as they were, by their stamps: a stat for each."""
+        """Return whether all of these files are as they were, by their stamps: a stat for each."""
         return all(self._is_current(name, source) for name, source in sources.items())
 
     def _is_current(self, name: str, source: SourceFile) -> bool:
@@ -480,11 +480,11 @@ class FileReading:
         self.length = 0
 
     def main(self) -> bytes:
-        """The document itself. Raises ResourceError or OSError."""
+        """Return the document itself. Raises ResourceError or OSError."""
         return self._content(self.name)
 
     def include(self, path: str, package: str | None, including: str) -> tuple[str, bytes]:
-        """An :data:`IncludeResolver`."""
+        """Return an :data:`IncludeResolver`."""
         if package:
             name = f'{package}/{path}'
         elif path.startswith('/') or including.startswith('<'):
@@ -497,7 +497,7 @@ class FileReading:
             raise OSError(str(error).removeprefix(f'{name}: ')) from error
 
     def is_same(self, sources: Mapping[str, SourceFile]) -> bool:
-        """Whether these sources have the same content still; then they are those of this reading."""
+        """Return whether these sources have the same content still; then they are those of this reading."""
         found = {name: self._state(name) for name in sources}
         if any(found[name].digest != source.digest for name, source in sources.items()):
             return False

@@ -86,7 +86,8 @@ class EngineHost:
             tell(f'held {self._server.told}')
 
     def held(self) -> str:
-        """Whether a breakpoint holds the tick up, and how many have. In this order: the second may be the newer one."""
+        """Return whether a breakpoint holds the tick up, and how many have. In this order: the second may be the newer
+        one."""
         assert self._watched is not None
         held = self._watched.breakpoints.held
         return f'? {held} {self._holds}'
@@ -175,7 +176,7 @@ class Host:
         self._id = 0
 
     def _connect(self, port: int) -> None:
-        """Returns when notices arrive."""
+        """Return when notices arrive."""
         for socket, number in ((self._requests, port), (self._notices, port + 1)):
             socket.set(zmq.LINGER, 0)
             socket.set(zmq.RCVTIMEO, int(DEADLINE * 1000))
@@ -193,11 +194,11 @@ class Host:
         self._lines.put('ended')
 
     def send(self, command: str) -> None:
-        """Begins something; its result is a line."""
+        """Begin something; its result is a line."""
         os.write(self._commands, command.encode() + b'\n')
 
     def line(self) -> str:
-        """The next line."""
+        """Return the next line."""
         line, _, told = self._lines.get(timeout=DEADLINE).partition(' ')
         self._holds += line == 'held'
         if told:
@@ -205,7 +206,7 @@ class Host:
         return line
 
     def is_held(self) -> bool:
-        """Whether the breakpoint that the last ``held`` told of holds the tick up. Only of the engine."""
+        """Return whether the breakpoint that the last ``held`` told of holds the tick up. Only of the engine."""
         self.send('held?')
         return self._answers.get(timeout=DEADLINE) == f'? True {self._holds}'
 
@@ -214,7 +215,7 @@ class Host:
         assert found == line, found
 
     def ask(self, type: int, *content: bytes, header: bytes | None = None) -> list[bytes]:
-        """The reply to a request. It has to have the header of the request."""
+        """Return the reply to a request. It has to have the header of the request."""
         self._id += 1
         sent = struct.pack('<BBI', protocol.PROTOCOL, type, self._id)
         self._requests.send_multipart([sent if header is None else header, *content])
@@ -233,7 +234,7 @@ class Host:
         return notices
 
     def more_notices(self) -> list[bytes]:
-        """Those that are there already."""
+        """Return those that are there already."""
         notices = []
         while self._notices.poll(0):
             notices.append(self._notices.recv_multipart()[1])

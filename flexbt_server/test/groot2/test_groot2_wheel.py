@@ -59,7 +59,7 @@ def pairs() -> Iterator[Any]:
 
 
 def canonical(element: ElementTree.Element) -> Any:
-    """An element, without the order of its attributes."""
+    """Return an element, without the order of its attributes."""
     return element.tag, element.attrib, [canonical(child) for child in element]
 
 
@@ -133,7 +133,7 @@ class Comparison:
         self.compare(RequestType.STATUS)
 
     def settle(self) -> None:
-        """Waits until the tick is over, or held up. The engine says so; the library has to be at the same place."""
+        """Wait until the tick is over, or held up. The engine says so; the library has to be at the same place."""
         line = self.ours.line()
         self.held = line == 'held'
         count, self.told = self.ours.told - self.told, self.ours.told
@@ -244,7 +244,7 @@ class Comparison:
         self.follow()
 
     def follow(self) -> None:
-        """Waits for the tick after a request that may have let it go on."""
+        """Wait for the tick after a request that may have let it go on."""
         if self.held and not self.ours.is_held():
             self.settle()
 
@@ -258,7 +258,7 @@ def transitions(data: bytes) -> list[tuple[int, int, int]]:
 
 
 def random_xml(chance: random.Random) -> str:
-    """A tree without timers."""
+    """Return a tree without timers."""
     names = itertools.count()
     trees: list[str] = []
 

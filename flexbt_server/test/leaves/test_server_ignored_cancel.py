@@ -24,7 +24,7 @@ TURN_OR_BACK = '<Fallback><Spin name="turn" _while="turns"/><BackUp name="back"/
 
 
 def ignores_cancels(world: ServerWorld, response: CancelResponse, action: str = names.SPIN) -> ScriptedActionServer:
-    """The server of an action, whose goals go on whatever is asked."""
+    """Return the server of an action, whose goals go on whatever is asked."""
     world.navigation.hold.add(action)
     server = world.navigation.actions[action]
     server.on_cancel = lambda _handle: response
@@ -32,7 +32,7 @@ def ignores_cancels(world: ServerWorld, response: CancelResponse, action: str = 
 
 
 def turn_then_back(world: ServerWorld, spin: ScriptedActionServer) -> SentGoal:
-    """Runs TURN_OR_BACK; the turn is halted while the server works on its goal."""
+    """Run TURN_OR_BACK; the turn is halted while the server works on its goal."""
     world.client.load_tree(TURN_OR_BACK)
     world.client.set(to_entry('turns', True))
     goal = world.client.execute()
@@ -42,7 +42,7 @@ def turn_then_back(world: ServerWorld, spin: ScriptedActionServer) -> SentGoal:
 
 
 def paused_and_resumed(world: ServerWorld, server: ScriptedActionServer, leaf: str) -> SentGoal:
-    """Runs a leaf whose goal is canceled for a pause, which is over when this returns."""
+    """Run a leaf whose goal is canceled for a pause, which is over when this returns."""
     world.client.load_tree(leaf)
     goal = world.client.execute()
     wait_until(lambda: server.running, 'the goal')

@@ -33,8 +33,8 @@ def opened() -> Iterator[ServerWorld]:
 
 @pytest.fixture
 def world(opened: ServerWorld, monkeypatch: pytest.MonkeyPatch) -> ServerWorld:
-    """The one world, with servers that have forgotten what they were asked for, and that answer soon, however busy the
-    machine is."""
+    """Return the one world, with servers that have forgotten what they were asked for, and that answer soon, however
+    busy the machine is."""
     monkeypatch.setattr(service_leaf, 'ANSWER_SECONDS', DEADLINE)
     for server in opened.navigation.actions.values():
         server.forget()

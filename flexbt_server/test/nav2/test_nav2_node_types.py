@@ -226,8 +226,8 @@ def test_the_branches_have_so_many_node_types() -> None:
 
 
 def leaf_base(id: str, node: Node) -> type[Any]:
-    """The base of a leaf that may be RUNNING where Nav2's may: BtActionNode, BtServiceNode after a moment, and what
-    looks anew in each tick. BtCancelActionNode waits within its tick, and so does IsPathValid."""
+    """Return the base of a leaf that may be RUNNING where Nav2's may: BtActionNode, BtServiceNode after a moment, and
+    what looks anew in each tick. BtCancelActionNode waits within its tick, and so does IsPathValid."""
     if node.kind == 'Condition':
         return Condition
     bases = {'+action': ActionLeaf, '+wait': ActionLeaf, '+service': ServiceLeaf, '+cancel': ServiceSyncAction}

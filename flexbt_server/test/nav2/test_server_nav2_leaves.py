@@ -47,7 +47,7 @@ def opened() -> Iterator[ServerWorld]:
 
 @pytest.fixture
 def world(opened: ServerWorld) -> ServerWorld:
-    """The one world, with servers that succeed, and that have forgotten what they were asked for."""
+    """Return the one world, with servers that succeed, and that have forgotten what they were asked for."""
     navigation = opened.navigation
     for server in navigation.actions.values():
         server.forget()
@@ -94,18 +94,18 @@ def run(world: ServerWorld, leaf: str, code: int = Result.SUCCESS, **inputs: Any
 
 
 def recoveries(result: Any) -> int:
-    """How many a run has counted."""
+    """Return how many a run has counted."""
     return int(from_entry(result.outputs[0]))
 
 
 def entry(world: ServerWorld, key: str) -> Any:
-    """What the shared blackboard has under ``key``; None when it has nothing."""
+    """Return what the shared blackboard has under ``key``; None when it has nothing."""
     entries = world.client.get(key).entries
     return from_entry(entries[0]) if entries else None
 
 
 def goal(world: ServerWorld, name: str) -> Any:
-    """The one goal that a server has got."""
+    """Return the one goal that a server has got."""
     (only,) = world.navigation.actions[name].goals
     return only
 
@@ -364,7 +364,7 @@ def test_a_controller_waits_for_a_path_only_after_a_failure_and_not_for_ever(
 
 
 def publisher(world: ServerWorld, message_type: type[Any], topic: str) -> Callable[[Any], None]:
-    """Publishes messages, once somebody has subscribed."""
+    """Publish messages, once somebody has subscribed."""
     runtime = world.client.runtime
     made = runtime.call(lambda: runtime.node.create_publisher(message_type, topic, 1))
     wait_until(made.get_subscription_count, f'a subscription of {topic}')
@@ -428,7 +428,7 @@ def test_a_topic_that_cannot_be_is_told_by_the_tree_that_reads_it(world: ServerW
 
 
 def leaves(world: ServerWorld, leaf: str, **inputs: Any) -> bool:
-    """Whether a leaf succeeds."""
+    """Return whether a leaf succeeds."""
     world.client.load_tree(leaf)
     return bool(world.client.execute(inputs=inputs).result.code == Result.SUCCESS)
 

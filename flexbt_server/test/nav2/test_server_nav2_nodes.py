@@ -36,7 +36,7 @@ def world() -> Iterator[ServerWorld]:
 
 
 def publisher(world: ServerWorld, message_type: type[Any], topic: str) -> Callable[[Any], None]:
-    """Publishes messages, once somebody has subscribed."""
+    """Publish messages, once somebody has subscribed."""
     runtime = world.client.runtime
     made = runtime.call(lambda: runtime.node.create_publisher(message_type, topic, 1))
     wait_until(made.get_subscription_count, f'a subscription of {topic}')
@@ -44,13 +44,13 @@ def publisher(world: ServerWorld, message_type: type[Any], topic: str) -> Callab
 
 
 def entry(world: ServerWorld, key: str) -> Any:
-    """What the shared blackboard has under ``key``; None when it has nothing."""
+    """Return what the shared blackboard has under ``key``; None when it has nothing."""
     entries = world.client.get(key).entries
     return from_entry(entries[0]) if entries else None
 
 
 def counting(decorator: str, ports: str = '') -> str:
-    """A tree that runs for ever, in which each run of the decorator's child adds one to the entry [n]."""
+    """Return a tree that runs for ever, in which each run of the decorator's child adds one to the entry [n]."""
     return (
         f'<PipelineSequence><{decorator} {ports}><Counts key="n"/></{decorator}><Sleep msec="1000000"/>'
         '</PipelineSequence>'

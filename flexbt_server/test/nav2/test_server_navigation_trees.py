@@ -225,7 +225,7 @@ def set_clock(world: ServerWorld, seconds: int) -> None:
 
 
 def with_another_goal_while_it_spins(world: ServerWorld, tree: str) -> Any:
-    """The result of the second goal; the spin takes 1 s."""
+    """Return the result of the second goal; the spin takes 1 s."""
     world.navigation.hold.add(names.SPIN)
     spin = world.navigation.actions[names.SPIN]
     first = world.client.execute(tree, goals=[pose_stamped(1)])

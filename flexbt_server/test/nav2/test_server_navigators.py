@@ -82,7 +82,7 @@ class Front:
         self._goal_poses.publish(pose_stamped(x))
 
     def driven_to(self) -> list[float]:
-        """Where the paths end that the controller got."""
+        """Return where the paths end that the controller got."""
         return [goal.path.poses[-1].pose.position.x for goal in self.follow.goals]
 
     def planned_to(self) -> list[float]:
@@ -116,7 +116,7 @@ def front() -> Iterator[Front]:
 
 @pytest.fixture
 def driving(front: Front) -> Front:
-    """A robot that drives until it is told to stop."""
+    """Return a robot that drives until it is told to stop."""
     front.navigation.hold.add(names.FOLLOW_PATH)
     return front
 
@@ -126,7 +126,7 @@ def more_than(items: list[Any], count: int) -> bool:
 
 
 def ended(goal: SentGoal, status: GoalStatus = GoalStatus.SUCCEEDED, *fragments: str, code: int = 0) -> Any:
-    """The result of a goal that has to end so."""
+    """Return the result of a goal that has to end so."""
     outcome = goal.wait()
     assert outcome.status is status, outcome
     assert goal.result.error_code == code

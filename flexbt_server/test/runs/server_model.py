@@ -60,7 +60,8 @@ def _leaf(chance: random.Random) -> Plan:
 
 
 def make_plan(chance: random.Random, depth: int = 3) -> Plan:
-    """A random tree. What it may do is a superset: which child of a Parallel is the first is a matter of time."""
+    """Return a random tree. What it may do is a superset: which child of a Parallel is the first is a matter of
+    time."""
     if depth == 0 or chance.random() < 0.25:
         return _leaf(chance)
     if chance.random() < 0.3:
@@ -119,7 +120,7 @@ class ModelGoal:
     superseded: bool = False
 
     def problem(self) -> str:
-        """What is wrong with its end; '' when the server may answer so."""
+        """Return what is wrong with its end; '' when the server may answer so."""
         outcome = self.sent.wait()
         if len(self.sent.outcomes) != 1:
             return f'{len(self.sent.outcomes)} outcomes'

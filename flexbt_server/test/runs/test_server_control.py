@@ -60,7 +60,7 @@ class Operator:
         wait_until(link.is_ready, 'control_tree')
 
     def send(self, command: int, run_id: str = '', owner: str = '') -> Any:
-        """The future of the response."""
+        """Return the future of the response."""
         request = ControlTree.Request(command=command, run_id=run_id, owner=owner)
         return self._runtime.call(lambda: self._link.client.call_async(request))
 

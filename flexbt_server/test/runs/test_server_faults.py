@@ -54,7 +54,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def world() -> Iterator[ServerWorld]:
-    """A server that is soon tired of waiting, and that has nothing left at the end."""
+    """Yield a server that is soon tired of waiting, and that has nothing left at the end."""
     Held.reset()
     try:
         with open_server_world(cancel_timeout=0.3) as opened:

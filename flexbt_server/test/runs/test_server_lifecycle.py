@@ -57,7 +57,7 @@ class Managed:
             assert self.manager.change(label), label
 
     def entities(self) -> Counter[type]:
-        """What there is on the node, by kind."""
+        """Return what there is on the node, by kind."""
 
         return self.runtime.call(lambda: entities_of(self.node))
 
@@ -147,7 +147,7 @@ def test_only_the_server_that_waits_for_a_read_that_hangs_is_not_ready() -> None
         unready = LivelinessToken(runtime)._held._unready
 
         def configure(disk: threading.Event) -> NodeScope:
-            """What is configured has begun to read, and is late."""
+            """Return what is configured has begun to read, and is late."""
 
             def read() -> None:
                 threads.append(threading.current_thread())

@@ -23,7 +23,7 @@ FOREVER = '<Sleep msec="1000000000"/>'
 
 
 def counting(decorator: str) -> str:
-    """Runs for ever; each run of the decorator's child adds one to the entry [n]."""
+    """Run for ever; each run of the decorator's child adds one to the entry [n]."""
     node = decorator.split()[0]
     return f'<PipelineSequence><{decorator}><Counts key="n"/></{node}>{FOREVER}</PipelineSequence>'
 

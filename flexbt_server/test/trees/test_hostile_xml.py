@@ -28,7 +28,7 @@ MEMORY = 50e6
 
 @pytest.fixture(scope='module')
 def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the server may read files."""
+    """Return where the server may read files."""
     return tmp_path_factory.mktemp('trees')
 
 
@@ -50,7 +50,7 @@ def bounded_memory() -> Iterator[None]:
 
 
 def refused(world: ServerWorld, file: Path) -> list[BtLoadReport]:
-    """The reports of a file that must not be loaded."""
+    """Return the reports of a file that must not be loaded."""
     began = time.process_time()
     result = world.client.load(str(file))
     assert time.process_time() - began < IN_TIME

@@ -31,7 +31,7 @@ def including(*files: str, body: str = '<SubTree ID="Inner"/>', tree: str = 'Mai
 
 
 def names_in(library: TreeLibrary, key: TreeKey) -> list[str]:
-    """Names of the leaves of a tree, sub-trees resolved."""
+    """Name of the leaves of a tree, sub-trees resolved."""
     names = []
     for node in library.definition(key).nodes():
         if node.tree_id is not None:

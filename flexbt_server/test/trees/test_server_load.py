@@ -21,7 +21,7 @@ MUCH = 1_000_000
 
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServerWorld]:
-    """A server that may read tmp_path/trees, and a package 'fixture_trees' whose share is tmp_path/share."""
+    """Yield a server that may read tmp_path/trees, and a package 'fixture_trees' whose share is tmp_path/share."""
     prefix = tmp_path / 'prefix'
     index = prefix / 'share/ament_index/resource_index/packages'
     index.mkdir(parents=True)

@@ -41,7 +41,7 @@ def store(registry: NodeRegistry, tmp_path: Path) -> TreeStore:
 
 
 def large(tree: str, more: str = '') -> str:
-    """A document with a tree of so many nodes."""
+    """Return a document with a tree of so many nodes."""
     return document(f'<Sequence>{more}{"<AlwaysSuccess/>" * NODES}</Sequence>', tree)
 
 

@@ -26,7 +26,7 @@ LIDAR_SIZE = (0.04, 0.04)
 
 
 def robot_description(name: str, model: RobotModel, base_frame: str, footprint_frame: str, scan_frame: str) -> str:
-    """The URDF of a robot.
+    """Return the URDF of a robot.
 
     The frame of the footprint is that of the base on the ground, which is the same in a flat world; Nav2's robots have
     both. A footprint that is no circle is drawn as a wall along its sides.
@@ -49,7 +49,7 @@ def robot_description(name: str, model: RobotModel, base_frame: str, footprint_f
 
 
 def _link(robot: Element, frame: str, parent: str, pose: Pose) -> Element:
-    """A link that is fixed to another one."""
+    """Return a link that is fixed to another one."""
     link = SubElement(robot, 'link', name=frame)
     joint = SubElement(robot, 'joint', name=f'{parent}_to_{frame}', type='fixed')
     SubElement(joint, 'parent', link=parent)

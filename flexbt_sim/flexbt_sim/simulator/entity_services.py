@@ -70,7 +70,8 @@ class ServiceRefusedError(SimulationError):
 
 
 def answered(answer: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
-    """A service callback whose response has a ``result``, the code of what ``answer(request, response)`` raises."""
+    """Return a service callback whose response has a ``result``, the code of what ``answer(request, response)``
+    raises."""
 
     def callback(request: Any, response: Any) -> Any:
         response.result.result = Result.RESULT_OK
@@ -204,7 +205,7 @@ class EntityServices:
         return entity
 
     def _pose(self, message: PoseMessage, frame: str, code: int) -> Pose:
-        """The pose in the map. A frame may be that of the map, or the name of an entity."""
+        """Return the pose in the map. A frame may be that of the map, or the name of an entity."""
         turned = message.orientation
         length = math.hypot(turned.x, turned.y, turned.z, turned.w)
         pose = pose_of(message)
@@ -311,7 +312,7 @@ def _has_tags(wanted: TagsFilter, tags: tuple[str, ...]) -> bool:
 
 
 def _area(bounds: Bounds) -> tuple[Shape, Pose] | None:
-    """What bounds take up in the plane; None where they restrict nothing."""
+    """Return what bounds take up in the plane; None where they restrict nothing."""
     if bounds.type == Bounds.TYPE_EMPTY:
         return None
     points = [(point.x, point.y) for point in bounds.points]
@@ -360,7 +361,7 @@ class NameFilter:
             raise self._error(f'{pattern[self._at]!r} has no beginning')
 
     def __call__(self, name: str) -> bool:
-        """Whether the name is matched."""
+        """Return whether the name is matched."""
         if not self._pattern:
             return True
         now = self._reached({self._start})

@@ -27,7 +27,7 @@ STAMP: Final = (('i', 'sec'), ('I', 'nanosec'))
 
 
 def stamp_fields(path: str) -> tuple[tuple[str, str], ...]:
-    """The fields of a time, for :class:`MessageTemplate`."""
+    """Return the fields of a time, for :class:`MessageTemplate`."""
     return tuple((code, f'{path}.{name}') for code, name in STAMP)
 
 
@@ -54,7 +54,7 @@ class MessageTemplate:
         self._array = self._find(struct.pack('<f', _MARKS['f'](0)), array) if array else 0
 
     def filled(self, *numbers: float) -> bytes:
-        """The bytes with these numbers, one for each field."""
+        """Return the bytes with these numbers, one for each field."""
         for (pack_into, offset), number in zip(self._fields, numbers, strict=True):
             pack_into(self._bytes, offset, number)
         return bytes(self._bytes)

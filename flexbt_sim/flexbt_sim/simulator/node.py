@@ -164,7 +164,7 @@ class Simulator:
         self._keepout.update()
 
     def _stands_in_for(self, namespace: str) -> str:
-        """The simulator in the namespace of a robot, whose nodes look for it there."""
+        """Return the simulator in the namespace of a robot, whose nodes look for it there."""
         return f'{self.runtime.node.get_namespace().rstrip("/")}/{namespace}{self.runtime.name}'
 
     def _watch_computations(self) -> None:
@@ -180,7 +180,7 @@ class Simulator:
         return [topics.namespace for topics in self._robots.values()]
 
     def stamp(self) -> Time:
-        """The time of the clock."""
+        """Return the time of the clock."""
         seconds, nanoseconds = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
         return Time(sec=seconds, nanosec=nanoseconds)
 
@@ -194,7 +194,7 @@ class Simulator:
         self._serve_entities()
 
     def is_free_namespace(self, namespace: str) -> bool:
-        """Whether no robot is there."""
+        """Return whether no robot is there."""
         return f'{namespace.strip("/")}/' not in {topics.namespace for topics in self._robots.values()}
 
     def remove(self, entity: Entity) -> None:
@@ -262,7 +262,7 @@ class Simulator:
         self._serve_entities()
 
     def has_navigation(self, robot: str) -> bool:
-        """Whether a node navigation is there for a robot, and carries out the faults of its servers."""
+        """Return whether a node navigation is there for a robot, and carries out the faults of its servers."""
         return self._robots[robot].has_navigation
 
     def publish_faults(self) -> None:

@@ -55,7 +55,7 @@ class SimulatorParameters:
         return self.world or self.map
 
     def make_world(self) -> World:
-        """The world as it is at the start.
+        """Return the world as it is at the start.
 
         Raises:
             SimulationError: it cannot be made.
@@ -78,12 +78,12 @@ class SimulatorParameters:
         return world
 
     def namespace_of(self, robot: str) -> str:
-        """What goes before the names of the topics of a robot: '' or 'robot1/'."""
+        """Return what goes before the names of the topics of a robot: '' or 'robot1/'."""
         return f'{robot}/' if self.world is not None and self.namespaces else ''
 
 
 def built_in_map() -> Path:
-    """The map that comes along."""
+    """Return the map that comes along."""
     return Path(get_package_share_directory('flexbt_sim')) / 'maps' / 'rooms.yaml'
 
 
@@ -151,7 +151,7 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
 
 
 def _robot(declare: ParameterDeclarer) -> RobotModel:
-    """The model of the robot where there is no world file. Its battery lasts for ever."""
+    """Return the model of the robot where there is no world file. Its battery lasts for ever."""
     drive, lidar = DriveModel(), LidarModel()
     least, greatest = (
         declare.real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm'),

@@ -295,7 +295,7 @@ class RobotTopics:
             self._server_faults.publish(faults_message(faults))
 
     def messages(self, now: float, stamp: Stamp, *, moves: bool) -> Iterator[Message]:
-        """What is to be said at a time of the world, s, which is ``stamp`` by the clock that others have.
+        """Yield what is to be said at a time of the world, s, which is ``stamp`` by the clock that others have.
 
         ``moves``: odometry, pose and transforms are due.
         """
@@ -310,7 +310,8 @@ class RobotTopics:
         return isinstance(dropped, MessagesDropped) and bool(self._loss.random() < dropped.probability)
 
     def _is_late(self, message: Message, now: float) -> bool:
-        """Whether it has to wait, for its delay or for those of its topic that do; :meth:`messages` has it then."""
+        """Return whether it has to wait, for its delay or for those of its topic that do; :meth:`messages` has it
+        then."""
         late, queue = self.robot.faults.get(MessagesLate.slot_of(message[0])), self._late[message[0]]
         due = max(now + late.delay if isinstance(late, MessagesLate) else now, queue[-1][0] if queue else now)
         if due > now:
@@ -406,7 +407,7 @@ class RobotTopics:
 
 
 def _planar(position: str, orientation: str) -> tuple[tuple[str, str], ...]:
-    """The fields of a pose in the plane; see :func:`_place`."""
+    """Return the fields of a pose in the plane; see :func:`_place`."""
     return ('d', f'{position}.x'), ('d', f'{position}.y'), ('d', f'{orientation}.z'), ('d', f'{orientation}.w')
 
 

@@ -45,13 +45,13 @@ class SimulatorParts(Protocol):
         """Where the topics of the robots are, within that of the node: '' or 'robot1/'."""
 
     def stamp(self) -> Time:
-        """The time of the clock."""
+        """Return the time of the clock."""
 
     def spawned(self, entity: Entity, namespace: str) -> None:
         """Something has come: make what it needs, in a namespace of its own unless it is named."""
 
     def is_free_namespace(self, namespace: str) -> bool:
-        """Whether no robot is there."""
+        """Return whether no robot is there."""
 
     def remove(self, entity: Entity) -> None:
         """Take something away, and what it needed."""
@@ -69,7 +69,7 @@ class SimulatorParts(Protocol):
         """The clock begins at 0."""
 
     def has_navigation(self, robot: str) -> bool:
-        """Whether a node navigation carries out the faults of the servers of a robot."""
+        """Return whether a node navigation carries out the faults of the servers of a robot."""
 
     def publish_faults(self) -> None:
         """Tell the navigation servers which faults they have."""

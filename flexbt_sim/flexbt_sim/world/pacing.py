@@ -58,7 +58,7 @@ class Schedule:
     """
 
     def __init__(self, factor: float, now: float) -> None:
-        """Raises ValueError for a factor that is negative or not finite."""
+        """Raise ValueError for a factor that is negative or not finite."""
         if not 0.0 <= factor < math.inf:
             raise ValueError(f'speed factor {factor}: give 0 or a positive, finite number')
         self.factor = factor
@@ -85,7 +85,7 @@ class _Driver:
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=9))
 
     def is_due(self, now: float) -> bool:
-        """Whether its next command should have come, by the interval that its commands usually have."""
+        """Return whether its next command should have come, by the interval that its commands usually have."""
         usual = median_low(self.intervals) if self.intervals else 0.0
         return self.commanded_at < now < self.until and now - self.commanded_at > usual - 1e-6
 
@@ -115,13 +115,13 @@ class Drivers:
         self._drivers.clear()
 
     def acting(self, now: float) -> bool:
-        """Whether anybody drives."""
+        """Return whether anybody drives."""
         for robot in [name for name, driver in self._drivers.items() if now >= driver.until]:
             self.forget(robot)
         return bool(self._drivers)
 
     def due(self, now: float) -> list[str]:
-        """The robots whose next command should have come."""
+        """Return the robots whose next command should have come."""
         return [robot for robot, driver in self._drivers.items() if driver.is_due(now)]
 
     def did_not_answer(self, robot: str) -> None:
@@ -241,8 +241,8 @@ class Pacer:
             request.on_stepped(request.left, True)
 
     def begin(self, most: int) -> tuple[int, bool]:
-        """How many steps may be made now, up to ``most``, and whether they are those that were asked for while time
-        stands still; it waits for them then. 0 after :meth:`stop`.
+        """Return how many steps may be made now, up to ``most``, and whether they are those that were asked for while
+        time stands still; it waits for them then. 0 after :meth:`stop`.
         """
         with self._event:
             self._event.wait_for(lambda: self._stopped or not self._is_paused or self._request is not None)

@@ -70,7 +70,7 @@ class Trace:
         self.frames.append(frame_of(self._world))
 
     def driven(self, name: str, until: float = math.inf) -> list[Point]:
-        """Where a body was, up to a time, s."""
+        """Return where a body was, up to a time, s."""
         seen = (one.bodies[name][1] for one in self.frames if one.time <= until and name in one.bodies)
         return [(pose.x, pose.y) for pose in seen]
 
@@ -95,7 +95,7 @@ class Trace:
 
 
 def frame_of(world: World) -> TraceFrame:
-    """How a world is now."""
+    """Return how a world is now."""
     bodies = {
         name: (body.shape, body.pose)
         for kind in (world.obstacles, world.doors, world.robots)
@@ -113,7 +113,8 @@ def draw_world(
     world: World, trace: Trace | None = None, *, paths: Paths | None = None, pixels: int = PIXELS,
     time: float | None = None,
 ) -> Image.Image:  # fmt: skip
-    """A picture of a world: map, zones, stations, places, obstacles, doors, robots with footprint, heading and scan.
+    """Return a picture of a world: map, zones, stations, places, obstacles, doors, robots with footprint, heading and
+    scan.
 
     With a trace, also where the robots have driven up to then; ``paths`` are planned ones by names, dashed. ``pixels``
     is the longer side, ``time`` what the picture tells as the time, s, by default that of the world.

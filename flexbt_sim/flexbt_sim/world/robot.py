@@ -131,7 +131,7 @@ class Robot(Body):
         return compose(self._measured, self.pose) if self._is_exact else self._odometry
 
     def is_driven(self, now: float) -> bool:
-        """Whether it moves, or has a command, which may be to stand, that its watchdog has not ended."""
+        """Return whether it moves, or has a command, which may be to stand, that its watchdog has not ended."""
         return bool(self.linear or self.angular or now < self._until)
 
     @property

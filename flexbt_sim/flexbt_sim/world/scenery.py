@@ -213,7 +213,7 @@ class Zone(Marking[ZoneModel]):
         return self.model.area
 
     def contains(self, x: float, y: float) -> bool:
-        """Whether a point is in it."""
+        """Return whether a point is in it."""
         return contains(self.model.area, self.model.pose, x, y)
 
 

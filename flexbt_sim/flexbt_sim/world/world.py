@@ -106,7 +106,7 @@ class World:
 
     @classmethod
     def load(cls, file: Path | str, *, seed: int | None = None) -> World:
-        """The world that a file describes; ``seed`` in place of that of the file.
+        """Return the world that a file describes; ``seed`` in place of that of the file.
 
         Raises:
             WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.
@@ -192,7 +192,7 @@ class World:
         return frozenset(self._begun)
 
     def active_faults(self, entity: str) -> Mapping[str, FaultModel]:
-        """The parameters of those that an entity has now, by their slots; whoever carries them out."""
+        """Return the parameters of those that an entity has now, by their slots; whoever carries them out."""
         return {slot: one.parameters for slot, one in self._faults.get(entity, {}).items() if one in self._begun}
 
     # -- changes -----------------------------------------------------------------------------------------------------
@@ -537,7 +537,7 @@ class World:
     # -- what others see ---------------------------------------------------------------------------------------------
 
     def state(self, name: str) -> EntityState:
-        """The state of an entity.
+        """Return the state of an entity.
 
         Raises:
             SimulationError: there is none of this name.
@@ -556,7 +556,7 @@ class World:
         return EntityState(name, kind, entity.pose, faults=faults, opening=opening)
 
     def snapshot(self) -> WorldSnapshot:
-        """The state of all entities."""
+        """Return the state of all entities."""
         return WorldSnapshot(self.time, tuple(map(self.state, self._entities)))
 
 

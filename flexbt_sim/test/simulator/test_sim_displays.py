@@ -20,7 +20,7 @@ CLICKED = 'clicked_point'
 
 
 def topics_of_rviz(node: Any) -> Iterator[str]:
-    """Each ``Topic`` and ``Description Topic`` of a configuration."""
+    """Yield each ``Topic`` and ``Description Topic`` of a configuration."""
     for key, value in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
         if str(key).endswith('Topic') and isinstance(value, dict):
             yield value['Value']

@@ -46,7 +46,7 @@ def simulator() -> Iterator[RobotProbe]:
 
 
 def receive(probe: RobotProbe, message_type: Any, topic: str, count: int = 1, qos: Any = LOSSY) -> list[Any]:
-    """The next messages of a topic."""
+    """Return the next messages of a topic."""
     messages: list[Any] = []
     node = probe.runtime.node
     subscription = probe.runtime.call(lambda: node.create_subscription(message_type, topic, messages.append, qos))

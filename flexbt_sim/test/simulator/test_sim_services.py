@@ -95,7 +95,7 @@ class Bench:
         return self._probe.ask(service_type, service, service_type.Request(**fields))
 
     def listen(self, message_type: Any, topic: str, qos: Any = LOSSY) -> list[Any]:
-        """The messages of a topic, as they come."""
+        """Return the messages of a topic, as they come."""
         heard: list[Any] = []
         node = self.runtime.node
         self.runtime.call(lambda: node.create_subscription(message_type, topic, heard.append, qos))
@@ -108,7 +108,7 @@ class Bench:
         return lambda message: made.publish(message)
 
     def pose(self, name: str) -> tuple[float, ...]:
-        """Where an entity is: m, m, rad."""
+        """Return where an entity is: m, m, rad."""
         response = self.ask(GetEntityState, 'get_entity_state', entity=name)
         assert response.result.result == Result.RESULT_OK, response.result.error_message
         return tuple(pose_of(response.state.pose))

@@ -19,7 +19,7 @@ GOOD = {
 
 
 def write(directory: Path, picture: bytes | Image.Image, name: str = 'map.png', **fields: str | None) -> Path:
-    """A map in a directory; a field that is None is left out."""
+    """Return a map in a directory; a field that is None is left out."""
     if isinstance(picture, Image.Image):
         picture.save(directory / name)
     else:
@@ -31,5 +31,5 @@ def write(directory: Path, picture: bytes | Image.Image, name: str = 'map.png', 
 
 
 def grey(*rows: list[int]) -> Image.Image:
-    """An image of 8 bits, the uppermost row first."""
+    """Return an image of 8 bits, the uppermost row first."""
     return Image.fromarray(numpy.array(rows, numpy.uint8))

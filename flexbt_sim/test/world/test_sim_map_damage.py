@@ -20,7 +20,7 @@ from flexbt_testing.waiting import uncontended_time
 
 
 def refuse(file: Path) -> MapError:
-    """The file has to be refused within seconds, in one line of moderate length that names it."""
+    """Return the file has to be refused within seconds, in one line of moderate length that names it."""
     began = uncontended_time()
     with pytest.raises(MapError) as raised:
         load_map(file)

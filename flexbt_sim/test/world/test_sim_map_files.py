@@ -113,7 +113,7 @@ def test_resolutions_as_yaml_cpp_reads_and_writes_them(tmp_path: Path, text: str
 
 
 def as_png(cells: NDArray[numpy.int8], mode: str) -> Image.Image:
-    """What map_saver writes."""
+    """Return what map_saver writes."""
     rows = cells[::-1].astype(int)
     if mode == 'raw':
         return Image.fromarray(numpy.where(rows == UNKNOWN, 255, rows).astype(numpy.uint8))

@@ -167,7 +167,7 @@ def test_work_is_in_proportion_to_how_many_have_faults() -> None:
 
 
 def lines_of(run: Callable[[], None]) -> int:
-    """How many lines of Python are gone through: the same on each computer."""
+    """Return how many lines of Python are gone through: the same on each computer."""
     count, tracing = 0, sys.gettrace()
 
     def trace(frame: FrameType, event: str, argument: Any) -> Any:

@@ -57,13 +57,13 @@ def drives(durations: st.SearchStrategy[float]) -> st.SearchStrategy[list[Drive]
 
 
 def alone(grid: OccupancyMap, start: Pose, drive: DriveModel = DRIVE, step: float = 0.01) -> tuple[World, Robot]:
-    """A robot on a map."""
+    """Return a robot on a map."""
     world = World(grid, step=step)
     return world, world.add('robot', replace(MODEL, drive=drive), start)
 
 
 def enclosed(data: st.DataObject, model: RobotModel) -> tuple[World, Robot]:
-    """A robot somewhere on a map where it fits."""
+    """Return a robot somewhere on a map where it fits."""
     grid = data.draw(worlds())
     start = data.draw(places(grid))
     assume(grid.contains(*grid.cell(start.x, start.y)))

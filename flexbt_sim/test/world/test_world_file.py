@@ -54,7 +54,7 @@ def load(directory: Path, text: str) -> World:
 
 
 def problems(directory: Path, text: str) -> list[str]:
-    """What is wrong with a file, without its name."""
+    """Return what is wrong with a file, without its name."""
     with pytest.raises(WorldError) as caught:
         load(directory, text)
     prefix = f'{directory / "world.yaml"}:'
@@ -195,7 +195,7 @@ def test_aliases_that_cannot_be_are_refused(tmp_path: Path, text: str, words: st
 
 
 def keys(node: yaml.Node | None, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], yaml.ScalarNode]]:
-    """All keys of a document with their paths, except the names that entities, models and places are given."""
+    """Yield all keys of a document with their paths, except the names that entities, models and places are given."""
     if isinstance(node, yaml.MappingNode):
         for one, value in node.value:
             if len(path) != 1 or path[0] == 'plan':

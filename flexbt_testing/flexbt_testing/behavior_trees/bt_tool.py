@@ -31,7 +31,7 @@ class Done(NamedTuple):
 
 
 def called(main: Callable[[Sequence[str]], int], words: Sequence[str]) -> Done:
-    """Runs the main function of a command; the standard streams are caught."""
+    """Run the main function of a command; the standard streams are caught."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
@@ -43,12 +43,12 @@ def called(main: Callable[[Sequence[str]], int], words: Sequence[str]) -> Done:
 
 
 def tool(*words: str) -> Done:
-    """Runs ``bt_tool``."""
+    """Run ``bt_tool``."""
     return called(main, words)
 
 
 def document(*trees: str, main: str | None = 'Main') -> str:
-    """A file; each tree begins with its ID: ``Main: <AlwaysSuccess/>``, and stands on a line of its own."""
+    """Return a file; each tree begins with its ID: ``Main: <AlwaysSuccess/>``, and stands on a line of its own."""
     head = '<root BTCPP_format="4"' + (f' main_tree_to_execute="{main}">' if main else '>')
     parts = [tree.partition(':') for tree in trees]
     bodies = [f'<BehaviorTree ID="{id}">{body.strip()}</BehaviorTree>' for id, _, body in parts]
@@ -56,7 +56,7 @@ def document(*trees: str, main: str | None = 'Main') -> str:
 
 
 def without_marks(text: str) -> tuple[str, list[str]]:
-    """A text in which ``^`` stands before places, without these marks, and the places as ``line:column``."""
+    """Return a text in which ``^`` stands before places, without these marks, and the places as ``line:column``."""
     places = []
     while (position := text.find('^')) >= 0:
         line = text.count('\n', 0, position) + 1
@@ -185,7 +185,7 @@ class Schema:
         assert len(self._named) == len(root), 'a name is given twice'
 
     def errors(self, text: str) -> list[str]:
-        """What is wrong with a document."""
+        """Return what is wrong with a document."""
         root = fromstring(text)  # noqa: S314
         declared = self._named.get(('element', root.tag))
         return [f'<{root.tag}> is not declared'] if declared is None else list(self._element(declared, root))

@@ -35,7 +35,7 @@ BLOCKS: Final = range(1 if os.environ.get('FLEXBT_ACCELERATION') == '0' else 4)
 
 
 def difference(expected: dict[str, Any], actual: dict[str, Any]) -> str:
-    """The first difference between a trace of BehaviorTree.CPP and one of the engine; '' when there is none.
+    """Return the first difference between a trace of BehaviorTree.CPP and one of the engine; '' when there is none.
 
     Errors are compared by where they happen, not by their texts. Of the blackboards those are compared which the
     library shows.
@@ -94,7 +94,7 @@ def main() -> None:
 
 
 def judge(profile: str, first: int, count: int, show: int) -> int:
-    """Compares the trees of these seeds, prints what is found, and gives the number of those that differ."""
+    """Compare the trees of these seeds, prints what is found, and gives the number of those that differ."""
     events = differing = crashed = errors = 0
     for start in range(first, first + count, 1000):
         seeds = range(start, min(start + 1000, first + count))

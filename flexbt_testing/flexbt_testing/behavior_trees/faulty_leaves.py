@@ -91,7 +91,7 @@ class Work:
 
 
 def tree_threads() -> list[str]:
-    """Names of the threads of runs and of leaves that are alive."""
+    """Name of the threads of runs and of leaves that are alive."""
     return [thread.name for thread in threading.enumerate() if thread.name.startswith(('tree ', 'leaf '))]
 
 
@@ -367,5 +367,5 @@ ALL = (
 
 
 def register(registry: NodeRegistry) -> None:
-    """Adds all of them."""
+    """Add all of them."""
     registry.register_classes(ALL)

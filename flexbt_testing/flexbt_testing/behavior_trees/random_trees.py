@@ -267,7 +267,7 @@ class _Generator:
 
 
 def basic_case(seed: int) -> dict[str, Any]:
-    """The case of this number."""
+    """Return the case of this number."""
     return _Generator(seed).case()
 
 
@@ -353,7 +353,7 @@ class _NodesGenerator(_Generator):
 
 
 def control_case(seed: int) -> dict[str, Any]:
-    """The case of this number."""
+    """Return the case of this number."""
     return _NodesGenerator(seed).case()
 
 
@@ -394,7 +394,7 @@ class _ScriptsGenerator(_NodesGenerator):
         return f'({self._number(depth + 1)} {pick("++-**/")} {self._number(depth + 1)})'
 
     def _new(self) -> str:
-        """An entry that scripts have to make first. It may be missing, which is an error."""
+        """Return an entry that scripts have to make first. It may be missing, which is an error."""
         return self._random.choice(NEW) if self._random.random() < 0.2 else 'd'
 
     def _text(self, depth: int = 0) -> str:
@@ -490,5 +490,5 @@ class _ScriptsGenerator(_NodesGenerator):
 
 
 def script_case(seed: int) -> dict[str, Any]:
-    """The case of this number."""
+    """Return the case of this number."""
     return _ScriptsGenerator(seed).case()

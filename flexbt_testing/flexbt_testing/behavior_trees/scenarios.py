@@ -18,7 +18,7 @@ Row = tuple[str, str, Sequence[str]] | tuple[str, str, Sequence[str], dict[str, 
 
 
 def act(name: str, script: str, more: str = '') -> str:
-    """An action that takes time."""
+    """Return an action that takes time."""
     return f'<Act name="{name}" _script="{script}" {more}/>'
 
 
@@ -27,12 +27,12 @@ def cond(name: str, script: str, more: str = '') -> str:
 
 
 def sync(name: str, script: str = 'S', more: str = '') -> str:
-    """An action that is done at once, whose calls count."""
+    """Return an action that is done at once, whose calls count."""
     return f'<Sync name="{name}" _script="{script}" {more}/>'
 
 
 def of(tag: str, *children: str) -> str:
-    """A node with children; ``tag`` with its attributes."""
+    """Return a node with children; ``tag`` with its attributes."""
     return f'<{tag}>{"".join(children)}</{tag.split()[0]}>'
 
 

@@ -123,7 +123,7 @@ class Deco(Decorator):
 
 
 def registry() -> NodeRegistry:
-    """The registry of the engine with the scripted nodes."""
+    """Return the registry of the engine with the scripted nodes."""
     # Code is made of a script at its second run, so that all that runs more often tests both of its forms.
     nodes = builtin_registry(ScriptLibrary(warm_up=1))
     nodes.register_classes((Act, Sync, Cond, Deco))
@@ -131,7 +131,7 @@ def registry() -> NodeRegistry:
 
 
 def content(board: Blackboard, key: str) -> list[str]:
-    """An entry as type letter and text: s text, i integer or bool, d double, e empty, - missing."""
+    """Return an entry as type letter and text: s text, i integer or bool, d double, e empty, - missing."""
     entry = board.entry(key)
     if entry is None:
         return ['-', '']

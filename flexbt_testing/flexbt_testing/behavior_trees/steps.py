@@ -72,7 +72,7 @@ def make(
     extra: Sequence[type[TreeNode]] = (),
     enums: Mapping[str, int] = {},
 ) -> tuple[Tree, list[str]]:
-    """The tree, and the list of what its leaves do. ``extra`` are more node classes that it may have."""
+    """Return the tree, and the list of what its leaves do. ``extra`` are more node classes that it may have."""
     calls: list[str] = []
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(text, 'f', _registry(branch, tuple(extra), tuple(enums.items())))])
@@ -96,14 +96,14 @@ def step(script: str, number: int = 0) -> str:
 
 
 def control(tag: str, *scripts: str, **ports: str) -> str:
-    """The XML of a node named ``top`` over leaves with these scripts."""
+    """Return the XML of a node named ``top`` over leaves with these scripts."""
     attributes = ''.join(f' {name}="{value}"' for name, value in ports.items())
     children = ''.join(step(script, index) for index, script in enumerate(scripts))
     return f'<{tag}{attributes} name="top">{children}</{tag}>'
 
 
 def check(body: str, expected: str, branch: Nav2Branch = 'jazzy') -> Tree:
-    """Asserts that the tree does what is ``expected``, as in the notation above; gives the tree as it is at the end."""
+    """Assert that the tree does what is ``expected``, as in the notation above; gives the tree as it is at the end."""
     tree, calls = make(body, branch=branch)
     for number, text in enumerate(expected.split('|')):
         words = text.split()

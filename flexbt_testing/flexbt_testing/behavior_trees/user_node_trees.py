@@ -114,7 +114,7 @@ class Fickle(ControlNode):
 
 
 def make(body: str, more: Iterable[type[TreeNode]] = (), **options: Any) -> Tree:
-    """A tree of these nodes, and of ``more``."""
+    """Return a tree of these nodes, and of ``more``."""
     registry = builtin_registry()
     register_nav2(registry)
     registry.register_classes((Flip, Busy, Moody, Careless, Twice, Fickle, *more))
@@ -165,7 +165,7 @@ CONTROLS = (
 
 
 def random_body(seed: int) -> str:
-    """The XML of a random tree. The entry ``n`` is a number."""
+    """Return the XML of a random tree. The entry ``n`` is a number."""
     source = random.Random(seed)
 
     def node(depth: int) -> str:

@@ -41,7 +41,7 @@ class ConsoleTape:
         os.write(1, (_MARK + json.dumps(event) + '\n').encode())
 
     def take(self) -> list[Any]:
-        """The events since the last call."""
+        """Return the events since the last call."""
         end = os.lseek(self._file, 0, os.SEEK_END)
         text = os.pread(self._file, end - self._position, self._position).decode('utf-8', 'replace')
         self._position = end
@@ -168,7 +168,7 @@ class WheelRun:
 
 
 def _attributes_by_name(xml: str) -> dict[str, dict[str, str]]:
-    """The scripts of the case: the library does not show such attributes to its nodes."""
+    """Return the scripts of the case: the library does not show such attributes to its nodes."""
     try:
         root = ElementTree.fromstring(xml)  # noqa: S314 - cases are made by this project
     except ElementTree.ParseError:
@@ -208,13 +208,14 @@ def _content(board: Any, key: str) -> list[str]:
 
 
 def available() -> bool:
-    """Whether the wheel is installed and can be imported."""
+    """Return whether the wheel is installed and can be imported."""
     command = [sys.executable, '-c', 'import behaviortreepy']
     return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 def traces(cases: Iterable[dict[str, Any]], deadline: float = 5.0) -> Iterator[dict[str, Any]]:
-    """The traces of the cases, in order. ``{'crash': ...}`` for a case that kills the library, or never ends (s)."""
+    """Yield the traces of the cases, in order. ``{'crash': ...}`` for a case that kills the library, or never ends
+    (s)."""
     process: subprocess.Popen[bytes] | None = None
     try:
         for number, case in enumerate(cases):

@@ -201,7 +201,7 @@ class _WheelGenerator:
         return letters + 'I' if self._random.random() < 0.004 else letters
 
     def _accesses(self) -> Attributes:
-        """What a leaf writes and reads."""
+        """Return what a leaf writes and reads."""
         pick, chance = self._random.choice, self._random.random
         attributes: Attributes = []
         if chance() <= 0.12:
@@ -399,5 +399,5 @@ class _WheelGenerator:
 
 
 def wheel_case(seed: int) -> dict[str, Any]:
-    """The case of this number."""
+    """Return the case of this number."""
     return _WheelGenerator(seed).case()

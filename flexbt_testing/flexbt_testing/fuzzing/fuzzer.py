@@ -138,7 +138,7 @@ class Damage:
         self._words = (*words, *ANYWHERE)
 
     def damaged(self, text: str, other: str) -> str:
-        """A text that differs from ``text`` in some places, in which parts of ``other`` may be."""
+        """Return a text that differs from ``text`` in some places, in which parts of ``other`` may be."""
         chance = self._chance
         for _ in range(chance.choice([1, 1, 1, 2, 3, 6])):
             damage = chance.choice([self._cut, self._insert, self._swap, self._repeat, self._splice, self._flip])
@@ -153,7 +153,7 @@ class Damage:
         return data[:position] + self._chance.randbytes(self._chance.randint(1, 4)) + data[position + 1 :]
 
     def _span(self, text: str) -> tuple[int, int]:
-        """A few tokens of a text."""
+        """Return a few tokens of a text."""
         start = self._chance.randrange(len(text) + 1)
         end = start
         for _ in range(self._chance.choice([1, 1, 2, 4, 30])):

@@ -142,7 +142,7 @@ class ScriptTarget(Target):
 
 
 def _shape(value: Any, depth: int = 3) -> Hashable:
-    """The types that a value consists of, to some depth."""
+    """Return the types that a value consists of, to some depth."""
     if depth and isinstance(value, dict):
         return ('dict', *sorted({str(_shape(one, depth - 1)) for one in value.values()}))
     if depth and isinstance(value, list | tuple):
@@ -151,7 +151,7 @@ def _shape(value: Any, depth: int = 3) -> Hashable:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Whether two values are equal; NaN is NaN."""
+    """Return whether two values are equal; NaN is NaN."""
     if isinstance(one, float) and isinstance(other, float) and math.isnan(one) and math.isnan(other):
         return True
     if hasattr(one, 'get_fields_and_field_types'):
@@ -190,7 +190,7 @@ class Act(StatefulAction):
 
 
 def _registry() -> NodeRegistry:
-    """The nodes of the server, and those of the random trees."""
+    """Return the nodes of the server, and those of the random trees."""
 
     def refuse(source: str, error: Exception) -> None:
         raise error
@@ -392,7 +392,7 @@ class JournalTarget(Target):
 
 
 def _numbered(data: bytes) -> bytes:
-    """The lines that are JSON, as a journal has them."""
+    """Return the lines that are JSON, as a journal has them."""
     lines = [encode_head()]
     for raw in data.decode('utf-8', 'replace').splitlines():
         try:

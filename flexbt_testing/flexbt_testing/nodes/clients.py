@@ -55,7 +55,7 @@ class SentGoal:
         self.call.cancel(self._deadline)
 
     def wait(self, timeout: float | None = None) -> GoalOutcome:
-        """The outcome.
+        """Return the outcome.
 
         Raises:
             TimeoutError: there is none in time.
@@ -119,7 +119,7 @@ class LifecycleClient:
         return self._send(ChangeState, 'change_state', request, lambda answer: bool(answer.success), DEADLINE)
 
     def _ask(self, service_type: Any, service: str, request: Any) -> Any:
-        """The answer to a question, which is asked until there is one."""
+        """Return the answer to a question, which is asked until there is one."""
         deadline = time.monotonic() + DEADLINE
         while True:
             try:

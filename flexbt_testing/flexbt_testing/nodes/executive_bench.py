@@ -17,14 +17,14 @@ from .operator import Operator
 
 
 def entry_of(behavior: type[Behavior]) -> BehaviorEntry:
-    """A library entry as an installed package would give it."""
+    """Return a library entry as an installed package would give it."""
     return BehaviorEntry(
         behavior.manifest.name, 'test', behavior.manifest, tuple(behavior().parameters.values()), behavior
     )
 
 
 def behavior_of(make: Callable[[], OperatableStateMachine], name: str = 'Test') -> type[Behavior]:
-    """A behavior without parameters that is made of a machine."""
+    """Return a behavior without parameters that is made of a machine."""
 
     class Made(Behavior):
         manifest = BehaviorManifest(name)

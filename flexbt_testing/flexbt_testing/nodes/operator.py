@@ -91,8 +91,8 @@ class Operator:
         self._commands.publish(command)
 
     def result(self, command_id: str) -> CommandResult:
-        """The result of a command, when it is there. Until then it is sent again, as consoles do: an executive that is
-        found may not have found this node."""
+        """Return the result of a command, when it is there. Until then it is sent again, as consoles do: an executive
+        that is found may not have found this node."""
         sent_at = time.monotonic()
 
         def find() -> CommandResult | None:

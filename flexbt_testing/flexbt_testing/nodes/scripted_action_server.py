@@ -33,7 +33,7 @@ _HOW: Final = {4: 'succeed', 5: 'canceled', 6: 'abort'}  # action_msgs/GoalStatu
 
 
 def ends(result: Any, how: str = 'succeed') -> GoalScript:
-    """A script that ends each goal at once: succeed, abort."""
+    """Return a script that ends each goal at once: succeed, abort."""
 
     async def script(handle: ServerGoalHandle) -> Any:
         getattr(handle, how)()

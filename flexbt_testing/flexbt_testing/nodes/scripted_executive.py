@@ -56,7 +56,7 @@ class Faults:
         self.random = random.Random(self.seed)
 
     def copies(self, share_lost: float) -> int:
-        """How often a message arrives."""
+        """Return how often a message arrives."""
         if self.random.random() < share_lost:
             return 0
         return 2 if self.random.random() < self.double else 1
@@ -246,7 +246,7 @@ class ScriptedExecutive:
 
 
 def structure(run_id: str) -> BehaviorStructure:
-    """The state machine of the behavior."""
+    """Return the state machine of the behavior."""
     states = [
         StateStructure(
             path='/',

@@ -44,7 +44,7 @@ from .scripted_action_server import GoalAnswer, ScriptedActionServer
 
 
 def pose_stamped(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
-    """A pose in the map."""
+    """Return a pose in the map."""
     stamped = PoseStamped()
     stamped.header.frame_id = frame
     stamped.pose.position.x, stamped.pose.position.y = float(x), float(y)
@@ -191,7 +191,7 @@ class Client:
 
 
 def document(body: str, tree: str = 'Main') -> str:
-    """A document with one tree, which is its main tree."""
+    """Return a document with one tree, which is its main tree."""
     return (
         f'<root BTCPP_format="4" main_tree_to_execute="{tree}"><BehaviorTree ID="{tree}">{body}</BehaviorTree></root>'
     )
@@ -210,7 +210,7 @@ class ServerWorld:
 
 @contextlib.contextmanager
 def open_server_world(**parameters: Any) -> Iterator[ServerWorld]:
-    """A server with these parameters, navigation and client."""
+    """Provide a server with these parameters, navigation and client."""
     with (
         NodeRuntime.open('navigation') as navigation,
         NodeRuntime.open('bt_server', parameters={'server_timeout': 10.0, 'start_timeout': 0.0} | parameters) as server,

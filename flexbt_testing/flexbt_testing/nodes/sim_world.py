@@ -83,7 +83,7 @@ class Sighting(NamedTuple):
 
 
 def pose(place: Sequence[float], frame: str = 'map') -> PoseStamped:
-    """A message of a place (x, y) or (x, y, yaw)."""
+    """Return a message of a place (x, y) or (x, y, yaw)."""
     x, y, yaw = (*map(float, place), 0.0)[:3]
     stamped = PoseStamped()
     stamped.header.frame_id = frame
@@ -93,7 +93,7 @@ def pose(place: Sequence[float], frame: str = 'map') -> PoseStamped:
 
 
 def line(start: Sequence[float], end: Sequence[float], frame: str = 'map', spacing: float = 0.05) -> Path:
-    """A straight path."""
+    """Return a straight path."""
     count = max(1, math.ceil(math.dist(start[:2], end[:2]) / spacing))
     yaw = math.atan2(end[1] - start[1], end[0] - start[0])
     path = Path()
@@ -140,7 +140,7 @@ class RobotProbe:
         self._seen.set()
 
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
-        """The first true value of a condition; it is asked whenever something is seen, and now and then."""
+        """Return the first true value of a condition; it is asked whenever something is seen, and now and then."""
         end = time.monotonic() + timeout
         self._seen.clear()
         while not (value := condition()):
@@ -157,26 +157,26 @@ class RobotProbe:
         return self.sightings[-1]
 
     def later(self, seconds: float) -> Sighting:
-        """The robot after so much simulated time."""
+        """Return the robot after so much simulated time."""
         until = self.now.time + seconds
         self.wait(lambda: self.sightings[-1].time >= until, f'{seconds:g} s of simulated time')
         return self.sightings[-1]
 
     def moving(self, seconds: float = 0.1) -> bool:
-        """Whether the robot has moved within the last so many seconds of what was seen."""
+        """Return whether the robot has moved within the last so many seconds of what was seen."""
         last = self.sightings[-1]
         recent = [seen for seen in self.sightings[-200:] if seen.time >= last.time - seconds - 0.02]
         return any(seen.distance(last[1:]) > 1e-6 or abs(seen.yaw - last.yaw) > 1e-6 for seen in recent)
 
     def wait_at_rest(self) -> Sighting:
-        """The first sighting of the robot at rest, once it has been for 0.3 s."""
+        """Return the first sighting of the robot at rest, once it has been for 0.3 s."""
         since = self.now.time + 0.3
         self.wait(lambda: self.sightings[-1].time > since and not self.moving(0.3), 'the robot at rest')
         last = self.sightings[-1]
         return list(takewhile(lambda seen: seen[1:] == last[1:], reversed(self.sightings)))[-1]
 
     def wait_driving(self, speed: float = 0.2) -> Sighting:
-        """The first sighting, from now on, of the robot at a speed, m/s."""
+        """Return the first sighting, from now on, of the robot at a speed, m/s."""
         seen = len(self.sightings)
         self.wait(lambda: any(v >= speed for v in self.speeds(self.sightings[seen:])), f'{speed:g} m/s')
         return self.now
@@ -238,7 +238,7 @@ class RobotProbe:
 
 
 def aborted(goal: SentGoal, code: int) -> Any:
-    """The result of a goal that has to end aborted, with this error code."""
+    """Return the result of a goal that has to end aborted, with this error code."""
     assert goal.wait().status is GoalStatus.ABORTED, goal.wait()
     assert goal.result.error_code == code, goal.result.error_msg
     return goal.result
@@ -246,7 +246,7 @@ def aborted(goal: SentGoal, code: int) -> Any:
 
 @contextlib.contextmanager
 def without_faults(name: str, **settings: Any) -> Iterator[NodeRuntime]:
-    """A runtime; at the end, no callback may have let an exception escape."""
+    """Provide a runtime; at the end, no callback may have let an exception escape."""
     faults: list[BaseException] = []
     with NodeRuntime.open(name, **settings) as runtime:
         runtime.on_fault(faults.append)
@@ -256,14 +256,14 @@ def without_faults(name: str, **settings: Any) -> Iterator[NodeRuntime]:
 
 @contextlib.contextmanager
 def open_probe() -> Iterator[RobotProbe]:
-    """A probe, before there is anything to see."""
+    """Provide a probe, before there is anything to see."""
     with without_faults('probe') as runtime:
         yield RobotProbe(runtime)
 
 
 @contextlib.contextmanager
 def open_simulator(**parameters: Any) -> Iterator[RobotProbe]:
-    """A simulator and its probe."""
+    """Provide a simulator and its probe."""
     with without_faults(names.SIMULATOR, parameters=parameters) as simulator, open_probe() as probe:
         Simulator(simulator)
         probe.wait(lambda: probe.sightings, 'a pose of the robot')

@@ -66,16 +66,16 @@ class Run:
         self.message, self.outputs, self.outcome = end.message, end.outputs, end.outcome
 
     def active(self) -> Sequence[ActiveLeaf]:
-        """The active states, which are asked what they are doing for the next time."""
+        """Return the active states, which are asked what they are doing for the next time."""
         self.behavior_run.ask_activities()
         return self.behavior_run.snapshot.active
 
     def decisions(self) -> Sequence[RunDecision]:
-        """What waits for the operator."""
+        """Return what waits for the operator."""
         return self.behavior_run.snapshot.decisions
 
     def wait(self) -> str:
-        """The outcome, when the run has ended."""
+        """Return the outcome, when the run has ended."""
         wait_until(lambda: self.outcome is not None or self.refusal is not None, f'end of the run; said: {self.lines}')
         assert self.refusal is None, self.refusal
         assert self.outcome is not None
@@ -87,7 +87,7 @@ class Run:
         return self.wait()
 
     def errors(self) -> str:
-        """What was told to the operator as warnings and errors."""
+        """Return what was told to the operator as warnings and errors."""
         return '\n'.join(text for severity, _, text in self.lines if severity >= ExecutiveLog.WARN)
 
 

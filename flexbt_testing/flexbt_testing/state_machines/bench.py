@@ -62,7 +62,7 @@ class Scripted(EventState):
         self._calls: Counter[str] = Counter()
 
     def calls(self, callback: str) -> int:
-        """How often a callback was called."""
+        """Return how often a callback was called."""
         return self._calls[callback]
 
     def end(self, outcome: str) -> None:
@@ -105,7 +105,7 @@ class Scripted(EventState):
 
 
 def passing(*, outcome: str = 'done', outcomes: Iterable[str] = ('done',)) -> Scripted:
-    """A state that is left at once."""
+    """Return a state that is left at once."""
     return Scripted(*outcomes, outcome=outcome)
 
 
@@ -119,7 +119,7 @@ def machine(
     conditions: Iterable[tuple[str, Iterable[tuple[str, str]]]] = (),
     priority: bool = False,
 ) -> OperatableStateMachine:
-    """A machine of states; with ``conditions`` a concurrency container."""
+    """Return a machine of states; with ``conditions`` a concurrency container."""
     made: OperatableStateMachine
     keys = outcomes, input_keys, output_keys, io_keys
     if conditions:
@@ -264,7 +264,7 @@ class Bench:
         return self.run.outcome
 
     def shown_end(self) -> tuple[str | None, str]:
-        """The outcome, and what has not halted yet."""
+        """Return the outcome, and what has not halted yet."""
         return self.run.outcome, self.run.not_halted
 
     @property

@@ -65,7 +65,7 @@ class RandomNode:
 
 
 def random_machine(random: Random, states: int = STATES) -> RandomNode:
-    """A machine of about so many ``states``, up to DEPTH levels below the root, which can all be reached."""
+    """Return a machine of about so many ``states``, up to DEPTH levels below the root, which can all be reached."""
     root = RandomNode('/', _outcomes(random, ['x', 'y', 'z']))
     _fill(random, root, DEPTH, [states])
     return root
@@ -168,7 +168,7 @@ class Puppet(Scripted):
 
 
 def build(node: RandomNode) -> tuple[OperatableStateMachine, list[Puppet]]:
-    """The machine of a node, and its states."""
+    """Return the machine of a node, and its states."""
     children, puppets = [], []
     for child in node.children:
         state: EventState | OperatableStateMachine

@@ -247,7 +247,7 @@ class Model:
     # -- what follows ------------------------------------------------------------------------------------------------
 
     def _free(self, path: str) -> Seat | None:
-        """The seat of something active with which the operator can do what they want."""
+        """Return the seat of something active with which the operator can do what they want."""
         seat = next((seat for seat in self.seats() if seat.occupant.path == path), None)
         if self.stands or seat is None or self._is_held(seat):
             return None
@@ -263,7 +263,7 @@ class Model:
         self._go_on()
 
     def _focus(self) -> str | None:
-        """What has priority: the innermost of the priority containers that are active."""
+        """Return what has priority: the innermost of the priority containers that are active."""
         found = [seat.occupant.path for seat in self.seats() if seat.occupant.kind is StateKind.PRIORITY]
         return max(found, key=lambda path: path.count('/'), default=None)
 
@@ -272,7 +272,7 @@ class Model:
         return self.is_paused or (focus is not None and not inside(path, focus) and not inside(focus, path))
 
     def _locked(self) -> set[str]:
-        """What is locked and active."""
+        """Return what is locked and active."""
         return self.locked & {'/', *(seat.occupant.path for seat in self.seats())}
 
     def _go_on(self, count: int = 0) -> None:
@@ -321,7 +321,7 @@ class Model:
         return self._consider(seat)
 
     def _execute(self, seat: Seat) -> bool:
-        """A state is executed, if there is a reason to."""
+        """Return a state is executed, if there is a reason to."""
         goes_on = seat.occupant.runs_on and seat.why == 'OUTCOME' and seat.is_entered
         if not seat.is_woken or seat.asks or (seat.wish is not None and not goes_on):
             return False
@@ -360,7 +360,7 @@ class Model:
         return False
 
     def _top_left_by(self, seat: Seat, outcome: str) -> str:
-        """What is left when the seat is: perhaps what is around it as well."""
+        """Return what is left when the seat is: perhaps what is around it as well."""
         path, around, after = seat.occupant.path, seat.outer, self._after(seat, outcome)
         while around is not None and isinstance(after, str):
             path = around.occupant.path
@@ -369,7 +369,7 @@ class Model:
         return path
 
     def _after(self, seat: Seat, outcome: str) -> RandomNode | str | None:
-        """What comes of leaving by an outcome: a sibling, the outcome of what is around it, or nothing."""
+        """Return what comes of leaving by an outcome: a sibling, the outcome of what is around it, or nothing."""
         around = seat.outer
         assert around is not None
         if around.occupant.kind is not StateKind.CONCURRENCY:
@@ -410,11 +410,11 @@ class Model:
             self._leave(inner, why if why in ('PREEMPTED', 'FAULT') else 'PARENT_LEFT')
 
     def _is_busy(self, seat: Seat) -> bool:
-        """Whether something in it has not halted."""
+        """Return whether something in it has not halted."""
         return any(one.is_state and one.phase in ('in', 'left') and not one.is_at_rest for one in seat.all())
 
     def _is_time(self, name: str, seat: Seat | None, seconds: float = REST_TIME) -> bool:
-        """Whether the wait for rest, which begins with the first time that this is asked, is over."""
+        """Return whether the wait for rest, which begins with the first time that this is asked, is over."""
         owner = seat or self
         until: float | None = getattr(owner, name)
         if until is None:

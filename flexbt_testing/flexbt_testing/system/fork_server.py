@@ -54,7 +54,7 @@ class ForkedProcess:
         self._end = os.pidfd_open(pid)
 
     def poll(self) -> int | None:
-        """The exit code, negative for a signal; None while it runs."""
+        """Return the exit code, negative for a signal; None while it runs."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.wait(0.0)
         return self.returncode
@@ -155,7 +155,7 @@ class ForkServer:
 
 
 def fork_server(*modules: str) -> ForkServer:
-    """The one of these modules in this process: it begins when it is first asked for, and ends with the process.
+    """Return the one of these modules in this process: it begins when it is first asked for, and ends with the process.
 
     There is another for each environment that modules would find as they are loaded.
     """
@@ -171,7 +171,7 @@ def _fork_server(_environment: frozenset[tuple[str, str]], *modules: str) -> For
 
 
 def _serve(connection: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
-    """Starts processes, and tells how they have ended; None when nobody asks any more, and those left are ended.
+    """Start processes, and tells how they have ended; None when nobody asks any more, and those left are ended.
 
     In each fork it gives what that has been asked to become: the request, and the files for what it says.
     """

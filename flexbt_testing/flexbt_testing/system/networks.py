@@ -61,7 +61,7 @@ class NetworkNamespace:
         return f'/proc/{os.getpid()}/fd/{self._file}'
 
     def command(self, words: Sequence[str]) -> list[str]:
-        """The command line that runs a program in it."""
+        """Return the command line that runs a program in it."""
         return ['nsenter', f'--net={self.path}', *words]
 
     def run(self, *words: str) -> None:
@@ -252,7 +252,7 @@ def _packets(device: int) -> Iterator[bytes]:
 
 
 def _port(packet: bytes) -> int:
-    """The UDP port that an IPv4 packet is for, or 0."""
+    """Return the UDP port that an IPv4 packet is for, or 0."""
     header = (packet[0] & 0xF) * 4
     (fragment,) = struct.unpack_from('!H', packet, 6)
     if packet[0] >> 4 != 4 or packet[9] != UDP or fragment & FRAGMENT_OFFSET or len(packet) < header + 8:

@@ -52,7 +52,7 @@ class Probe(Operator):
         self.pose = pose
 
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
-        """The first true value of the condition; fails with ``what`` when there is none in time."""
+        """Return the first true value of the condition; fails with ``what`` when there is none in time."""
         return cast(T, wait_until(condition, lambda: f'{what}; last status: {self.status}', timeout))
 
     def wait_ready(self) -> None:
@@ -60,7 +60,7 @@ class Probe(Operator):
         self.wait(lambda: self.pose and self._is_heard() and self._all_ready(), 'readiness')
 
     def _is_heard(self) -> bool:
-        """Whether the executive hears commands: others, as a recorder, may do so sooner."""
+        """Return whether the executive hears commands: others, as a recorder, may do so sooner."""
         listeners = self.console.node.get_subscriptions_info_by_topic(names.EXECUTIVE_COMMAND)
         is_known = any(one.node_name == 'onboard_executive' for one in listeners)
         return is_known and bool(self._commands.get_subscription_count() >= len(listeners))
@@ -69,7 +69,7 @@ class Probe(Operator):
         return bool(self.statuses) and all(peer.ready for peer in self.status.peers)
 
     def peer_alive(self, name: str) -> bool | None:
-        """Whether the executive sees a node alive."""
+        """Return whether the executive sees a node alive."""
         return next((bool(peer.alive) for peer in self.status.peers if peer.name.endswith(f'/{name}')), None)
 
     def wait_state(self, state: int) -> None:
@@ -143,7 +143,7 @@ class Probe(Operator):
         return ended[0]
 
     def active_goals(self, action: str) -> int:
-        """Subscribes to nothing: how many goals of an action are being worked on, by the server's own list."""
+        """Subscribe to nothing: how many goals of an action are being worked on, by the server's own list."""
         from action_msgs.msg import GoalStatus, GoalStatusArray
 
         seen: list[GoalStatusArray] = []
@@ -160,7 +160,7 @@ class Probe(Operator):
 
 
 def stamp(pose: PoseStamped) -> float:
-    """The time of a pose, s on the robot's clock."""
+    """Return the time of a pose, s on the robot's clock."""
     return float(pose.header.stamp.sec + 1e-9 * pose.header.stamp.nanosec)
 
 

@@ -191,7 +191,7 @@ class Stack:
         return uncontended_time()
 
     def running(self) -> set[str]:
-        """The names of those that run."""
+        """Return the names of those that run."""
         return {name for name, process in self._processes.items() if process.poll() is None}
 
     def end(self, name: str, number: signal.Signals, timeout: float) -> Ending:
@@ -207,7 +207,7 @@ class Stack:
         return Ending(exit_code, uncontended_time() - sent, self.output(name), contended_time() - held_up)
 
     def process_id(self, name: str) -> int:
-        """The number of a process."""
+        """Return the number of a process."""
         return self._processes[name].pid
 
     def output(self, name: str) -> str:
@@ -229,7 +229,7 @@ _PORTS: Final = range(10_000, 32_000, 2)
 
 
 def free_pair() -> int:
-    """A port of 127.0.0.1 that nobody has, of which the next one is free, too.
+    """Return a port of 127.0.0.1 that nobody has, of which the next one is free, too.
 
     They are drawn, so that tests that run side by side seldom want the same.
     """

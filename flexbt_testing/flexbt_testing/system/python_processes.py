@@ -92,7 +92,7 @@ class ForkedPython(fork_server.ForkedProcess):
 
 
 def _read(stream: TextIO) -> Future[str]:
-    """All that it says, in a thread for which the end of this process does not wait."""
+    """Return all that it says, in a thread for which the end of this process does not wait."""
     said: Future[str] = Future()
 
     def read() -> None:
@@ -184,7 +184,7 @@ def run_console(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def console_answer(*words: str, exit_code: int = 0) -> Any:
-    """What a command answers, from JSON; None for nothing.
+    """Return what a command answers, from JSON; None for nothing.
 
     Raises:
         AssertionError: it has not ended with ``exit_code``.

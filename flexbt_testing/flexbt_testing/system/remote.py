@@ -66,11 +66,11 @@ class RemoteConsole:
         self._runtime.close()
 
     def view(self) -> View:
-        """What is shown now."""
+        """Return what is shown now."""
         return self._mirror.view()
 
     def shown(self) -> list[RemoteView]:
-        """All that was shown."""
+        """Return all that was shown."""
         return list(self._shown)
 
     def send(self, *words: str, timeout: float = 30.0) -> str:
@@ -79,7 +79,7 @@ class RemoteConsole:
         return self._link.send(command, timeout).command.id
 
     def tracked(self, command_id: str) -> TrackedCommand | None:
-        """What became of a command."""
+        """Return what became of a command."""
         return self._mirror.command(command_id)
 
     def _watch(self) -> None:
@@ -110,7 +110,7 @@ class RemoteObserver:
         return dict(self._published)
 
     def latest(self) -> ExecutiveSnapshot | None:
-        """The newest status."""
+        """Return the newest status."""
         return self._published[max(self._published)][1] if self._published else None
 
     def payload(self) -> int:
@@ -148,14 +148,14 @@ _Process.register('Observer', RemoteObserver)
 def remote_console(
     network: NetworkNamespace, environment: Mapping[str, str], operator: str, scan_period: float | None = None
 ) -> Iterator[RemoteConsole]:
-    """A :class:`Console` in a process in that network; its values are copied between the processes."""
+    """Provide a :class:`Console` in a process in that network; its values are copied between the processes."""
     with _remote(network, environment, 'Console', operator, scan_period) as console:
         yield console
 
 
 @contextlib.contextmanager
 def remote_observer(network: NetworkNamespace, environment: Mapping[str, str]) -> Iterator[RemoteObserver]:
-    """An observer in a process in that network; its values are copied between the processes."""
+    """Provide an observer in a process in that network; its values are copied between the processes."""
     with _remote(network, environment, 'Observer') as observer:
         yield observer
 

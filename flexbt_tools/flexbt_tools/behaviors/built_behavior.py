@@ -59,13 +59,13 @@ def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBe
 
 
 def machine_file(name: str) -> Path | None:
-    """The file of a machine that is meant instead of an installed behavior."""
+    """Return the file of a machine that is meant instead of an installed behavior."""
     file = Path(name)
     return file if file.suffix in ('.yaml', '.yml') else None
 
 
 def behavior_entry(name: str) -> BehaviorEntry:
-    """The installed behavior of this name, or the machine in this file. Raises UsageError."""
+    """Return the installed behavior of this name, or the machine in this file. Raises UsageError."""
     file = machine_file(name)
     if file is None:
         (entry,) = installed([name])
@@ -74,7 +74,7 @@ def behavior_entry(name: str) -> BehaviorEntry:
 
 
 def installed(names: Sequence[str]) -> list[BehaviorEntry]:
-    """The behaviors of these names, or all. Raises UsageError."""
+    """Return the behaviors of these names, or all. Raises UsageError."""
     library = BehaviorLibrary.discover()
     try:
         return [library.find(name) for name in names] if names else list(library.entries.values())
@@ -149,7 +149,7 @@ def _uses(machine: MachineDefinition) -> Iterator[tuple[str, BtUse]]:
 def _read(
     files: Sequence[str], texts: Mapping[str, bytes], registry: NodeRegistry, owners: Mapping[str, str]
 ) -> tuple[TreeLibrary, list[Finding]]:
-    """The files as one library; when some are refused, those that are not."""
+    """Return the files as one library; when some are refused, those that are not."""
     try:
         return read_library(files, registry, texts), []
     except RefusedError as refused:

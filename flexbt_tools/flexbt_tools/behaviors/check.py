@@ -42,7 +42,7 @@ def check_behavior(
     skills: SkillLibrary = _NO_SKILLS,
     inputs: Sequence[str] = (),
 ) -> list[Finding]:
-    """What is found in a behavior: errors first. ``files`` are tree files that the BT server has besides;
+    """Return what is found in a behavior: errors first. ``files`` are tree files that the BT server has besides;
     ``skills`` are those of the leaves, and those that files declare. The blackboard keys ``inputs`` are written from
     outside."""
     if behavior.machine is None:
@@ -60,8 +60,8 @@ def check_behavior(
 
 
 def blackboard_findings(trees: UsedTrees, inputs: Collection[str] = ()) -> Iterator[Finding]:
-    """What is found between the states and the trees, blackboard by blackboard; the keys ``inputs`` are written from
-    outside."""
+    """Yield what is found between the states and the trees, blackboard by blackboard; the keys ``inputs`` are written
+    from outside."""
     yield from _other_trees(trees)
     usage = KeyUsage(trees.library)
     for name, uses in groupby(sorted(trees.uses, key=_blackboard), key=_blackboard):
@@ -148,7 +148,7 @@ class _Keys:
         self._read = {key for use in uses for key in use.use.reads}
 
     def clashes(self) -> Iterator[Finding]:
-        """A state and a tree that cannot mean the same by a key."""
+        """Yield a state and a tree that cannot mean the same by a key."""
         for use in self._uses:
             for verb, types in (('writes', use.use.writes), ('reads', use.use.reads)):
                 for key, type in types.items():
@@ -198,7 +198,7 @@ class _Keys:
 
 
 def _clash(type: str, declared: str) -> bool:
-    """Whether a value of a state's type cannot be that of a port. Numbers and text convert to each other."""
+    """Return whether a value of a state's type cannot be that of a port. Numbers and text convert to each other."""
     if type == declared or 'string' in (type, declared):
         return False
     return '/' in type or '/' in declared
@@ -214,7 +214,7 @@ _NO_TIME: Final = (0.0, 0.0)
 
 
 def skill_findings(machine: MachineDefinition, trees: UsedTrees, skills: SkillLibrary) -> Iterator[Finding]:
-    """What is found. ``skills`` are those of the leaves, and those that files declare."""
+    """Yield what is found. ``skills`` are those of the leaves, and those that files declare."""
     needs: dict[str, Users] = {}  # by path
     lasting: dict[str, tuple[str, float]] = {}  # by path: the tree, and the least time until it succeeds
     of_trees, times = tree_resources(trees.library, skills), least_times(trees.library, skills)
@@ -246,7 +246,7 @@ def skill_findings(machine: MachineDefinition, trees: UsedTrees, skills: SkillLi
 
 
 def _in_time(node: StateDefinition, skill: Skill, what: str, least: float) -> Iterator[Finding]:
-    """A state that is given up before it can be done."""
+    """Yield a state that is given up before it can be done."""
     limits = [node.state.time_limit] if isinstance(node.state, StateWrapper) else []
     limit = min([*limits, skill.deadline if skill.deadline is not None else math.inf])
     if limit < least < math.inf:

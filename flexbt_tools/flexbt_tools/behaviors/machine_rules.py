@@ -36,7 +36,7 @@ MachineGraph = Mapping[str, Iterable[str]]
 
 
 def machine_findings(machine: MachineDefinition) -> Iterator[Finding]:
-    """What is found in a machine and everything in it."""
+    """Yield what is found in a machine and everything in it."""
     for node in machine.nodes():
         yield from _always_asks(node)
         if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
@@ -110,7 +110,7 @@ _OF_FAILURE: Final = re.compile(r'recover|abort|error|fail', re.IGNORECASE)
 
 
 def _outcomes_of(node: MachineNode, classes: Collection[OutcomeClass]) -> list[str]:
-    """The outcomes of a state or machine that are of one of these classes."""
+    """Return the outcomes of a state or machine that are of one of these classes."""
     if isinstance(node, MachineDefinition):
         return [outcome for outcome in node.outcomes if usual_outcome_class(outcome) in classes]
     skill = state_skill(node.state)
@@ -190,7 +190,7 @@ def _loops(ways: MachineGraph) -> Iterator[list[str]]:
 
 
 def _way_back(start: str, ways: MachineGraph) -> list[str]:
-    """A shortest way from a node to itself; empty when there is none."""
+    """Return a shortest way from a node to itself; empty when there is none."""
     before: dict[str, str] = {}
     ahead = [start]
     for node in ahead:

@@ -22,7 +22,7 @@ _REASON: Final = re.compile(r'    (?! )(.+?):  # (.+)')
 
 
 def machine_lines(behavior: BuiltBehavior) -> Iterator[str]:
-    """A line for each state, and one for each of its outcomes."""
+    """Yield a line for each state, and one for each of its outcomes."""
     assert behavior.machine is not None
     yield one_line(f'{behavior.name}: {", ".join(behavior.machine.outcomes)}')
     nodes = zip(behavior.machine.nodes(), behavior.machine.structure(), strict=True)
@@ -48,7 +48,7 @@ def _autonomy(transition: Transition) -> str:
 
 
 def structure_as_json(entry: StructureEntry) -> dict[str, object]:
-    """A node with the fields of flexbt_msgs/msg/StateStructure."""
+    """Return a node with the fields of flexbt_msgs/msg/StateStructure."""
     return {
         'path': entry.path,
         'kind': entry.kind.name.lower(),
@@ -83,7 +83,7 @@ def graph_of(
     ports: str,
     reasons: Mapping[str, str] = _NO_REASONS,
 ) -> MachineBox:
-    """The graph of a machine; with ``expand`` sub-trees stand in their place.
+    """Return the graph of a machine; with ``expand`` sub-trees stand in their place.
 
     ``reasons`` say why states of the machine are there, by their names. ``ports`` as in
     :meth:`Item.attributes`.

@@ -21,7 +21,7 @@ from flexbt_tools.trees.stand_ins import OpenRegistry
 
 
 def positive(text: str) -> float:
-    """The ``type`` of an argument that is a finite number above 0."""
+    """Return the ``type`` of an argument that is a finite number above 0."""
     try:
         value = float(text)
     except ValueError:
@@ -67,7 +67,8 @@ def add_trees(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[TreeKey]:
-    """The trees that are meant: one; or with --expand those that are no sub-trees; or all, the main ones first."""
+    """Return the trees that are meant: one; or with --expand those that are no sub-trees; or all, the main ones
+    first."""
     if options.tree is not None:
         return [find_tree(library, options.tree)]
     if options.expand:
@@ -110,7 +111,7 @@ def add_skills(parser: argparse.ArgumentParser) -> None:
 
 
 def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:
-    """The skills of the node types, and what the files add. Raises RefusedError.
+    """Return the skills of the node types, and what the files add. Raises RefusedError.
 
     Tells of classes whose skills do not fit together.
     """
@@ -118,7 +119,7 @@ def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:
 
 
 def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistry:
-    """The node types of installed packages, and of the models that are given. Raises RefusedError.
+    """Return the node types of installed packages, and of the models that are given. Raises RefusedError.
 
     Tells of packages whose nodes, or one of them, cannot be used.
     """

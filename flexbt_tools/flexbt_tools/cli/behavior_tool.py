@@ -78,7 +78,7 @@ def add_tree_files(parser: argparse.ArgumentParser) -> None:
 
 
 def built(options: argparse.Namespace, name: str) -> BuiltBehavior:
-    """The behavior of this name, or file. Raises UsageError when it cannot be built."""
+    """Return the behavior of this name, or file. Raises UsageError when it cannot be built."""
     behavior = build(behavior_entry(name), parameters(options))
     if behavior.machine is None:
         raise UsageError('\n'.join(f'{behavior.name}: {problem}' for problem in behavior.problems))
@@ -232,7 +232,7 @@ COMMANDS: Final = (
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Runs ``behavior_tool`` and gives its exit code."""
+    """Run ``behavior_tool`` and gives its exit code."""
     return run_command('behavior_tool', 'Behaviors, made and built but not run.', COMMANDS, EXIT_CODES, words)
 
 

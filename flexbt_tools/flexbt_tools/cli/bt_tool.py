@@ -184,7 +184,7 @@ def run_skills(options: argparse.Namespace) -> ExitCode:
 
 
 def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
-    """What a library names beyond those of ``base`` and is not there, as lines for people.
+    """Yield what a library names beyond those of ``base`` and is not there, as lines for people.
 
     A class that is no leaf of this computer is known when the library has a skill of it.
     """
@@ -428,7 +428,7 @@ COMMANDS: Final = (
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Runs ``bt_tool`` and gives its exit code, see :class:`ExitCode`."""
+    """Run ``bt_tool`` and gives its exit code, see :class:`ExitCode`."""
     return run_command('bt_tool', 'Behavior-tree files, without ROS running.', COMMANDS, EXIT_CODES, words)
 
 

@@ -127,7 +127,7 @@ def add_skill_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyEx
 
 
 def chosen_skills(library: SkillLibrary, options: argparse.Namespace) -> SkillLibrary:
-    """The library with the skills that are meant. Raises UsageError."""
+    """Return the library with the skills that are meant. Raises UsageError."""
     for name in options.skill:
         if name not in library.skills:
             raise UsageError(f'there is no skill {short_repr(name)}{did_you_mean(name, library.skills)}')
@@ -136,7 +136,7 @@ def chosen_skills(library: SkillLibrary, options: argparse.Namespace) -> SkillLi
 
 
 def print_skills(library: SkillLibrary, options: argparse.Namespace) -> None:
-    """Prints the skills in the form that is meant."""
+    """Print the skills in the form that is meant."""
     if options.yaml:
         print(write_skills(library), end='')
     elif options.json:
@@ -151,7 +151,7 @@ def print_skills(library: SkillLibrary, options: argparse.Namespace) -> None:
 
 
 def skill_lines(skill: Skill) -> Iterator[str]:
-    """A skill: its name with its parameters, and one line for each thing that is known of it."""
+    """Yield a skill: its name with its parameters, and one line for each thing that is known of it."""
     parameters = ', '.join(f'{name}: {kind}' for name, kind in skill.parameters.items())
     yield f'{skill.name}({parameters})' if parameters else skill.name
     told = {

@@ -77,7 +77,8 @@ class MockPlan:
 
 
 def read_plan(mocks: list[str], values: list[str]) -> MockPlan:
-    """The plan of the command line: ``mocks`` are files and ``PATTERN=STATUS,...``, ``values`` are ``KEY=VALUE``.
+    """Return the plan of the command line: ``mocks`` are files and ``PATTERN=STATUS,...``, ``values`` are
+    ``KEY=VALUE``.
 
     What is written on the command line counts more than what is in files. Raises RefusedError or UsageError.
     """

@@ -32,7 +32,7 @@ from .mocks import Mocking, written
 
 
 def json_types(registry: NodeRegistry) -> JsonTypes:
-    """What may be in the files: what is registered, and messages where there is ROS."""
+    """Return what may be in the files: what is registered, and messages where there is ROS."""
     try:
         from flexbt_server.trees.ros_ports import RosJsonTypes
     except ImportError:
@@ -58,11 +58,11 @@ class BlackboardFile:
         self._document = document
 
     def fill_text(self, board: Blackboard) -> None:
-        """Writes what a tree may need to be made: text, which fixes no type."""
+        """Write what a tree may need to be made: text, which fixes no type."""
         self._write(board, {key: value for key, value in self._document.items() if isinstance(value, str)})
 
     def fill(self, board: Blackboard) -> None:
-        """Writes everything. Raises UsageError when something is not understood, or does not fit."""
+        """Write everything. Raises UsageError when something is not understood, or does not fit."""
         self._write(board, self._document)
 
     def _write(self, board: Blackboard, document: Mapping[str, Any]) -> None:
@@ -73,7 +73,7 @@ class BlackboardFile:
 
 
 def save_blackboard(board: Blackboard, name: str, types: JsonTypes) -> list[str]:
-    """Writes a file as a whole; gives what could not be saved. Raises UsageError when the file cannot be written."""
+    """Write a file as a whole; gives what could not be saved. Raises UsageError when the file cannot be written."""
     document, problems = export_blackboard(board, types)
     try:
         write_text(name, json.dumps(document, indent=2, allow_nan=False) + '\n')
@@ -157,7 +157,7 @@ class MockRun:
         return self._clock.now() - self._start
 
     def run(self, timeout: float) -> NodeStatus:
-        """Ticks the tree, as the BT server would, until it is not RUNNING, or for ``timeout`` seconds of its clock.
+        """Tick the tree, as the BT server would, until it is not RUNNING, or for ``timeout`` seconds of its clock.
 
         Raises NodeExecutionError.
         """
@@ -182,7 +182,7 @@ class MockRun:
             self._woken.clear()
 
     def close(self) -> None:
-        """Halts what runs. Raises UsageError when the log cannot be written."""
+        """Halt what runs. Raises UsageError when the log cannot be written."""
         after_round = None if self._log is None else self._log.flush
         self.tree.observe(*self._kept, after_round=after_round)
         with contextlib.suppress(NodeExecutionError):
@@ -196,7 +196,7 @@ def _cannot_write(reason: str) -> NoReturn:
 
 
 def _fill(board: Blackboard, values: Mapping[str, Any]) -> None:
-    """Writes entries, each as the type that it has. Raises UsageError."""
+    """Write entries, each as the type that it has. Raises UsageError."""
     for key, value in values.items():
         entry = board.entry(key)
         try:

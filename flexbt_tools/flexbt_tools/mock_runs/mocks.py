@@ -84,7 +84,7 @@ class Mock(LeafNode):
 
 
 def written(value: Any, kind: PortType | None) -> Any:
-    """The value for an entry of this type: a message is written as a mapping, several as a list of them.
+    """Return the value for an entry of this type: a message is written as a mapping, several as a list of them.
 
     Raises ConversionError.
     """
@@ -130,7 +130,7 @@ class Mocking:
         self._missing: dict[str, LoadError] = {}
 
     def substitute(self, node: NodeDefinition, path: str) -> NodeDefinition:
-        """What takes the place of a node, see Tree."""
+        """Return what takes the place of a node, see Tree."""
         rule = self._rule(node, path)
         if rule is None:
             if _needs_mock(node):
@@ -147,7 +147,7 @@ class Mocking:
         return node
 
     def wrong(self) -> list[LoadError]:
-        """What is wrong: rules that do not fit their node; rules that mean no node; nodes that need a mock."""
+        """Return what is wrong: rules that do not fit their node; rules that mean no node; nodes that need a mock."""
         return list(self._errors) or list(self._meaningless_rules()) or list(self._missing.values())
 
     def _meaningless_rules(self) -> Iterator[LoadError]:
@@ -230,8 +230,8 @@ def _is_of_engine(node: NodeDefinition) -> bool:
 
 
 def _needs_mock(node: NodeDefinition) -> bool:
-    """Whether the node cannot do here what it does on a robot, as far as it is known: leaves of packages cannot, and
-    what is made to use ROS."""
+    """Return whether the node cannot do here what it does on a robot, as far as it is known: leaves of packages cannot,
+    and what is made to use ROS."""
     if is_stand_in(node.manifest) or node.manifest.node_class.__module__.startswith(_FOR_ROS):
         return True
     return node.manifest.kind in _LEAVES and not _is_of_engine(node)

@@ -34,7 +34,7 @@ def ended(mock_run: MockRun, timeout: float) -> dict[str, Any]:
 
 
 def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, FailureTrace | None]:
-    """How the run has ended; why; and the nodes that had a part in that."""
+    """Return how the run has ended; why; and the nodes that had a part in that."""
     tree = mock_run.tree
     try:
         status = mock_run.run(timeout)
@@ -88,7 +88,7 @@ class JsonPrinter:
 
 
 def _plain(value: Any) -> Any:
-    """The value as JSON has it, and as a text where JSON has nothing like it."""
+    """Return the value as JSON has it, and as a text where JSON has nothing like it."""
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, dict):

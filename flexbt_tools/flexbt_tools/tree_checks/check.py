@@ -109,7 +109,7 @@ def _incomplete(library: TreeLibrary) -> Iterator[Diagnostic]:
 
 
 def _of_entries(board: _Board, lost: Mapping[Entry, Sequence[LostWrite]]) -> Iterator[Diagnostic]:
-    """What is wrong with the entries of a blackboard."""
+    """Yield what is wrong with the entries of a blackboard."""
     written = {place.use.key for usage in board.usages for place in usage.writers}
     for usage in board.usages:
         name = board.names.get(usage.entry)
@@ -223,8 +223,8 @@ def check_trees(
     shared: bool = False,
     skills: SkillLibrary = _NO_SKILLS,
 ) -> list[Diagnostic]:
-    """What is found in the files, in the order of files and places. Findings that are no errors are looked for when
-    there are no errors. ``skills`` are those that files declare, in the place of those of the classes."""
+    """Return what is found in the files, in the order of files and places. Findings that are no errors are looked for
+    when there are no errors. ``skills`` are those that files declare, in the place of those of the classes."""
     try:
         library = read_library(files, registry)
     except RefusedError as error:

@@ -40,7 +40,7 @@ class NeverTicked(NamedTuple):
 
 
 def unreachable_children(library: TreeLibrary) -> Iterator[Diagnostic]:
-    """A finding for each row of children that cannot be reached."""
+    """Yield a finding for each row of children that cannot be reached."""
     for row in never_ticked(library):
         more = row.end - row.first - 1
         others = '' if more == 0 else ', nor is the one after it' if more == 1 else f', nor are the {more} after it'
@@ -57,7 +57,7 @@ def _reason(row: NeverTicked) -> str:
 
 
 def never_ticked(library: TreeLibrary) -> Iterator[NeverTicked]:
-    """The children that cannot be reached, of all trees."""
+    """Yield the children that cannot be reached, of all trees."""
     known: dict[TreeKey, Results] = {}
     for key in sub_trees_first(library):
         tree = library.definition(key)
@@ -83,7 +83,7 @@ def never_ticked(library: TreeLibrary) -> Iterator[NeverTicked]:
 
 
 def _rule(node: NodeDefinition) -> Outcomes:
-    """What the class of the node declares, unless it is an error to tick it with the children that it has."""
+    """Return what the class of the node declares, unless it is an error to tick it with the children that it has."""
     declared = node.manifest.outcomes
     if declared is not None and not incompleteness(node):
         return declared
@@ -137,7 +137,7 @@ def short_limits(library: TreeLibrary, skills: SkillLibrary) -> Iterator[Diagnos
 def _times(
     library: TreeLibrary, skills: SkillLibrary
 ) -> Iterator[tuple[TreeKey, TreeDefinition, Mapping[int, Earliest]]]:
-    """All trees, and when what can happen in them at the earliest, by the ``id`` of each node.
+    """Yield all trees, and when what can happen in them at the earliest, by the ``id`` of each node.
 
     Of a leaf without a rule a proof tries the same: it succeeds, after the time that its skill says, or fails.
     """
@@ -161,7 +161,8 @@ def _times(
 
 
 def _waits(node: NodeDefinition, earliest: Mapping[int, Earliest]) -> Iterator[tuple[str, float]]:
-    """What takes time by itself, and how long: leaves and sub-trees until they succeed, others before they begin."""
+    """Yield what takes time by itself, and how long: leaves and sub-trees until they succeed, others before they
+    begin."""
     own = earliest[id(node)]
     if node.children:
         yield node.label, own.begins[0]
@@ -174,7 +175,7 @@ def _waits(node: NodeDefinition, earliest: Mapping[int, Earliest]) -> Iterator[t
 def _begins(
     node: NodeDefinition, begin: float, earliest: Mapping[int, Earliest]
 ) -> Iterator[tuple[NodeDefinition, float]]:
-    """The nodes in a node that begins then, and when they begin at the earliest; in the order of the file."""
+    """Yield the nodes in a node that begins then, and when they begin at the earliest; in the order of the file."""
     ahead = [(node, begin)]
     while ahead:
         parent, begin = ahead.pop()

@@ -23,12 +23,12 @@ _NO_SKILLS: Final = SkillLibrary()
 
 
 def tree_resources(library: TreeLibrary, skills: SkillLibrary = _NO_SKILLS) -> dict[TreeKey, Resources]:
-    """What each tree needs. ``skills`` are those that files declare, in the place of those of the classes."""
+    """Return what each tree needs. ``skills`` are those that files declare, in the place of those of the classes."""
     return {key: resources for key, resources, _ in _trees(library, skills)}
 
 
 def shared_resources(library: TreeLibrary, skills: SkillLibrary = _NO_SKILLS) -> Iterator[Diagnostic]:
-    """A finding for each two children that may run at once and need the same."""
+    """Yield a finding for each two children that may run at once and need the same."""
     for _, _, found in _trees(library, skills):
         yield from found
 

@@ -50,7 +50,7 @@ _CONTRARIES: Final = (
 
 
 def crossed_keys(usages: Iterable[EntryUsage]) -> Iterator[Diagnostic]:
-    """A finding for each reader of a key that somebody writes who means something else by it."""
+    """Yield a finding for each reader of a key that somebody writes who means something else by it."""
     for usage in usages:
         for reader in usage.readers:
             wanted = _read_meaning(reader)
@@ -89,8 +89,8 @@ def _shown(meanings: frozenset[str]) -> str:
 
 
 def mixed_up(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]:
-    """A finding for each key that is called after another leaf, text that is another type's or contrary to the name of
-    its node, child that stands at another case of a Switch, and RecoveryNode whose children are swapped."""
+    """Yield a finding for each key that is called after another leaf, text that is another type's or contrary to the
+    name of its node, child that stands at another case of a Switch, and RecoveryNode whose children are swapped."""
     used = (node.manifest for key in library.tree_keys() for node in library.definition(key).nodes())
     manifests = list({one.id: one for one in (*registry, *used)}.values())
     coded = [one.id for one in manifests if any(name.startswith('error_code') for name in one.ports)]
@@ -152,7 +152,7 @@ def _text_of_another(node: NodeDefinition, name: str, text: str, owners: Sequenc
 
 
 def _contrary(name: str, text: str) -> tuple[str, str] | None:
-    """A word of a name and its contrary, which a text has without the word itself."""
+    """Return a word of a name and its contrary, which a text has without the word itself."""
     name, text = name.casefold(), text.casefold()
     for pair in _CONTRARIES:
         for word, other in (pair, pair[::-1]):
@@ -182,7 +182,7 @@ _IN_ORDER: Final = frozenset(('Sequence', 'ReactiveSequence', 'SequenceWithMemor
 
 
 def copies(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]:
-    """A finding for each of them."""
+    """Yield a finding for each of them."""
     trees = {_letters(key.id): key.id for key in library.tree_keys()}
     used = (node.manifest for key in library.tree_keys() for node in library.definition(key).nodes())
     leaves = {_letters(one.id): one for one in (*registry, *used) if one.kind in _LEAVES}
@@ -200,7 +200,7 @@ def copies(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]
 
 
 def _meant(node: NodeDefinition, trees: Mapping[str, str], leaves: Mapping[str, NodeManifest]) -> str:
-    """What a node is, and what its name says; '' when that is no other type or tree, or one of other ports."""
+    """Return what a node is, and what its name says; '' when that is no other type or tree, or one of other ports."""
     name = _letters(node.name)
     if _letters(node.tree_id or node.manifest.id).endswith(name):
         return ''
@@ -213,13 +213,13 @@ def _meant(node: NodeDefinition, trees: Mapping[str, str], leaves: Mapping[str, 
 
 
 def _letters(name: str) -> str:
-    """A name without what is written in one way or another."""
+    """Return a name without what is written in one way or another."""
     return re.sub(r'[\W_]', '', name).casefold()
 
 
 def _look(node: NodeDefinition, looks: dict[int, int], numbers: dict[object, int]) -> int:
-    """A number for everything that a file says of a node, and of those in it; kept in ``looks`` by the ``id`` of each,
-    and in ``numbers`` by what is said."""
+    """Return a number for everything that a file says of a node, and of those in it; kept in ``looks`` by the ``id`` of
+    each, and in ``numbers`` by what is said."""
     ports = sorted((port, value.key, value.text) for port, value in node.values.items())
     conditions = sorted((name, script.text) for name, script in node.conditions.items())
     children = tuple(_look(one, looks, numbers) for one in node.children)

@@ -40,8 +40,8 @@ _TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)
 def read_library(
     files: Sequence[str], registry: NodeRegistry, texts: Mapping[str, bytes] = MappingProxyType({})
 ) -> TreeLibrary:
-    """The files as one library, by their paths or as ``package://PACKAGE/PATH``; ``texts`` has the contents of those
-    that are no files. With an OpenRegistry node types
+    """Return the files as one library, by their paths or as ``package://PACKAGE/PATH``; ``texts`` has the contents of
+    those that are no files. With an OpenRegistry node types
     may be unknown.
 
     Raises RefusedError with all errors of all files; then also with references that lead nowhere.
@@ -72,7 +72,7 @@ def read_library(
 
 
 def read_models(files: Sequence[str], registry: NodeRegistry) -> None:
-    """Makes the node types known that the files describe in a <TreeNodesModel>. Raises RefusedError."""
+    """Make the node types known that the files describe in a <TreeNodesModel>. Raises RefusedError."""
     errors: list[LoadError] = []
     for file in files:
         try:
@@ -86,7 +86,8 @@ def read_models(files: Sequence[str], registry: NodeRegistry) -> None:
 
 
 def _place_holders(file: str, content: bytes, registry: NodeRegistry) -> list[TreeDocument]:
-    """What stands for a file that is refused: trees of the same names, so that others find what they refer to."""
+    """Return what stands for a file that is refused: trees of the same names, so that others find what they refer
+    to."""
     found = dict.fromkeys(_TREE_ID.findall(content.decode('utf-8', 'replace')))
     ids = [id for id in found if not tree_name_problem(id) and id not in registry]
     trees = ''.join(f'<BehaviorTree ID="{id}"><AlwaysSuccess/></BehaviorTree>' for id in ids)
@@ -94,7 +95,7 @@ def _place_holders(file: str, content: bytes, registry: NodeRegistry) -> list[Tr
 
 
 def shown_name(file: str) -> str:
-    """The name of a file in messages: the same whether it was named by the user or by another file."""
+    """Return the name of a file in messages: the same whether it was named by the user or by another file."""
     return '<stdin>' if file == STDIN else os.path.normpath(file)
 
 
@@ -131,7 +132,7 @@ def find_resource(name: str) -> Path:
 
 
 def references(library: TreeLibrary, key: TreeKey) -> Iterator[tuple[NodeDefinition, TreeKey]]:
-    """The sub-trees of a tree, and the trees that they mean."""
+    """Yield the sub-trees of a tree, and the trees that they mean."""
     for node in library.definition(key).nodes():
         if node.tree_id is not None:
             target = library.find(node.tree_id, key.file)
@@ -140,7 +141,7 @@ def references(library: TreeLibrary, key: TreeKey) -> Iterator[tuple[NodeDefinit
 
 
 def sub_trees_first(library: TreeLibrary) -> list[TreeKey]:
-    """All trees, each after those that it refers to."""
+    """Return all trees, each after those that it refers to."""
     order: dict[TreeKey, None] = {}
     for start in library.tree_keys():
         path = [(start, references(library, start))] if start not in order else []
@@ -156,7 +157,7 @@ def sub_trees_first(library: TreeLibrary) -> list[TreeKey]:
 
 
 def used_trees(library: TreeLibrary) -> set[TreeKey]:
-    """The trees that are sub-trees of others. One that several documents have, by includes, is one tree."""
+    """Return the trees that are sub-trees of others. One that several documents have, by includes, is one tree."""
     targets = {target for key in library.tree_keys() for _, target in references(library, key)}
     places = {_place(library, target) for target in targets}
     return {key for key in library.tree_keys() if _place(library, key) in places}
@@ -168,7 +169,8 @@ def _place(library: TreeLibrary, key: TreeKey) -> tuple[str, int]:
 
 
 def roots(library: TreeLibrary) -> list[TreeKey]:
-    """The trees that are run by themselves, if any: those that are no sub-trees, and the main ones of all files."""
+    """Return the trees that are run by themselves, if any: those that are no sub-trees, and the main ones of all
+    files."""
     used = used_trees(library)
     mains = {TreeKey(document.file, document.main) for document in library.documents.values() if document.main}
     return [key for key in library.tree_keys() if key not in used or key in mains]

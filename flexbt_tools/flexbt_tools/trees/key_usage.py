@@ -53,7 +53,7 @@ class KeyUse(NamedTuple):
 
 
 def uses(node: NodeDefinition, enums: Collection[str]) -> Iterator[KeyUse]:
-    """The uses of a node in its own scope. ``enums`` are the names that are constants in scripts.
+    """Yield the uses of a node in its own scope. ``enums`` are the names that are constants in scripts.
 
     What a sub-tree is given leads to entries that others use; it is no use itself.
     """
@@ -174,7 +174,7 @@ class KeyUsage:
                     self._uses[id(node)] = tree, tuple(uses(node, document.scripts.enums))
 
     def add(self, key: TreeKey, board: Blackboard, usages: dict[Entry, EntryUsage]) -> None:
-        """Adds the uses of a tree that runs on ``board``. Raises TreeLoadError when the tree cannot be made."""
+        """Add the uses of a tree that runs on ``board``. Raises TreeLoadError when the tree cannot be made."""
         definitions: list[NodeDefinition] = []
 
         def inert(node: NodeDefinition, path: str) -> NodeDefinition:

@@ -51,7 +51,7 @@ class Item:
         return '' if self.node.name == self.type else self.node.name
 
     def direction(self, port: str) -> PortDirection | None:
-        """The direction of a port; None when it is not known, as for those of a sub-tree."""
+        """Return the direction of a port; None when it is not known, as for those of a sub-tree."""
         declared = self.node.manifest.ports.get(port)
         return None if declared is None or declared is UNKNOWN_PORT else declared.direction
 
@@ -76,7 +76,8 @@ def _quoted(text: str) -> str:
 
 
 def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[Item]:
-    """The nodes of a tree, in the order in which the engine makes them; with ``expand`` also those of sub-trees."""
+    """Yield the nodes of a tree, in the order in which the engine makes them; with ``expand`` also those of
+    sub-trees."""
     tree = library.definition(key)
     stack: list[tuple[NodeDefinition, TreeKey, TreeDefinition, int, int | None, bool]] = [
         (tree.root, key, tree, 0, None, True)
@@ -96,7 +97,7 @@ def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[It
 
 
 def drawn_nodes(items: Iterable[Item], ports: str) -> list[DrawnNode]:
-    """The nodes as a picture shows them; ``ports`` as in :meth:`Item.attributes`."""
+    """Return the nodes as a picture shows them; ``ports`` as in :meth:`Item.attributes`."""
     return [DrawnNode(item.type, item.name, item.parent, _shape(item), item.attributes(ports)) for item in items]
 
 
@@ -109,7 +110,7 @@ def is_main(library: TreeLibrary, key: TreeKey) -> bool:
 
 
 def find_tree(library: TreeLibrary, id: str) -> TreeKey:
-    """The tree of this ID. Raises UsageError."""
+    """Return the tree of this ID. Raises UsageError."""
     key = library.find(id)
     if key is None:
         known = library.tree_ids()
@@ -135,7 +136,7 @@ _ASCII: Final = _Lines('|- ', '`- ', '|  ', '   ')
 
 
 def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool, width: int) -> Iterator[str]:
-    """A line for each node, or several where it has more than ``width`` characters; ``ports`` as in
+    """Yield a line for each node, or several where it has more than ``width`` characters; ``ports`` as in
     :meth:`.Item.attributes`."""
     lines = _ASCII if ascii_only else _UNICODE
     # What stands in front of the children of each node of the path to the current one.
@@ -181,7 +182,7 @@ def _title(item: Item) -> str:
 
 
 def tree_as_json(library: TreeLibrary, key: TreeKey, *, expand: bool) -> dict[str, Any]:
-    """A tree as a list of nodes, parents first; ``parent`` is the index in it."""
+    """Return a tree as a list of nodes, parents first; ``parent`` is the index in it."""
     tree = library.definition(key)
     return {
         'id': key.id,

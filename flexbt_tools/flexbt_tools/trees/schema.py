@@ -84,7 +84,7 @@ _HEAD: Final = r"""<?xml version="1.0" encoding="UTF-8"?>
 
 
 def schema_lines(manifests: Sequence[NodeManifest]) -> Iterator[str]:
-    """The schema of files whose trees have nodes of these types."""
+    """Yield the schema of files whose trees have nodes of these types."""
     # A name that no element can have can only be written in explicit form.
     manifests = [manifest for manifest in manifests if _NAME.fullmatch(manifest.id)]
     yield from _HEAD.splitlines()

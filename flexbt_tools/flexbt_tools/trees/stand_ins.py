@@ -58,7 +58,7 @@ class StandIn:
 def _stand_in(
     kind: NodeKind, ports: Mapping[str, Port], where: str = __name__, *, is_guessed: bool = False
 ) -> type[TreeNode]:
-    """A class whose module is told to be ``where``: the file that describes it, in messages about its ports."""
+    """Return a class whose module is told to be ``where``: the file that describes it, in messages about its ports."""
 
     def execute(self: TreeNode) -> NodeStatus:
         raise self.fault('this node type is not installed here')
@@ -68,7 +68,7 @@ def _stand_in(
 
 
 def is_stand_in(manifest: NodeManifest) -> bool:
-    """Whether nodes of this type can be shown and checked, but not ticked."""
+    """Return whether nodes of this type can be shown and checked, but not ticked."""
     return issubclass(manifest.node_class, StandIn)
 
 
@@ -82,7 +82,7 @@ def is_of_unknown_kind(manifest: NodeManifest) -> bool:
 
 
 def add_models(registry: NodeRegistry, file: str, text: str) -> list[LoadError]:
-    """Registers the node types that a <TreeNodesModel> of the file describes, if they are not registered yet.
+    """Register the node types that a <TreeNodesModel> of the file describes, if they are not registered yet.
 
     Gives what is wrong with those that cannot be. Raises TreeLoadError when the file is no XML.
     """
@@ -133,7 +133,7 @@ def _port(element: Element, known: dict[str, PortType]) -> Port:
 
 @lru_cache(maxsize=8)  # the trees of a file have its text in common
 def _described_kinds(text: str) -> Mapping[str, NodeKind]:
-    """The kinds of node types that a file itself describes in its <TreeNodesModel>."""
+    """Return the kinds of node types that a file itself describes in its <TreeNodesModel>."""
     if '<TreeNodesModel' not in text:
         return {}
     models = _models(parse(Source('', text)))
@@ -169,7 +169,8 @@ class OpenRegistry(NodeRegistry):
         return NodeManifest(id, NodeKind.CONTROL, _stand_in(NodeKind.CONTROL, {}), _AnyPorts(), (0, None), '')
 
     def settled(self, document: TreeDocument) -> TreeDocument:
-        """The document, in which types that are not registered have the kind and the ports by which they are used."""
+        """Return the document, in which types that are not registered have the kind and the ports by which they are
+        used."""
         trees = {id: tree._replace(root=self._settled_root(tree)) for id, tree in document.trees.items()}
         return document._replace(trees=trees)
 

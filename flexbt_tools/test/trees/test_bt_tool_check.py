@@ -85,7 +85,7 @@ def registry() -> NodeRegistry:
 
 
 def found(directory: Path, *texts: str, shared: bool = False) -> list[str]:
-    """The findings in files a.xml, b.xml, ...: ``file:line:column rule message``."""
+    """Return the findings in files a.xml, b.xml, ...: ``file:line:column rule message``."""
     files = []
     for letter, text in zip('abcdef', texts, strict=False):
         (directory / f'{letter}.xml').write_text(text, encoding='utf-8')

@@ -70,7 +70,7 @@ REGISTRY.register('Put', Put)
 
 
 def trees(seed: int) -> str:
-    """A file of a main tree and of up to three sub-trees, each used by one before it."""
+    """Return a file of a main tree and of up to three sub-trees, each used by one before it."""
     pick = random.Random(seed)
     count = pick.randint(1, 4)
     numbers = iter(range(1000))

@@ -25,7 +25,7 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Main">
 
 
 def logged(directory: Path, xml: str) -> tuple[str, Path]:
-    """What a run has printed of its transitions, and its log."""
+    """Return what a run has printed of its transitions, and its log."""
     (directory / 'tree.xml').write_text(xml)
     log = directory / 'run.btlog'
     # A mock that no node needs is refused, as is a node that needs one.

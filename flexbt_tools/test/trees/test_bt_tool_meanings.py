@@ -18,7 +18,7 @@ SOUND = (TREES / 'navigate_to_pose.xml').read_text('utf-8')
 
 
 def crossed(folder: Path, text: str) -> list[str]:
-    """The messages of the rule."""
+    """Return the messages of the rule."""
     file = folder / 'main.xml'
     file.write_text(text, encoding='utf-8')
     shutil.copy(TREES / 'recoveries.xml', folder)

@@ -35,7 +35,7 @@ TWO_TREES = document(
 
 
 def rows(text: str) -> list[list[Row]]:
-    """The nodes of the trees of a file, as another parser reads it."""
+    """Return the nodes of the trees of a file, as another parser reads it."""
 
     def walk(element: ElementTree.Element, depth: int) -> list[Row]:
         explicit = element.tag in ('Action', 'Condition', 'Control', 'Decorator', 'SubTree')
@@ -49,7 +49,7 @@ def rows(text: str) -> list[list[Row]]:
 
 
 def shown_rows(out: str) -> list[list[Row]]:
-    """The nodes that ``show --ports none`` has printed."""
+    """Return the nodes that ``show --ports none`` has printed."""
     trees = []
     for block in out.rstrip('\n').split('\n\n'):
         nodes = []
@@ -75,7 +75,7 @@ def edges(nodes: list[Row]) -> set[tuple[int, int]]:
 
 
 def parsed(dot: str) -> Any:
-    """The graph, as another program reads it; it comes with py_trees."""
+    """Return the graph, as another program reads it; it comes with py_trees."""
     [graph] = pytest.importorskip('pydot').graph_from_dot_data(dot)
     return graph
 
@@ -146,7 +146,7 @@ def test_the_trees_of_nav2(file: Path) -> None:
 
 
 def symbol(id: str) -> str:
-    """The sign of a control in the field, with a space behind it."""
+    """Return the sign of a control in the field, with a space behind it."""
     if 'Sequence' in id:
         return '→ '
     return '? ' if 'Fallback' in id else '⇉ ' if 'Parallel' in id else '↺ ' if id == 'RecoveryNode' else ''

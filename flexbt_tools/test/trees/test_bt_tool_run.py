@@ -80,7 +80,8 @@ def mock_run(
     directory: Path | None = None,
     read_inputs: bool = False,
 ) -> tuple[MockRun, list[str]]:
-    """A tree with mocks (words of the command line, or the text of a file), and the list that its trace goes to."""
+    """Return a tree with mocks (words of the command line, or the text of a file), and the list that its trace goes
+    to."""
     if isinstance(mocks, str):
         assert directory is not None
         (directory / 'mocks.yaml').write_text(mocks, encoding='utf-8')

@@ -18,7 +18,7 @@ PAGE = (Path(__file__).parents[3] / 'docs' / 'tutorials' / 'action_leaf.md').rea
 
 
 def block(name: str) -> str:
-    """The fenced block after the name of a file."""
+    """Return the fenced block after the name of a file."""
     found = re.search(rf'^`{name}`:\n\n```\w+\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
     assert found is not None, name
     return found[1]

@@ -25,7 +25,8 @@ sys.exit(not {'/simulator', '/navigation', '/bt_server'} <= ready)
 
 
 def files_of_package(text: str) -> dict[str, str]:
-    """The files that the page shows: each fenced block after a paragraph that begins with a name in backquotes."""
+    """Return the files that the page shows: each fenced block after a paragraph that begins with a name in
+    backquotes."""
     files: dict[str, str] = {}
     name = ''
     lines = iter(text.splitlines())
@@ -40,14 +41,14 @@ def files_of_package(text: str) -> dict[str, str]:
 
 
 def commands(text: str) -> list[str]:
-    """The shell commands of the page, in their order."""
+    """Return the shell commands of the page, in their order."""
     blocks = re.findall(rf'^{FENCE}sh\n(.*?)^{FENCE}$', text, re.MULTILINE | re.DOTALL)
     return [line for block in blocks for line in block.splitlines() if line.strip()]
 
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
-    """A user's workspace with the package, in what is the home directory of the test."""
+    """Return a user's workspace with the package, in what is the home directory of the test."""
     package = tmp_path / 'errands_ws' / 'src' / 'errands'
     files = files_of_package(PAGE.read_text(encoding='utf-8'))
     for name, content in files.items():

@@ -19,14 +19,14 @@ INCLUDE = re.compile(r'^```\{include\} (\S+)\n(?::relative-docs: (\S+)\n)?', re.
 
 
 def pages() -> list[Path]:
-    """The pages that this repository has."""
+    """Return the pages that this repository has."""
     return sorted(
         file for pattern in ('*.md', '*/README.md', 'docs/**/*.md', '.github/**/*.md') for file in ROOT.glob(pattern)
     )
 
 
 def prose(page: Path) -> Iterator[str]:
-    """The lines of a page outside of fenced blocks, without what stands in backquotes."""
+    """Yield the lines of a page outside of fenced blocks, without what stands in backquotes."""
     fence = ''
     for line in page.read_text(encoding='utf-8').splitlines():
         mark = re.match(r'\s*(`{3,}|~{3,})', line)
@@ -39,8 +39,8 @@ def prose(page: Path) -> Iterator[str]:
 
 
 def links(page: Path) -> Iterator[tuple[str, str, str]]:
-    """The links of a page within the repository: as they are written, their paths ('' for the page itself), and their
-    anchors.
+    """Yield the links of a page within the repository: as they are written, their paths ('' for the page itself), and
+    their anchors.
     """
     for line in prose(page):
         for link in LINK.findall(re.sub(r'`[^`]*`', '``', line)):
@@ -50,7 +50,7 @@ def links(page: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def anchors(page: Path) -> set[str]:
-    """The anchors of the headings of a page, as GitHub and the documentation site make them of the text."""
+    """Return the anchors of the headings of a page, as GitHub and the documentation site make them of the text."""
     counted: Counter[str] = Counter()
     found: set[str] = set()
     for line in prose(page):

@@ -27,7 +27,7 @@ README = (ROOT / 'README.md').read_text(encoding='utf-8')
 
 
 def example(heading: str, language: str) -> str:
-    """The first block of a language in a section."""
+    """Return the first block of a language in a section."""
     section = README[README.index(f'## {heading}\n') :]
     found = re.search(rf'^```{language}\n(.*?)^```$', section, re.MULTILINE | re.DOTALL)
     assert found is not None, f'{heading}: no {language}'
@@ -80,7 +80,7 @@ def test_the_state_counts() -> None:
 
 @pytest.fixture
 def installed(tmp_path: Path) -> dict[str, str]:
-    """The environment in which the package of the examples is installed."""
+    """Return the environment in which the package of the examples is installed."""
     package = tmp_path / 'deliveries'
     share = tmp_path / 'share' / 'deliveries'
     about = tmp_path / 'deliveries-1.0.dist-info'

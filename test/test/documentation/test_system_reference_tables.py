@@ -32,7 +32,7 @@ LONG_LIST = 4
 
 
 def table(page: str, heading: str) -> list[list[str]]:
-    """The cells of the first table after a text of a page, without the head."""
+    """Return the cells of the first table after a text of a page, without the head."""
     lines = iter(page[page.index(heading) :].splitlines())
     rows: list[str] = []
     for line in lines:
@@ -112,7 +112,7 @@ def test_parameters(executable: str, declare: Callable[[Node], object]) -> None:
 
 
 def shown(parameter: Parameter) -> str:
-    """A default as the page writes it."""
+    """Return a default as the page writes it."""
     value: Any = parameter.value
     if isinstance(value, bool):
         return str(value).lower()

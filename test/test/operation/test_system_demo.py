@@ -26,7 +26,7 @@ GOALS = 'flexbt_demo_behaviors/goals'
 
 @pytest.fixture
 def mark() -> Iterator[str]:
-    """A word in the environment of everything that a test starts; whatever still runs afterwards is ended."""
+    """Yield a word in the environment of everything that a test starts; whatever still runs afterwards is ended."""
     word = uuid.uuid4().hex
     yield word
     for pid in marked(word):
@@ -34,7 +34,7 @@ def mark() -> Iterator[str]:
 
 
 def marked(word: str) -> dict[int, str]:
-    """The running processes with that word in their environment, with their command lines."""
+    """Return the running processes with that word in their environment, with their command lines."""
     found = {}
     for directory in Path('/proc').glob('[0-9]*'):
         try:
@@ -60,7 +60,8 @@ def start(mark: str, output: Path, *arguments: str, program: str = DEMO) -> subp
 
 
 def ending(returncode: int | None, output: str) -> str:
-    """What a demonstration told, for a failure: what came of it first, since a report may show a few lines only."""
+    """Return what a demonstration told, for a failure: what came of it first, since a report may show a few lines
+    only."""
     lines = output.splitlines()
     problems = [line.strip() for line in lines if line.strip().startswith('problem ')]
     missed = [line.strip() for line in lines if 'NOT TAKEN' in line]

@@ -106,7 +106,7 @@ def robot(installed: None, tmp_path: Path) -> Iterator[Stack]:
 
 
 def waiting_for(path: str) -> dict[str, Any]:
-    """The decision that a state puts to the operator."""
+    """Return the decision that a state puts to the operator."""
 
     def asked() -> Any:
         return next((one for one in console_answer('status')['decisions'] if one['path'] == path), None)

@@ -28,12 +28,12 @@ GOAL = (10.0, 2.3)
 
 
 def console(*words: str) -> Any:
-    """What a command of ann's console, which is opened for it, answers."""
+    """Return what a command of ann's console, which is opened for it, answers."""
     return console_answer(*words, '--operator', 'ann')
 
 
 def late_page(done: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
-    """The parts of a page that is opened now, as soon as they are what is waited for."""
+    """Return the parts of a page that is opened now, as soon as they are what is waited for."""
 
     async def look(address: str) -> dict[str, Any]:
         parts: dict[str, Any] = {}
@@ -62,12 +62,12 @@ def late_page(done: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
 
 
 def is_judged(status: ExecutiveStatus) -> bool:
-    """Whether the operator is asked for a choice."""
+    """Return whether the operator is asked for a choice."""
     return bool(status.decisions[0].kind == PendingDecision.CHOICE)
 
 
 def ends_at_goal(points: Any) -> bool:
-    """Whether a path leads to the goal."""
+    """Return whether a path leads to the goal."""
     return len(points) > 2 and max(abs(points[-1][0] - GOAL[0]), abs(points[-1][1] - GOAL[1])) < 0.3
 
 

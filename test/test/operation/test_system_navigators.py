@@ -101,7 +101,7 @@ class Commander:
         answers: list[Any] = []
 
         def is_answered() -> bool:
-            """The answer is lost where the service does not know this client yet: it is asked again."""
+            """Return the answer is lost where the service does not know this client yet: it is asked again."""
             answers.append(client.call_async(service_type.Request(**fields)))
             self._executor.spin_until_future_complete(answers[-1], ANSWER_SECONDS)
             return any(answer.done() for answer in answers)
@@ -152,7 +152,7 @@ class Commander:
 
 
 def away(probe: Probe, x: float, y: float = CORRIDOR) -> float:
-    """How far the robot is from a place, m."""
+    """Return how far the robot is from a place, m."""
     assert probe.pose is not None
     return distance(probe.pose.pose, x, y)
 

@@ -27,7 +27,7 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 @pytest.fixture(scope='module')
 def mission(stack: Stack) -> Iterator[Operator]:
-    """Hears the executive of the mission, which sees the BT server ready."""
+    """Hear the executive of the mission, which sees the BT server ready."""
     with NodeRuntime.open('mission') as runtime:
         operator = Operator(runtime)
         operator.wait_for(
@@ -38,13 +38,13 @@ def mission(stack: Stack) -> Iterator[Operator]:
 
 @pytest.fixture(scope='module')
 def inspector(stack: Stack) -> Iterator[Operator]:
-    """Hears the executive of the inspector."""
+    """Hear the executive of the inspector."""
     with NodeRuntime.open('inspection', namespace='inspector') as runtime:
         yield Operator(runtime)
 
 
 def console(*words: str, namespace: str = '') -> Any:
-    """What a command of the console answers."""
+    """Return what a command of the console answers."""
     return console_answer(*words, '--operator', 'ann', *(['--namespace', namespace] if namespace else []))
 
 

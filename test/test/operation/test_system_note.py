@@ -72,7 +72,7 @@ def watching() -> Iterator[tuple[Watching, Watching]]:
 
 
 def console(*words: str, exit_code: int = 0) -> Any:
-    """What a command of ann's console answers."""
+    """Return what a command of ann's console answers."""
     return console_answer(*words, '--operator', 'ann', exit_code=exit_code)
 
 

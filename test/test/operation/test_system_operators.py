@@ -39,12 +39,12 @@ def probe(stack: Stack) -> Iterator[Probe]:
 
 
 def console(operator: str, *words: str, exit_code: int = 0) -> Any:
-    """What a command of an operator's console answers; None for an empty list."""
+    """Return what a command of an operator's console answers; None for an empty list."""
     return console_answer(*words, '--operator', operator, exit_code=exit_code)
 
 
 def active(status: Any) -> list[str]:
-    """The active states of a status."""
+    """Return the active states of a status."""
     return [state['path'] for state in status['active_states']]
 
 

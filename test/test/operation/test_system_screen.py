@@ -55,14 +55,14 @@ class Terminal:
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Iterator[Terminal]:
-    """The console without a command, at the first of two robots."""
+    """Yield the console without a command, at the first of two robots."""
     shown = Terminal(tmp_path, executable('console'), '--namespace', 'robot1', '--operator', 'ann')
     yield shown
     shown.close()
 
 
 def robots() -> set[tuple[str, str]]:
-    """Those that are heard, without one that a busy machine holds up, each with the outcome of its last run."""
+    """Return those that are heard, without one that a busy machine holds up, each with the outcome of its last run."""
     heard = console_answer('robots', '--operator', 'ann')
     return {(one['robot'], one['outcome']) for one in heard}
 

@@ -121,7 +121,7 @@ class Robot:
         assert self.probe.ask(SetBool, 'simulator/doors/north', SetBool.Request(data=True)).success
 
     def fault(self, fault: str, clear: bool = False, **parameters: Any) -> bool:
-        """Whether it could be brought about, or ended."""
+        """Return whether it could be brought about, or ended."""
         request = SetFault.Request(fault=fault, clear=clear, parameters=json.dumps(parameters))
         return bool(self.probe.ask(SetFault, 'simulator/set_fault', request).success)
 
@@ -143,7 +143,7 @@ class Robot:
 
 
 def graph(file: Path) -> Path:
-    """A file with the graph, in both directions."""
+    """Return a file with the graph, in both directions."""
     features: list[Any] = [
         {'type': 'Feature', 'properties': {'id': id}, 'geometry': {'type': 'Point', 'coordinates': place}}
         for id, place in NODES.items()
@@ -235,8 +235,9 @@ def test_all_recoveries_are_tried_until_the_door_opens(robot: Robot, tree: Tree)
 
 
 def has_given_up(goal: SentGoal) -> bool:
-    """Whether a goal has failed since the controller has waited for too long before the tree has planned anew; or since
-    it was held up itself, and the robot, which drove on, is beside its path: a tree that looks at that ends."""
+    """Return whether a goal has failed since the controller has waited for too long before the tree has planned anew;
+    or since it was held up itself, and the robot, which drove on, is beside its path: a tree that looks at that
+    ends."""
     if not goal.ended or goal.wait().status is GoalStatus.SUCCEEDED:
         return False
     is_beside = 'IsWithinPathTrackingBounds' in goal.result.error_msg

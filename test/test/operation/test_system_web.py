@@ -24,7 +24,7 @@ BEHAVIOR = 'Navigate Split'
 
 @pytest.fixture
 def address(tmp_path: Path) -> Iterator[str]:
-    """Where the page of a robot is, whose behavior waits for a goal."""
+    """Yield where the page of a robot is, whose behavior waits for a goal."""
     with Stack(tmp_path) as stack:
         stack.start_all({'speed_factor': '5.0'}, in_one=True)
         with start_console('web', '--port', '0', '--operator', 'ann', '--timeout', '60') as web:

@@ -126,7 +126,7 @@ class Scene:
         return self.link.send(command, DEADLINE_S)
 
     def settle(self) -> Counter[CommandState]:
-        """What became of the commands, in the end."""
+        """Return what became of the commands, in the end."""
         states: Counter[CommandState] = Counter()
         for command in self.commands:
             settled = self.link.settled(command.id, DEADLINE_S)
@@ -141,7 +141,7 @@ class Scene:
         return view
 
     def is_true(self, view: View) -> bool:
-        """Whether the console shows what is so."""
+        """Return whether the console shows what is so."""
         snapshot, last = view.snapshot, self.truth.last
         return (
             view.live

@@ -69,7 +69,7 @@ class Scene:
         return console
 
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE_S) -> T:
-        """The first true value of the condition."""
+        """Return the first true value of the condition."""
         began = uncontended_time()
 
         def in_time() -> T:
@@ -86,13 +86,13 @@ class Scene:
         return lambda: time.monotonic() > end
 
     def send(self, console: RemoteConsole, *words: str, timeout: float = DEADLINE_S) -> str:
-        """A command from a console, see :meth:`Console.send`."""
+        """Return a command from a console, see :meth:`Console.send`."""
         command_id = console.send(*words, timeout=timeout)
         self._sent.append((console, command_id))
         return command_id
 
     def settled(self, console: RemoteConsole, command_id: str) -> TrackedCommand:
-        """What the operator sees of a command in the end."""
+        """Return what the operator sees of a command in the end."""
 
         def answer() -> TrackedCommand | None:
             tracked = console.tracked(command_id)
@@ -109,7 +109,7 @@ class Scene:
         assert settled.state is CommandState.APPLIED, settled
 
     def is_right(self, console: RemoteConsole) -> bool:
-        """Whether a console says that it is live, and shows what is so."""
+        """Return whether a console says that it is live, and shows what is so."""
         view, truth = console.view(), self.observer.latest()
         return view.live and view.snapshot is not None and truth is not None and gist(view.snapshot) == gist(truth)
 
@@ -155,7 +155,7 @@ def middleware(side: str) -> dict[str, str]:
 
 
 def gist(snapshot: ExecutiveSnapshot) -> tuple[Any, ...]:
-    """What an operator acts on."""
+    """Return what an operator acts on."""
     return (
         snapshot.state,
         snapshot.run_id,

@@ -56,7 +56,7 @@ def test_a_robot_stops_when_its_executive_dies_and_drives_on_when_the_run_goes_o
 
 
 def near(probe: Probe, x: float, y: float) -> bool:
-    """Whether the robot is at a place."""
+    """Return whether the robot is at a place."""
     if probe.pose is None:
         return False
     position = probe.pose.pose.position

@@ -64,7 +64,7 @@ def stack(system: tuple[Stack, Probe]) -> Stack:
 
 @pytest.fixture
 def console() -> Iterator[Mirror]:
-    """What an operator sees."""
+    """Yield what an operator sees."""
     with NodeRuntime.open('console') as runtime:
         mirror = Mirror(runtime.steady)
         ExecutiveLink(runtime, mirror, operator=None).open_surroundings()
@@ -73,7 +73,7 @@ def console() -> Iterator[Mirror]:
 
 @pytest.fixture
 def probe(system: tuple[Stack, Probe], stack: Stack) -> Iterator[Probe]:
-    """The executive is idle, and the robot in the dock."""
+    """Yield the executive is idle, and the robot in the dock."""
     probe = system[1]
     probe.wait_ready()
     probe.reset()

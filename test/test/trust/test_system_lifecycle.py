@@ -33,7 +33,7 @@ def runtime() -> Iterator[NodeRuntime]:
 
 
 def shown() -> str:
-    """The behavior line of the console."""
+    """Return the behavior line of the console."""
     done = run_console('status', '--timeout', '50')
     assert done.returncode == 0, done
     return next(line for line in done.stdout.splitlines() if line.startswith('behavior'))

@@ -94,7 +94,7 @@ def _class_of(type_name: str) -> Any:
 
 
 def memory(stack: Stack, name: str) -> int:
-    """The most memory that a process has had, MB."""
+    """Return the most memory that a process has had, MB."""
     status = Path(f'/proc/{stack._processes[name].pid}/status').read_text()
     found = re.search(r'VmHWM:\s+(\d+) kB', status)
     assert found is not None

@@ -46,7 +46,7 @@ Right = tuple[str, str]
 
 @cache
 def policy(*words: str) -> dict[tuple[str, str], set[Right]]:
-    """The policy: the rights by (enclave, node)."""
+    """Return the policy: the rights by (enclave, node)."""
     program = Path(get_package_prefix('flexbt_tools')) / 'lib/flexbt_tools/security_policy'
     done = subprocess.run([program, *words], capture_output=True, check=True, text=True)
     rights: dict[tuple[str, str], set[Right]] = {}
@@ -66,7 +66,7 @@ def absolute(name: str, namespace: str, node: str) -> str:
 
 
 def used(probe: Probe) -> dict[str, set[Right]]:
-    """What each node of the robot publishes, serves, and so on, now; with the nodes that are parts of it."""
+    """Return what each node of the robot publishes, serves, and so on, now; with the nodes that are parts of it."""
     node = probe.console.node
     found: dict[str, set[Right]] = defaultdict(set)
     whole = {part: name for name, parts in interfaces.PARTS.items() for part in parts}
@@ -83,13 +83,13 @@ def used(probe: Probe) -> dict[str, set[Right]]:
 
 
 def offered_by(node: str) -> set[Right]:
-    """What a node has to offer at all times, by the policy."""
+    """Return what a node has to offer at all times, by the policy."""
     rights = next(rights for (_, name), rights in policy().items() if name == node)
     return {right for right in rights if right[0] in ('publish', 'reply', 'execute')} - ON_DEMAND
 
 
 def are_known(probe: Probe) -> bool:
-    """Whether all is known by now that the parts of nodes serve."""
+    """Return whether all is known by now that the parts of nodes serve."""
     node = probe.console.node
     there = dict(node.get_node_names_and_namespaces())
     return all(
@@ -103,7 +103,7 @@ def are_known(probe: Probe) -> bool:
 
 @pytest.fixture
 def driven(tmp_path: Path) -> Iterator[dict[str, set[Right]]]:
-    """What the nodes have used while a mission was driven."""
+    """Yield what the nodes have used while a mission was driven."""
     with Stack(tmp_path) as stack, NodeRuntime.open('probe') as runtime:
         navigators = '[navigate_to_pose, navigate_through_poses, follow_waypoints]'
         stack.start_all({'speed_factor': '4.0'}, {'navigators': navigators})

@@ -46,7 +46,7 @@ def stack(system: tuple[Stack, Probe]) -> Stack:
 
 @pytest.fixture
 def probe(system: tuple[Stack, Probe]) -> Iterator[Probe]:
-    """The robot drives."""
+    """Yield the robot drives."""
     probe = system[1]
     probe.wait_ready()
     probe.reset()
@@ -133,7 +133,7 @@ def test_the_robot_stands_still_while_one_thread_hangs_and_drives_on(
 
 
 def pause(probe: Probe) -> float:
-    """The uncontended time when the robot is told to stand still."""
+    """Return the uncontended time when the robot is told to stand still."""
     now = uncontended_time()
     probe.applied(ExecutiveCommand.PAUSE)
     return now

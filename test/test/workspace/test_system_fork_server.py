@@ -41,7 +41,7 @@ pytestmark = pytest.mark.skipif(not fork_server.AVAILABLE, reason='forks of a se
 
 
 def module_of(text: str, directory: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The name of a module that the servers that begin from now on find."""
+    """Return the name of a module that the servers that begin from now on find."""
     module = f'module_{directory.name}'
     (directory / f'{module}.py').write_text(text)
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join((str(directory), os.environ.get('PYTHONPATH', ''))))
@@ -50,7 +50,7 @@ def module_of(text: str, directory: Path, monkeypatch: pytest.MonkeyPatch) -> st
 
 @pytest.fixture
 def sleeper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The module that the executables NAMES are here."""
+    """Return the module that the executables NAMES are here."""
     module = module_of(SLEEPER, tmp_path, monkeypatch)
     monkeypatch.setattr(processes, 'LOADED', (module,))
     monkeypatch.setattr(processes, 'MODULES', dict.fromkeys(NAMES, module))
@@ -58,7 +58,7 @@ def sleeper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def words(stack: Stack, name: str) -> list[str]:
-    """What a process has said, when it has said a line."""
+    """Return what a process has said, when it has said a line."""
     wait_until(lambda: stack.output(name).endswith('\n'), name)
     return stack.output(name).split()
 

@@ -102,7 +102,7 @@ MANIFESTS = [Manifest(path) for path in sorted(ROOT.glob('*/package.xml'))]
 
 
 def below(name: str) -> set[str]:
-    """The packages that a package needs, and what they need."""
+    """Return the packages that a package needs, and what they need."""
     direct = next((manifest.at_run_time for manifest in MANIFESTS if manifest.name == name), set())
     return direct.union(*map(below, direct))
 

@@ -36,7 +36,7 @@ class Described:
         self.given, self.options = given, options
 
     def perform(self, context: Mapping[str, str]) -> str:
-        """The value of an argument of the launch file."""
+        """Return the value of an argument of the launch file."""
         return context[self.given[0]]
 
 
@@ -74,7 +74,7 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def nodes_of(file: Path) -> list[Node]:
-    """The nodes that a launch file starts when it is given no arguments."""
+    """Return the nodes that a launch file starts when it is given no arguments."""
     (actions,) = runpy.run_path(str(file))['generate_launch_description']().given
     context = {action.given[0]: action.options['default_value'] for action in actions if isinstance(action, Argument)}
     nodes = [action for action in actions if isinstance(action, Node)]

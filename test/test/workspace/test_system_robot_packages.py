@@ -28,7 +28,7 @@ ROBOT = (
 
 @pytest.fixture
 def environment() -> dict[str, str]:
-    """The environment of the tests, without those packages."""
+    """Return the environment of the tests, without those packages."""
     found = dict(os.environ)
     for name in ('PATH', 'PYTHONPATH', 'AMENT_PREFIX_PATH'):
         places = found.get(name, '').split(os.pathsep)

@@ -32,7 +32,7 @@ BARE = {'PATH': os.defpath, 'PIP_CONFIG_FILE': os.devnull}
 
 
 def configuration_of_pip(file: Path, **environment: str) -> str:
-    """What pip itself says about a configuration file and its variables."""
+    """Return what pip itself says about a configuration file and its variables."""
     wheel = bundled_pip()
     assert wheel is not None
     ended = subprocess.run(
@@ -90,7 +90,7 @@ def test_who_has_no_home_has_a_place_for_downloads(monkeypatch: pytest.MonkeyPat
 
 
 def pins(file: str) -> dict[str, str]:
-    """What a file of requirements or a lock pins: versions by names."""
+    """Return what a file of requirements or a lock pins: versions by names."""
     text = (ROOT / 'tools' / file).read_text(encoding='utf-8')
     found = re.findall(r'^([A-Za-z0-9_.-]+)(?:\[[^]]*\])?==([^\s;\\]+)', text, re.MULTILINE)
     return {re.sub(r'[-_.]+', '-', name).lower(): version for name, version in found}
@@ -155,7 +155,8 @@ def test_a_full_disk_is_named(tmp_path: Path) -> None:
 
 @pytest.fixture
 def generator_arguments(tmp_path: Path) -> Iterator[Path]:
-    """What CMake gave to the Python generator, for one of the interfaces, with another place for what is generated."""
+    """Yield what CMake gave to the Python generator, for one of the interfaces, with another place for what is
+    generated."""
     file = ROOT / 'build' / 'flexbt_msgs' / 'rosidl_generator_py__arguments.json'
     if not file.exists():
         pytest.skip('flexbt_msgs was not built here')

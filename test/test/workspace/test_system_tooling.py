@@ -46,7 +46,7 @@ class Machine:
         )
 
     def refusal(self, **environment: str) -> str:
-        """What the set-up prints when it refuses to begin."""
+        """Return what the set-up prints when it refuses to begin."""
         process = self.start('setup', **environment)
         text, _ = process.communicate(timeout=TIMEOUT_S)
         assert process.returncode == 1, text

@@ -79,15 +79,15 @@ class LineSession:
         return self.line.has('--json')
 
     def log(self, count: int) -> tuple[LogLine, ...]:
-        """The latest lines of the log, as soon as those that are latched have arrived."""
+        """Return the latest lines of the log, as soon as those that are latched have arrived."""
         return self._settled(lambda: self.mirror.log(count))
 
     def events(self, count: int) -> tuple[ExecutiveEvent, ...]:
-        """The latest transitions and commands, as soon as those that are latched have arrived."""
+        """Return the latest transitions and commands, as soon as those that are latched have arrived."""
         return self._settled(lambda: self.mirror.events(count))
 
     def _settled(self, known: Callable[[], tuple[T, ...]]) -> tuple[T, ...]:
-        """What arrives piece by piece, when no more of it comes."""
+        """Return what arrives piece by piece, when no more of it comes."""
         now = self.link.wait_for(lambda _: known() or None, LATCHED_SECONDS) or ()
         while True:
             more = self.link.wait_for(lambda _, seen=now: _other(known(), seen), QUIET_SECONDS)  # type: ignore[misc]
@@ -134,7 +134,7 @@ def _show(session: LineSession, spec: CommandSpec, action: Show) -> ExitCode:
 
 
 def _prepared(session: LineSession, spec: CommandSpec, view: View, timeout: float) -> View:
-    """The view with what the command shows, or is checked against, if that arrives within so many seconds."""
+    """Return the view with what the command shows, or is checked against, if that arrives within so many seconds."""
     has_arrived = spec.has_arrived
     if has_arrived is None:
         return view
@@ -259,7 +259,8 @@ NAME_SECONDS: Final = 1.2
 
 
 def found_robots(fleet: Fleet, clock: Clock, timeout: float) -> tuple[str, ...]:
-    """The names of the robots that are found: of all as soon as no further one comes, within ``timeout`` seconds."""
+    """Return the names of the robots that are found: of all as soon as no further one comes, within ``timeout``
+    seconds."""
     return _settled(fleet, clock, timeout, lambda: tuple(fleet.names), lambda _: NAME_SECONDS)
 
 
@@ -300,8 +301,8 @@ def _settled(
     look: Callable[[], tuple[T, ...]],
     quiet: Callable[[tuple[T, ...]], float],
 ) -> tuple[T, ...]:
-    """What is known of the robots when nothing of it has changed for so long, and all that are found are joined that
-    may be, or after ``timeout`` seconds."""
+    """Return what is known of the robots when nothing of it has changed for so long, and all that are found are joined
+    that may be, or after ``timeout`` seconds."""
     changed = threading.Event()
     fleet.add_listener(changed.set)
     until = end = clock.now() + timeout

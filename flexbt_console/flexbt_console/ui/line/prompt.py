@@ -298,7 +298,7 @@ class Prompt:
             self._print(told)
 
     def _is_settled(self, view: View) -> bool:
-        """Whether what is latched has arrived beside the first status, so that it is told in its order."""
+        """Return whether what is latched has arrived beside the first status, so that it is told in its order."""
         if view.snapshot is None or self._settled_at <= self._loop.time():
             return True
         if self._settled_at == math.inf:

@@ -49,7 +49,7 @@ class Typed:
         self._dropped = 0
 
     def take(self, text: str) -> str:
-        """The text that came, as far as it is to be parsed now: a paste is when its end has come."""
+        """Return the text that came, as far as it is to be parsed now: a paste is when its end has come."""
         kept = ''
         while text:
             if self._pasted is None:
@@ -124,5 +124,5 @@ class RawInput(Vt100Input):
 
 
 def is_gone(error: BaseException | None) -> bool:
-    """Whether this was raised because the terminal is not there any more."""
+    """Return whether this was raised because the terminal is not there any more."""
     return isinstance(error, OSError) and error.errno in _GONE

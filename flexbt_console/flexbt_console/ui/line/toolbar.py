@@ -114,7 +114,8 @@ def _rest(view: View, width: int, room: int) -> list[str]:
 
 
 def _state(state: ActiveState, width: int, rows: int) -> list[str]:
-    """A state and what it does: of the nodes of its tree, which begin with the root, the leaves are what counts."""
+    """Return a state and what it does: of the nodes of its tree, which begin with the root, the leaves are what
+    counts."""
     path = cut_middle(f'> {one_line(state.path)}{" (paused)" if state.paused else ""}', width)
     notes = not_paused_lines(state)[: max(0, rows - 1)]
     room = min(MOST_ACTIVITIES + 1, rows - 1 - len(notes))

@@ -217,7 +217,7 @@ class OperatorScreen(OrderedApp):
         self.tell([Line(line, Tone.WARNING) for line in escape_lines(text)])
 
     def _view(self) -> View:
-        """The picture, with the decision first to which the operator has turned."""
+        """Return the picture, with the decision first to which the operator has turned."""
         return self._station.mirror.view().turned_to(self._turned_to)
 
     def key_read(self, key: str) -> None:
@@ -332,7 +332,7 @@ class OperatorScreen(OrderedApp):
     # Keys
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Whether a key does that now; what is typed into a line or an open list is for these."""
+        """Return whether a key does that now; what is typed into a line or an open list is for these."""
         if action not in (*self.OF_PANES, *self.OF_LINE, 'leave_mode'):
             return super().check_action(action, parameters)
         if len(self.screen_stack) > 1:
@@ -664,8 +664,8 @@ def _label(path: str) -> str:
 
 
 def _timeless(view: View) -> View:
-    """What is shown of a robot at rest, whose heartbeat tells nothing new; of another one all, which is never the same
-    twice."""
+    """Return what is shown of a robot at rest, whose heartbeat tells nothing new; of another one all, which is never
+    the same twice."""
     if view.running or view.snapshot is None or not view.live:
         return view
     return replace(view, age=None, snapshot=replace(view.snapshot, sequence=0, stamp=0.0))

@@ -74,13 +74,13 @@ class Burst:
             self._text = (self._text + sign)[-BURST_SIGNS:]
 
     def check_key(self, key: str) -> None:
-        """Raises RefusedError for a key that is a letter of a word."""
+        """Raise RefusedError for a key that is a letter of a word."""
         word = self._text.rpartition(_ENTER)[2]
         if len(word) > 1:
             raise RefusedError(f'{word!r} is a word, so "{key}" in it did nothing; ":" types a line')
 
     def check_enter(self) -> None:
-        """Raises RefusedError for an Enter that was typed in one go with more than a number that picks."""
+        """Raise RefusedError for an Enter that was typed in one go with more than a number that picks."""
         if not _ALONE.fullmatch(self._text):
             raise RefusedError(
                 f'nothing was sent: Enter came just behind {self._text!r}. Look at the decision, and press Enter '
@@ -133,7 +133,7 @@ class Picking:
         self._shown.drawn('')
 
     def picked(self, decision: Decision | None) -> str:
-        """What Enter answers: what was picked, or else the outcome that the state wants; '' is nothing."""
+        """Return what Enter answers: what was picked, or else the outcome that the state wants; '' is nothing."""
         if decision is None:
             return ''
         if self._pick is not None and self._pick.decision_id == decision.id:
@@ -152,7 +152,7 @@ class Picking:
         self._pick = Pick(decision.id, decision.choices[number - 1])
 
     def confirm(self, view: View, make: CommandBuilder) -> Meaning:
-        """The command for what is picked.
+        """Return the command for what is picked.
 
         Raises:
             NotShownError: what the decision is about was not received.
@@ -172,7 +172,7 @@ class Picking:
 
 
 def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_pointing: bool = False) -> list[str]:
-    """The bar in at most :data:`ROWS` rows of so many cells. While nothing waits: what acts."""
+    """Return the bar in at most :data:`ROWS` rows of so many cells. While nothing waits: what acts."""
     decision, snapshot = view.decision, view.snapshot
     if decision is None or snapshot is None:
         acting = [f'  {signs.active} {line}' for run in view.running_trees for line in acting_lines(run)]
@@ -208,7 +208,7 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
 
 
 def choice_texts(decision: Decision, state: StateStructure | None, signs: Glyphs) -> list[str]:
-    """Each choice with its number and what it leads to; what is wanted has a star."""
+    """Return each choice with its number and what it leads to; what is wanted has a star."""
     texts = []
     for number, choice in enumerate(decision.choices, 1):
         leads = leads_text(state, state.outcomes.index(choice), signs) if state and choice in state.outcomes else ''
@@ -217,7 +217,7 @@ def choice_texts(decision: Decision, state: StateStructure | None, signs: Glyphs
 
 
 def waiting_texts(view: View) -> list[str]:
-    """Each decision that waits, with for how long, and what it asks."""
+    """Return each decision that waits, with for how long, and what it asks."""
     snapshot = view.snapshot
     if snapshot is None:
         return []
@@ -226,7 +226,7 @@ def waiting_texts(view: View) -> list[str]:
 
 
 def _choice_rows(decision: Decision, texts: Sequence[str], picked: str, columns: int) -> list[str]:
-    """The choices side by side; the picked one in brackets.
+    """Return the choices side by side; the picked one in brackets.
 
     Where there is no room for all, each is cut; what is still left out, the picked one never, is counted.
     """

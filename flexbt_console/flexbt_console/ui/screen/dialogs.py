@@ -140,7 +140,7 @@ class ChoiceList(ModalScreen[int | None]):
         ]
 
     def _row(self, number: int) -> Text:
-        """The line; what is marked has a sign, too: a colour alone is not seen everywhere."""
+        """Return the line; what is marked has a sign, too: a colour alone is not seen everywhere."""
         entry = self._entries[number]
         why = f'  (not possible: {one_line(entry.refusal)})' if entry.refusal else ''
         return Text(f'{">" if number == self._marked else " "} {one_line(entry.text)}{why}')
@@ -176,7 +176,7 @@ class ChoiceList(ModalScreen[int | None]):
             self._tell('nothing is marked yet: type a name, or mark a line with Up and Down')
 
     def _named(self, typed: str) -> list[int]:
-        """The entries of which that is a name, in the same case if there are such."""
+        """Return the entries of which that is a name, in the same case if there are such."""
         for same in (str, str.casefold):
             found = [
                 number
@@ -427,7 +427,7 @@ class MapImage(ModalScreen[None]):
 
 
 def folded(text: Sequence[str], columns: int) -> list[str]:
-    """The lines in rows of so many cells; where a line goes on, it stands under where its last part began."""
+    """Return the lines in rows of so many cells; where a line goes on, it stands under where its last part began."""
     rows: list[str] = []
     for line in text:
         begins = [found.end() for found in re.finditer(r'^ +|  +(?=\S)', line[: columns // 2])]

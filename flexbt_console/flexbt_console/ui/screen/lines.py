@@ -36,8 +36,8 @@ ALARM_ROWS = 3
 
 
 def status_text(view: View, columns: int, robot: str, others: str, operator: str | None, page: str = '') -> Text:
-    """The first line; ``robot`` names it where there are several, ``others`` says what those need. ``page`` is the
-    address of the page in a browser, which is at its end where there is room.
+    """Return the first line; ``robot`` names it where there are several, ``others`` says what those need. ``page`` is
+    the address of the page in a browser, which is at its end where there is room.
 
     Who asks ``operator`` for the authority is in :func:`alarm_text`.
     """
@@ -62,12 +62,12 @@ def status_text(view: View, columns: int, robot: str, others: str, operator: str
 
 
 def _with_end(text: str, end: str, columns: int) -> str:
-    """Where both are too long, the first has a third of the columns."""
+    """Return where both are too long, the first has a third of the columns."""
     return cut(cut(text, max(columns // 3, columns - width(end))) + end, columns)
 
 
 def others_text(robots: Sequence[RobotOverview], own: str) -> str:
-    """What the other robots need, in short, and how many of them are not heard; '' while there is neither."""
+    """Return what the other robots need, in short, and how many of them are not heard; '' while there is neither."""
     others = [one for one in robots if one.name != own]
     needing, unreachable = sum(one.needs_operator for one in others), sum(one.is_unreachable for one in others)
     told = [f'{needing} other{" needs" if needing == 1 else "s need"} you'] if needing else []
@@ -76,7 +76,7 @@ def others_text(robots: Sequence[RobotOverview], own: str) -> str:
 
 
 def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: bool = False) -> Text:
-    """What is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and who asks this operator for the
+    """Return what is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and who asks this operator for the
     authority. What is too long takes more of them, where they are not needed for others.
     """
     snapshot = view.snapshot
@@ -97,8 +97,8 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
 
 
 def keys_text(view: View, columns: int, operator: str | None, focused: str = '', *, has_answer: bool = True) -> Text:
-    """The keys, as many as there is room for; those that this operator cannot use now are dim. Before them the pane
-    that has the focus, and the keys that are for it. ``has_answer``: Enter has something to send or to begin."""
+    """Return the keys, as many as there is room for; those that this operator cannot use now are dim. Before them the
+    pane that has the focus, and the keys that are for it. ``has_answer``: Enter has something to send or to begin."""
     scroll = '' if focused == 'map' else 'PgUp PgDn '
     head = cut(f'{focused}: {scroll}z h  ', columns) if focused else ''
     room = columns - len(head)
@@ -159,7 +159,7 @@ class CommandInput(Input):
         self.screen.set_focus(self)
 
     def close(self) -> str:
-        """What was typed; it is gone."""
+        """Return what was typed; it is gone."""
         self.remove_class('typing')
         self.disabled = True
         self.screen.set_focus(None)
@@ -188,7 +188,7 @@ class CommandInput(Input):
             self.cursor_position = len(self.value)
 
     def draw(self, view: View, columns: int, rows: int) -> Text:
-        """How its command is written, and what it may become, in so many rows of so many cells."""
+        """Return how its command is written, and what it may become, in so many rows of so many cells."""
         words = self.value.split(' ')
         spec = find(words[0]) if len(words) > 1 else None
         usage = [Line(cut(f'  {spec.prompt_usage}', columns), Tone.DIM)] if spec is not None and spec.in_prompt else []

@@ -109,7 +109,7 @@ Cells = list[tuple[str, Style | None]]
 
 
 def _cells(row: Sequence[Segment], width: int) -> Cells:
-    """Each cell of a row; the second one of a wide character is ''."""
+    """Return each cell of a row; the second one of a wide character is ''."""
     cells: Cells = []
     for text, style, _ in row:
         for begin, end, taken in split_graphemes(text)[0]:
@@ -121,7 +121,7 @@ def _cells(row: Sequence[Segment], width: int) -> Cells:
 
 
 def _changed(before: Cells, after: Cells) -> tuple[int, int] | None:
-    """The columns from the first to behind the last that differ; None while all are the same."""
+    """Return the columns from the first to behind the last that differ; None while all are the same."""
     differing = [place for place, (old, new) in enumerate(zip(before, after, strict=True)) if old != new]
     if not differing:
         return None

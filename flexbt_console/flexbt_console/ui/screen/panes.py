@@ -80,7 +80,7 @@ class Panes:
             self.log.scroll(mirror, -pages)
 
     def visible(self, view: View) -> tuple[str, ...]:
-        """Those that have room: as they are laid out, and what is needed for what is done now."""
+        """Return those that have room: as they are laid out, and what is needed for what is done now."""
         visible = self.layout.visible('' if has_map(view) else 'map')
         if self.map.is_pointing and 'map' not in visible:
             visible = ('map',)
@@ -95,7 +95,7 @@ class Panes:
         return is_typed or bool(self.picking.picked(decision))
 
     def text_of(self, pane: str, shown: ShownRobot, columns: int, rows: int) -> Text:
-        """What is in a pane of so many rows of so many cells."""
+        """Return what is in a pane of so many rows of so many cells."""
         view, _, robots, robot = shown
         match pane:
             case 'status':
@@ -146,7 +146,7 @@ class Layout:
         self.hidden = {pane for pane in PANES if f'hidden={pane}' in words}
 
     def visible(self, empty: str = '') -> tuple[str, ...]:
-        """The panes that have room. One that is ``empty`` has some only when it is enlarged."""
+        """Return the panes that have room. One that is ``empty`` has some only when it is enlarged."""
         if self.is_enlarged:
             return (self.focused,)
         return tuple(pane for pane in PANES if pane not in self.hidden and pane != empty)

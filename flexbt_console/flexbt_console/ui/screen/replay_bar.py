@@ -63,10 +63,10 @@ class Player(Protocol):
         """Show what was known at a time, s; False when it has not come there after so many seconds of reading."""
 
     def next_said(self, by: int) -> float:
-        """The time of the next moment (1) or the last one (-1)."""
+        """Return the time of the next moment (1) or the last one (-1)."""
 
     def find(self, text: str) -> float:
-        """The time of the next moment in which this is said. Raises RefusedError when there is none."""
+        """Return the time of the next moment in which this is said. Raises RefusedError when there is none."""
 
 
 class NoLink(NullRobot):
@@ -134,7 +134,7 @@ class ReplayBar:
             self._played_from = self._clock.now()
 
     def text(self, columns: int) -> Text:
-        """The time line in one row."""
+        """Return the time line in one row."""
         player = self.player
         state = 'goes' if self._wanted is not None else 'plays' if self.is_playing else 'stands'
         head = f' {state} x{SPEEDS[self._speed]:g}  {player.time:.1f} / {player.duration:.1f} s '
@@ -150,5 +150,5 @@ class ReplayBar:
 
 
 def replay_help_lines() -> list[str]:
-    """The keys of a recording, for people."""
+    """Return the keys of a recording, for people."""
     return [f'{key:>8}  {help}' for key, help in KEYS]

@@ -109,8 +109,8 @@ class MachinePane:
 
 
 def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[str]:
-    """The machine in at most so many rows of so many cells. Where it does not fit: what is active, and what the state
-    that waits, or else the first active one, leads to; that state is always among the lines.
+    """Return the machine in at most so many rows of so many cells. Where it does not fit: what is active, and what the
+    state that waits, or else the first active one, leads to; that state is always among the lines.
     """
     snapshot = view.snapshot
     if snapshot is None:
@@ -156,7 +156,7 @@ def _state(
 
 
 def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
-    """Each outcome with what it leads to, and the level of autonomy that it requires."""
+    """Return each outcome with what it leads to, and the level of autonomy that it requires."""
     texts = []
     for number, outcome in enumerate(state.outcomes):
         level = state.autonomy[number] if number < len(state.autonomy) else -1
@@ -167,7 +167,7 @@ def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
 
 
 def leads_text(state: StateStructure, number: int, signs: Glyphs) -> str:
-    """What an outcome leads to, by its number from 0 on; '' where that is not known."""
+    """Return what an outcome leads to, by its number from 0 on; '' where that is not known."""
     target = state.targets[number] if number < len(state.targets) else ''
     return f' {signs.arrow} {one_line(target.rpartition("/")[2] or target)}' if target else ''
 
@@ -292,7 +292,7 @@ class MapPane:
         return text, view.pending(self._decision)
 
     def draw(self, view: View, columns: int, rows: int) -> Text:
-        """The map in so many rows of so many cells; the last row tells where the robot, or the cursor, is."""
+        """Return the map in so many rows of so many cells; the last row tells where the robot, or the cursor, is."""
         robot = view.snapshot.robot_pose if view.snapshot else None
         room = rows - 1
         if columns < LEAST_COLUMNS or room < LEAST_ROWS:
@@ -356,7 +356,8 @@ class LogPane:
         self._held, self._back = [], 0
 
     def draw(self, mirror: Mirror, columns: int, rows: int) -> Text:
-        """The lines by their times in so many rows. One that is too long takes more of them, at most half of all."""
+        """Return the lines by their times in so many rows. One that is too long takes more of them, at most half of
+        all."""
         shown, last = self._lines(mirror, rows), list[str]()
         if self._held:
             new = '; there is something new' * (shown[-1:] != self._held[-1:])
@@ -370,7 +371,7 @@ class LogPane:
         return styled([*folded[-rows:], *last])
 
     def _lines(self, mirror: Mirror, count: int) -> list[str]:
-        """The latest lines, of each kind so many at most; what became of one's own commands is told already."""
+        """Return the latest lines, of each kind so many at most; what became of one's own commands is told already."""
         known = mirror.events(max(1, count))
         events = [event for event in known if event.operator != self._operator and not event.is_in_log]
         merged: list[tuple[float, int, Sequence[str]]] = [

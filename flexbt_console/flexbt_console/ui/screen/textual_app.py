@@ -52,7 +52,7 @@ class OrderedApp(App[None]):
         """A key was pressed, whatever it is for."""
 
     def guarded(self, call: Callable[P, object]) -> Callable[P, None]:
-        """The same, except that its errors are told."""
+        """Return the same, except that its errors are told."""
 
         @functools.wraps(call)
         def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -208,7 +208,7 @@ _VARIABLES: Final = ('KITTY_WINDOW_ID', 'WEZTERM_PANE', 'KONSOLE_VERSION', 'ITER
 
 
 def image_widget() -> ImageWidget | None:
-    """The widget that shows an image in this terminal; None where it has no protocol for that.
+    """Return the widget that shows an image in this terminal; None where it has no protocol for that.
 
     Only a terminal that is known to have one is asked for it: one that does not answer holds up the start. To be called
     before Textual has the terminal.

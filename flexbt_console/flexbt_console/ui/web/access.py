@@ -98,7 +98,7 @@ class Access:
         return cls(address, token or ('' if is_local else secrets.token_urlsafe(24)), frozenset(map(str.lower, own)))
 
     def knows_host(self, host: str) -> bool:
-        """Whether a header ``Host`` names this computer."""
+        """Return whether a header ``Host`` names this computer."""
         try:
             name = urlsplit(f'//{host}').hostname or ''
         except ValueError:
@@ -106,25 +106,25 @@ class Access:
         return name in self.names or _is_address(name)
 
     def knows_origin(self, origin: str | None, host: str) -> bool:
-        """Whether a header ``Origin`` is the page of this server; without one it was not asked for by a page."""
+        """Return whether a header ``Origin`` is the page of this server; without one it was not asked for by a page."""
         return origin is None or origin in (f'http://{host}', f'https://{host}')
 
     def knows_token(self, token: object) -> bool:
-        """Whether this is the token, where one is needed."""
+        """Return whether this is the token, where one is needed."""
         if not self.token:
             return True
         given = token.encode(errors='replace') if isinstance(token, str) else b''  # JSON may hold lone surrogates
         return hmac.compare_digest(given, self.token.encode(errors='surrogateescape'))
 
     def page_address(self, port: int) -> str:
-        """What to open in a browser. The token is behind ``#``: browsers keep that to themselves."""
+        """Return what to open in a browser. The token is behind ``#``: browsers keep that to themselves."""
         host = {'0.0.0.0': socket.gethostname(), '::': socket.gethostname()}.get(self.address, self.address)  # noqa: S104
         shown = f'[{host}]' if ':' in host else host
         return f'http://{shown}:{port}/' + (f'#token={self.token}' if self.token else '')
 
 
 def guard(access: Access) -> Middleware:
-    """A middleware of aiohttp that refuses what does not come from a page of this server."""
+    """Return a middleware of aiohttp that refuses what does not come from a page of this server."""
 
     @web.middleware
     async def check(request: web.Request, handler: Handler) -> web.StreamResponse:

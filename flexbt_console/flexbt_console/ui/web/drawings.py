@@ -40,7 +40,7 @@ class Drawings:
         self._one = asyncio.Lock()
 
     def wanted(self, drawing: Drawing) -> asyncio.Task[str]:
-        """The task that makes it; its result is SVG. Raises ResourceError when awaited."""
+        """Return the task that makes it; its result is SVG. Raises ResourceError when awaited."""
         task = self._made.get(drawing.key)
         if task is None or (task.done() and (task.cancelled() or task.exception())):  # a failure is tried again
             task = self._made[drawing.key] = asyncio.create_task(self._make(drawing))
@@ -49,7 +49,7 @@ class Drawings:
         return task
 
     async def _make(self, drawing: Drawing) -> str:
-        """Raises ResourceError."""
+        """Raise ResourceError."""
         async with self._one:
             name, command = graphviz_command()
             pipe = asyncio.subprocess.PIPE
@@ -68,7 +68,8 @@ class Drawings:
 
 
 def machine_drawing(structure: Structure) -> Drawing:
-    """The machine of a run: the element of the state at position 3 has the identifier ``s3``, a container's ``m3``."""
+    """Return the machine of a run: the element of the state at position 3 has the identifier ``s3``, a container's
+    ``m3``."""
     if len(structure.states) > MOST_NODES or not structure.states:  # seen before its hash, which takes long, is needed
         return Drawing(NO_DRAWING, '')
     return _machine_drawing(structure)
@@ -92,7 +93,7 @@ def _machine_drawing(structure: Structure) -> Drawing:
 
 
 def tree_drawing(run: MirroredTree) -> Drawing:
-    """The tree of a run: the element of its node ``uid`` has the identifier ``t0nX``, where X is ``uid`` - 1."""
+    """Return the tree of a run: the element of its node ``uid`` has the identifier ``t0nX``, where X is ``uid`` - 1."""
     if len(run.nodes) > MOST_NODES or not run.nodes:
         return Drawing(NO_DRAWING, '')
     return _tree_drawing(run.tree, run.nodes)

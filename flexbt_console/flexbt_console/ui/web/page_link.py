@@ -85,7 +85,7 @@ class PageLink:
             await asyncio.gather(show, *self._tasks, return_exceptions=True)
 
     async def is_welcome(self, access: Access, wrong: WrongTokens) -> bool:
-        """Whether the first message has the token. Nothing is told before."""
+        """Return whether the first message has the token. Nothing is told before."""
         with contextlib.suppress(asyncio.TimeoutError, TypeError, ConsoleError):
             hello = read(await self._socket.receive_str(timeout=HELLO_SECONDS))
             while wait := wrong.wait(self.source):

@@ -93,7 +93,8 @@ COMMAND_PART: Final = [
 
 
 def parts_of(view: View, operator: str | None) -> dict[str, Any]:
-    """The parts by their names, for this operator. All texts are escaped for a line, and nothing of them is HTML."""
+    """Return the parts by their names, for this operator. All texts are escaped for a line, and nothing of them is
+    HTML."""
     return {
         'link': {'state': view.link.value, 'word': link_word(view), 'problem': one_line(view.problem)},
         'status': _status(view, operator),
@@ -290,7 +291,7 @@ def _behaviors(view: View) -> list[dict[str, Any]]:
 
 
 def times_part(view: View) -> dict[str, Any]:
-    """What time alone changes, for the page to count on: the age of the picture, and the executive's clock."""
+    """Return what time alone changes, for the page to count on: the age of the picture, and the executive's clock."""
     snapshot = view.snapshot
     return {
         'age': view.age,
@@ -300,7 +301,7 @@ def times_part(view: View) -> dict[str, Any]:
 
 
 def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
-    """A line for each robot, for who watches several. Time alone changes only those that are not heard."""
+    """Return a line for each robot, for who watches several. Time alone changes only those that are not heard."""
     return [
         {
             'name': robot.name,
@@ -315,7 +316,7 @@ def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
 
 
 def other_robots(name: str, view: View, robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
-    """Where the other robots are on the map of this one, unless their map is known to be another one."""
+    """Return where the other robots are on the map of this one, unless their map is known to be another one."""
     shown = []
     for robot in sorted(robots, key=lambda one: one.name):
         theirs, pose = robot.view.surroundings.map, _pose(robot.view)
@@ -338,7 +339,7 @@ def _asked(view: View) -> str:
 
 
 def log_part(line: LogLine) -> dict[str, Any]:
-    """A line of the log."""
+    """Return a line of the log."""
     text = log_lines(line, with_time=True)
     joined = '\n'.join(text)
     if len(joined) > LINE_CHARACTERS:
@@ -442,7 +443,8 @@ def _map_message(map: GridMap) -> bytes:
 
 
 def map_part(map: GridMap) -> tuple[dict[str, Any], bytes]:
-    """A map for the page: its frame, and a byte for each cell from the lower left corner on, of at most MOST_CELLS.
+    """Return a map for the page: its frame, and a byte for each cell from the lower left corner on, of at most
+    MOST_CELLS.
 
     A cell is 0 where it is free, 1 where it is occupied, 2 where that is not known; where several become one, what is
     occupied counts most.
@@ -459,5 +461,5 @@ def map_part(map: GridMap) -> tuple[dict[str, Any], bytes]:
 
 
 def _united(one: bytes, other: bytes) -> bytes:
-    """The bits of both, byte by byte: as numbers, since that is quick."""
+    """Return the bits of both, byte by byte: as numbers, since that is quick."""
     return (int.from_bytes(one, 'big') | int.from_bytes(other, 'big')).to_bytes(len(one), 'big')

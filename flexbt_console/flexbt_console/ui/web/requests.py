@@ -31,7 +31,7 @@ class Obstacles(Protocol):
         """Those that were dropped here: name, centre (m) and radius (m) of each."""
 
     def is_possible(self) -> bool:
-        """Whether there is a simulator."""
+        """Return whether there is a simulator."""
 
     def drop(self, x: float, y: float, timeout: float) -> str:
         """Put one there; gives its name. Not on the executor thread."""
@@ -56,7 +56,7 @@ class PageRobots(Protocol):
     """The one that is shown where none is named, if it is there."""
 
     def robot(self, name: str) -> tuple[Mirror, RobotCommands]:
-        """The mirror and the link of a robot. Raises KeyError when it is not known."""
+        """Return the mirror and the link of a robot. Raises KeyError when it is not known."""
 
     def open(self, name: str) -> None:
         """Have map, trees and scan of a robot come until :meth:`close` was called as often. Both may take a moment."""
@@ -96,7 +96,7 @@ class Allowance:
 
 
 def read(text: str) -> dict[str, Any]:
-    """A message of a page.
+    """Return a message of a page.
 
     Raises:
         UsageError: it is none.

@@ -74,7 +74,7 @@ class WebServer:
         self._files[''] = self._files['index.html']
 
     def application(self) -> web.Application:
-        """The application of aiohttp."""
+        """Return the application of aiohttp."""
         application = web.Application(middlewares=[guard(self._access)], client_max_size=0)
         application.on_startup.append(self._start)
         application.on_cleanup.append(self._end)
@@ -161,7 +161,8 @@ class WebServer:
         return socket
 
     def _named(self, name: str) -> str | None:
-        """The robot that a page asks for: one by its name, also without the slash; the own one, or the most urgent."""
+        """Return the robot that a page asks for: one by its name, also without the slash; the own one, or the most
+        urgent."""
         known = self._robots.fleet.names
         if name:
             return next((one for one in (name, f'/{name}') if one in known), None)
@@ -173,7 +174,7 @@ class WebServer:
         return f'no robot {short_repr(name)} was found{meant or ", and no other one yet"}'
 
     async def _greet(self, page: PageLink, request: web.Request) -> bool:
-        """Whether the page is welcome. Who says nothing keeps nobody out."""
+        """Return whether the page is welcome. Who says nothing keeps nobody out."""
         if request.transport is None:
             return False
         of_source = Counter(one.source for one in self._greeting)
@@ -273,7 +274,7 @@ class _Connections:
 
     @web.middleware
     async def in_hand(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Marks the connections whose request is being answered; that of a WebSocket is as long as it is open."""
+        """Mark the connections whose request is being answered; that of a WebSocket is as long as it is open."""
         self._silent.discard(request.protocol)
         self._in_hand.add(request.protocol)
         try:
@@ -282,7 +283,7 @@ class _Connections:
             self._in_hand.discard(request.protocol)
 
     def accept(self, server: web.Server) -> asyncio.Protocol:
-        """The protocol of one more connection."""
+        """Return the protocol of one more connection."""
         known = [(one, one.transport) for one in server.connections]
         live = [(one, to) for one, to in known if isinstance(to, asyncio.Transport) and not to.is_closing()]
         idle = [(_source(to), to) for one, to in live if one not in self._in_hand]

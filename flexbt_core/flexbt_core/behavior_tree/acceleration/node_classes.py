@@ -29,19 +29,19 @@ _STATUS_SLOT: Final = vars(TreeNode)['_stored_status']
 
 
 def plain_class(node_class: type[Any]) -> type[Any]:
-    """The class of which this one may be a faster form."""
+    """Return the class of which this one may be a faster form."""
     plain: type[Any] = vars(node_class).get('plain_class', node_class)
     return plain
 
 
 def stores_directly(node: TreeNode) -> bool:
-    """Whether a store of the node's status is not a call."""
+    """Return whether a store of the node's status is not a call."""
     node_class: Any = type(node)
     return node_class.status is _STATUS_SLOT
 
 
 def class_for(plain: Any, observers: Observers, conditions: Conditions | None) -> type[Any]:
-    """The fastest class for a node of a tree with these observers."""
+    """Return the fastest class for a node of a tree with these observers."""
     halting = conditions is not None and conditions.halting
     if conditions is not None and conditions.completing and (observers or plain.running_at_completion is None):
         return plain
@@ -51,7 +51,7 @@ def class_for(plain: Any, observers: Observers, conditions: Conditions | None) -
 
 
 def fit(node: TreeNode) -> None:
-    """Gives a node the class that suits what is around it."""
+    """Give a node the class that suits what is around it."""
     context: Any = node.context
     conditions: Any = node.conditions
     context.log = _log_of(context.observers)
@@ -63,7 +63,7 @@ def fit(node: TreeNode) -> None:
 
 
 def _log_of(observers: Observers) -> Any:
-    """The log to which everything is written, if nobody else observes the tree."""
+    """Return the log to which everything is written, if nobody else observes the tree."""
     return observers[0].log if len(observers) == 1 and isinstance(observers[0], StatusLog) else None
 
 
@@ -113,7 +113,7 @@ T = TypeVar('T')
 
 
 def marks_of(node: TreeNode) -> tuple[int, ...]:
-    """The marks of a node, in their places; of a leaf only those that say nothing of children."""
+    """Return the marks of a node, in their places; of a leaf only those that say nothing of children."""
     leaf = node.kind in (NodeKind.ACTION, NodeKind.CONDITION)
     first = node.uid << SHIFT
     return tuple(range(first, first + len(NodeStatus) + (0 if leaf else FIRST_CHILDREN_IDLE)))
@@ -185,7 +185,7 @@ _NEW: Final = {status.name: status.value for status in (NodeStatus.IDLE, NodeSta
 
 
 def inlined_methods(node_class: type[Any]) -> dict[str, types.FunctionType]:
-    """The methods of ``node_class`` that are of the engine and use statuses, compiled anew."""
+    """Return the methods of ``node_class`` that are of the engine and use statuses, compiled anew."""
     methods: dict[str, types.FunctionType] = {}
     for base in reversed(node_class.__mro__):
         for name, member in vars(base).items():
@@ -198,7 +198,7 @@ def inlined_methods(node_class: type[Any]) -> dict[str, types.FunctionType]:
 
 
 def _inlined(function: types.FunctionType) -> types.FunctionType | None:
-    """The function compiled anew, when it is of the engine and uses statuses, or calls a function that does."""
+    """Return the function compiled anew, when it is of the engine and uses statuses, or calls a function that does."""
     return _inlined_of_engine(function) if (function.__module__ or '').startswith(_PACKAGE) else None
 
 
@@ -225,7 +225,8 @@ def _inlined_of_engine(function: types.FunctionType) -> types.FunctionType | Non
 
 @functools.cache
 def _compiled(module: str) -> dict[types.CodeType, types.CodeType]:
-    """What becomes of the code of a module. Empty without its source; other keys when that was replaced since."""
+    """Return what becomes of the code of a module. Empty without its source; other keys when that was replaced
+    since."""
     loader = sys.modules[module].__loader__
     if not isinstance(loader, InspectLoader):
         return {}
@@ -312,7 +313,7 @@ def _join_stores(block: list[ast.stmt]) -> None:
 
 
 def _store(owner: str, value: ast.expr, first: int) -> list[str]:
-    """The lines that store a status and log it; ``first`` is added to the place of the mark."""
+    """Return the lines that store a status and log it; ``first`` is added to the place of the mark."""
     status = ast.unparse(value)
     if status in _NEW:
         return [f'{owner}.{_SLOT} = {status}', _append(owner, first + _NEW[status])]

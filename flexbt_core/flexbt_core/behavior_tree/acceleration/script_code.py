@@ -49,7 +49,7 @@ class NotSpecializable(Exception):
 
 
 def variable_of(entry: Entry) -> Variable | None:
-    """The kind of an entry; None when there is no code for such values."""
+    """Return the kind of an entry; None when there is no code for such values."""
     kind = _KINDS.get(entry.value.__class__)
     if kind is None:
         return None
@@ -105,14 +105,14 @@ class CodeWriter:
         return bool(self._writes)
 
     def statements(self, statements: Sequence[Expression]) -> Code:
-        """Adds the lines of a script; gives the code of the value of its last statement."""
+        """Add the lines of a script; gives the code of the value of its last statement."""
         result = Code('False', 'bool')
         for statement in statements:
             result = self._assign(statement) if isinstance(statement, Assignment) else self._expression(statement)
         return result
 
     def guards(self, slow: str = 'slow()') -> list[str]:
-        """Reads the entries, and gives what ``slow`` gives unless they are as expected."""
+        """Read the entries, and gives what ``slow`` gives unless they are as expected."""
         lines = []
         for place, (name, variable) in enumerate(self._variables.items()):
             if name not in self._used:
@@ -128,7 +128,7 @@ class CodeWriter:
         return lines
 
     def commits(self) -> list[str]:
-        """Writes the entries."""
+        """Write the entries."""
         # Two stores, and no call between them: no other thread comes between a value and its number.
         lines = []
         for name, count in self._writes.items():
@@ -140,7 +140,7 @@ class CodeWriter:
         self.lines.append(f'if not ({holds}): raise ValueError')
 
     def _name(self, code: Code) -> str:
-        """A name for the value of the code."""
+        """Return a name for the value of the code."""
         if code.simple:
             return code.text
         self._temporaries += 1
@@ -149,7 +149,8 @@ class CodeWriter:
         return name
 
     def _small_text(self, joined: str) -> Code:
-        """A text that an operator has made. Large ones are for the closures, which know how many there may be."""
+        """Return a text that an operator has made. Large ones are for the closures, which know how many there may
+        be."""
         text = self._name(Code(joined, 'text'))
         self._check(f'len({text}) <= {SMALL_TEXT}')
         return Code(text, 'text')
@@ -186,7 +187,7 @@ class CodeWriter:
         return self._variable(name)
 
     def truth(self, code: Code) -> str:
-        """The code as a condition."""
+        """Return the code as a condition."""
         match code.kind:
             case 'bool':
                 return code.text
@@ -318,7 +319,7 @@ def _constant(value: int | float | str) -> Code:
 
 
 def _text(code: Code) -> str:
-    """A number or text as text, see text_of."""
+    """Return a number or text as text, see text_of."""
     if code.kind == 'text':
         return code.text
     return f"format({code.text}, '{'d' if code.integral else 'f'}')"

@@ -33,7 +33,7 @@ class SpecializedScript(CompiledScript):
         self._factories: dict[Hashable, Factory | None] = {}
 
     def factory(self, variables: Mapping[str, Variable], condition: bool) -> Factory | None:
-        """What makes the code for entries of these kinds; None when that is for the closures."""
+        """Return what makes the code for entries of these kinds; None when that is for the closures."""
 
         def make() -> Factory:
             return specialize(self.statements, variables, self.enums, condition=condition)
@@ -41,7 +41,7 @@ class SpecializedScript(CompiledScript):
         return self.made((condition, *variables.values()), make)
 
     def made(self, key: Hashable, make: Callable[[], Factory]) -> Factory | None:
-        """What was made for this key."""
+        """Return what was made for this key."""
         if key not in self._factories:
             if len(self._factories) >= _MOST_FACTORIES:
                 self._factories.clear()
@@ -60,7 +60,7 @@ def pre_conditions_factory(
     ongoing: bool,
     forgetful: bool,
 ) -> Factory | None:
-    """What makes the code that ticks a node with these pre-conditions, see ``specialize_pre_conditions``.
+    """Return what makes the code that ticks a node with these pre-conditions, see ``specialize_pre_conditions``.
 
     None when that is for the closures. All scripts are of one library.
     """
@@ -77,7 +77,7 @@ def pre_conditions_factory(
 def post_conditions_factory(
     sides: Sequence[Sequence[SpecializedScript] | None], variables: Mapping[str, Variable]
 ) -> Factory | None:
-    """What makes the code that ticks a node with these post-conditions, see ``specialize_post_conditions``.
+    """Return what makes the code that ticks a node with these post-conditions, see ``specialize_post_conditions``.
 
     None when that is for the closures. All scripts are of one library.
     """
@@ -95,7 +95,7 @@ def post_conditions_factory(
 
 
 def kinds_of(entries: Mapping[str, Entry]) -> dict[str, Variable] | None:
-    """The kinds of the entries that scripts use, by name; None when there is no code for one of them."""
+    """Return the kinds of the entries that scripts use, by name; None when there is no code for one of them."""
     variables = {name: variable for name, entry in entries.items() if (variable := variable_of(entry)) is not None}
     return variables if len(variables) == len(entries) else None
 
@@ -119,7 +119,7 @@ class SpecializedBoundScript(BoundScript):
         return dict(zip(self.script.names, self.scope.entries, strict=True))
 
     def _evaluate(self) -> bool | None:
-        """Runs the closures; also for the code that is made of them, when that does not fit."""
+        """Run the closures; also for the code that is made of them, when that does not fit."""
         self._countdown -= 1
         if self._countdown <= 0:
             self._countdown = self.script.warm_up
@@ -127,7 +127,7 @@ class SpecializedBoundScript(BoundScript):
         return BoundScript.run(self)
 
     def _specialize(self) -> None:
-        """Makes the code for what the entries hold now, if there is such code."""
+        """Make the code for what the entries hold now, if there is such code."""
         self.run = self._evaluate
         entries = self.scope.entries
         variables = kinds_of(self.entries)
@@ -170,7 +170,7 @@ class SpecializedConditions(Conditions):
         return self._asking
 
     def _surround(self, completing: Tick) -> None:
-        """Puts the pre-conditions before ``completing``."""
+        """Put the pre-conditions before ``completing``."""
         self._completing = completing
         self._ticking = self._after_pre_conditions(completing)
         self._asking: Tick = self._ask_and_tick if self._pre else completing
@@ -178,7 +178,7 @@ class SpecializedConditions(Conditions):
     # -- pre-conditions ----------------------------------------------------------------------------------------------
 
     def _ask_and_tick(self) -> NodeStatus:
-        """Ticks the node after its pre-conditions; also for the code that is made of them, when that does not fit."""
+        """Tick the node after its pre-conditions; also for the code that is made of them, when that does not fit."""
         self._asking_due -= 1
         if self._asking_due <= 0:
             self._asking_due = _warm_up(self._pre)
@@ -186,7 +186,7 @@ class SpecializedConditions(Conditions):
         return self._ticking()
 
     def _specialize_asking(self) -> None:
-        """Makes code for the pre-conditions and what their entries hold now, if there is such code."""
+        """Make code for the pre-conditions and what their entries hold now, if there is such code."""
         asking: Tick = self._ask_and_tick
         entries = {name: entry for script in self._pre for name, entry in _bound(script).entries.items()}
         variables = kinds_of(entries)
@@ -223,7 +223,7 @@ class SpecializedConditions(Conditions):
         return tick_and_complete
 
     def _complete_or_put_back(self, status: NodeStatus, before: NodeStatus) -> NodeStatus:
-        """Runs the scripts; also for the code that is made of them, when that does not fit."""
+        """Run the scripts; also for the code that is made of them, when that does not fit."""
         self._completing_due -= 1
         if self._completing_due <= 0:
             self._completing_due = _warm_up([script for side in self._post.values() for script in side])
@@ -236,7 +236,7 @@ class SpecializedConditions(Conditions):
         return status
 
     def _specialize_completing(self) -> None:
-        """Makes code for the scripts and what their entries hold now, as far as there is such code."""
+        """Make code for the scripts and what their entries hold now, as far as there is such code."""
         sides: list[list[SpecializedScript] | None] = []
         entries: dict[str, Entry] = {}
         for status in (SUCCESS, FAILURE):
@@ -286,7 +286,7 @@ def specialize(
     *,
     condition: bool,
 ) -> Factory:
-    """Gives ``bind(entries, types, slow)``, which makes the code for entries of these kinds, in this order.
+    """Give ``bind(entries, types, slow)``, which makes the code for entries of these kinds, in this order.
 
     The code gives the truth of the last statement when the script is a ``condition``, otherwise None. ``types`` are the
     present types of the entries. Raises NotSpecializable.
@@ -312,7 +312,7 @@ def specialize_pre_conditions(
     ongoing: bool,
     forgetful: bool,
 ) -> Factory:
-    """Gives ``bind(entries, types, slow, node, execute, conditions)``, which makes the code that ticks a node with
+    """Give ``bind(entries, types, slow, node, execute, conditions)``, which makes the code that ticks a node with
     pre-conditions.
 
     Each condition is a script, and whether it decides by being true, or by being false. ``conditions.decide(place)`` is
@@ -336,7 +336,7 @@ def specialize_post_conditions(
     variables: Mapping[str, Variable],
     enums: Mapping[str, int],
 ) -> Factory:
-    """Gives ``bind(entries, types, slow, node, execute)``, which makes the code that ticks a node with post-conditions.
+    """Give ``bind(entries, types, slow, node, execute)``, which makes the code that ticks a node with post-conditions.
 
     The ``sides`` are the statements for SUCCESS and for FAILURE; None: there is no code for them. When there is none,
     or when it does not fit, ``slow(status, before)`` does it all: ``before`` is the status of the node before the tick.
@@ -369,7 +369,8 @@ def _decision(
     variables: Mapping[str, Variable],
     enums: Mapping[str, int],
 ) -> list[str]:
-    """The lines that let the first condition decide that does; the places of the conditions begin with ``first``."""
+    """Return the lines that let the first condition decide that does; the places of the conditions begin with
+    ``first``."""
     writer = CodeWriter(variables, enums)
     decisive = []
     for statements, decides_by_truth in conditions:

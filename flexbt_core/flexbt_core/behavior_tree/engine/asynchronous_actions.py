@@ -54,16 +54,16 @@ class CoroutineAction(LeafNode):
 
     @abstractmethod
     async def run(self) -> NodeStatus:
-        """Does the work; gives SUCCESS, FAILURE or SKIPPED. Must not block."""
+        """Do the work; gives SUCCESS, FAILURE or SKIPPED. Must not block."""
 
     # -- within run --------------------------------------------------------------------------------------------------
 
     async def next_tick(self) -> None:
-        """Goes on at the next tick, whenever that is."""
+        """Go on at the next tick, whenever that is."""
         await _next_tick()
 
     async def sleep(self, seconds: float) -> None:
-        """Goes on when the time is over, by the clock of the tree, which is woken for it."""
+        """Go on when the time is over, by the clock of the tree, which is woken for it."""
         when = self.clock.now() + seconds
         # While the node is halted, the tree does not keep the times that nodes ask for.
         timer = self.clock.call_at(when, self.wake) if self._halted else None
@@ -77,12 +77,12 @@ class CoroutineAction(LeafNode):
                 timer.cancel()
 
     async def until(self, condition: Callable[[], bool]) -> None:
-        """Goes on when the condition holds. It is asked at each tick; what makes it true may call :meth:`wake`."""
+        """Go on when the condition holds. It is asked at each tick; what makes it true may call :meth:`wake`."""
         while not condition():
             await _next_tick()
 
     async def result_of(self, future: Future[T]) -> T:
-        """The result of the future (or its exception, raised), which wakes the tree when it is there."""
+        """Return the result of the future (or its exception, raised), which wakes the tree when it is there."""
         if not future.done():
             future.add_done_callback(lambda _: self.wake())
             await self.until(future.done)
@@ -120,7 +120,7 @@ class CoroutineAction(LeafNode):
         return status
 
     def _advance(self, step: Callable[[Any], object], value: object) -> object:
-        """Lets the coroutine run on. Gives its result, or _WAITS, and only then keeps it; raises what it raises."""
+        """Let the coroutine run on. Gives its result, or _WAITS, and only then keeps it; raises what it raises."""
         coroutine, self._coroutine = self._coroutine, None
         assert coroutine is not None
         try:
@@ -186,10 +186,10 @@ class ThreadedAction(LeafNode):
 
     @abstractmethod
     def run(self) -> NodeStatus:
-        """Does the work, in a thread of its own: SUCCESS, FAILURE or SKIPPED. May use the ports, but no other node."""
+        """Do the work, in a thread of its own: SUCCESS, FAILURE or SKIPPED. May use the ports, but no other node."""
 
     def on_halted(self) -> None:
-        """Ends what :meth:`run` waits for, if it waits for anything but :meth:`sleep`. Must not block."""
+        """End what :meth:`run` waits for, if it waits for anything but :meth:`sleep`. Must not block."""
 
     # -- within run --------------------------------------------------------------------------------------------------
 
@@ -199,7 +199,7 @@ class ThreadedAction(LeafNode):
         return self._call is not None and self._call.halted
 
     def sleep(self, seconds: float) -> None:
-        """Waits, by the clock of the tree. Raises Halted, which ``run`` should let pass, when the node is halted."""
+        """Wait, by the clock of the tree. Raises Halted, which ``run`` should let pass, when the node is halted."""
         call = self._call
         if call is None:
             raise RuntimeError('sleep is for run alone')

@@ -42,14 +42,14 @@ class NodeScript(NamedTuple):
         return f'[{self.text}] of {self.attribute} holds'
 
     def run(self, node: TreeNode) -> bool | None:
-        """Runs it. Raises NodeExecutionError."""
+        """Run it. Raises NodeExecutionError."""
         try:
             return self.bound.run()
         except ScriptError as error:
             raise self.fault(node, error) from error
 
     def fault(self, node: TreeNode, error: ScriptError) -> NodeExecutionError:
-        """The error of the node whose script has failed."""
+        """Return the error of the node whose script has failed."""
         reason = f'{self.attribute}: {error.reason}'
         return node.fault(ScriptError(error.script, error.offset, reason, is_absent=error.is_absent))
 
@@ -110,7 +110,7 @@ class Conditions:
         return ask_and_tick
 
     def _deciding(self) -> int | None:
-        """The place of the first pre-condition that decides, of those that are to be asked now."""
+        """Return the place of the first pre-condition that decides, of those that are to be asked now."""
         node = self._node
         status = node.status
         first = 0
@@ -129,7 +129,8 @@ class Conditions:
         return bool(self._pre) and self._pre[-1].attribute == '_while'
 
     def decide(self, place: int) -> NodeStatus:
-        """The result that this pre-condition gives. The node completes with it, or is halted when it was RUNNING."""
+        """Return the result that this pre-condition gives. The node completes with it, or is halted when it was
+        RUNNING."""
         script = self._pre[place]
         node, result = self._node, script.result
         self._pending = False
@@ -156,7 +157,7 @@ class Conditions:
         return tick_and_complete
 
     def complete(self, status: NodeStatus) -> None:
-        """Runs the scripts for the node's completing with this status, once in a tick. Before the status is stored:
+        """Run the scripts for the node's completing with this status, once in a tick. Before the status is stored:
         when one raises, the node has not completed."""
         if self._pending:
             self._pending = False
@@ -167,6 +168,6 @@ class Conditions:
             script.run(self._node)
 
     def halted(self) -> None:
-        """Runs the script for the node's having been halted."""
+        """Run the script for the node's having been halted."""
         for script in self._halted:
             script.run(self._node)

@@ -92,7 +92,7 @@ class TreeContext:
         self._lock = threading.Lock()
 
     def wake(self) -> None:
-        """Asks for a tick as soon as possible. From any thread, and also from within a tick."""
+        """Ask for a tick as soon as possible. From any thread, and also from within a tick."""
         # The flag first: whoever is told by the callback has to find it set.
         self.woken = True
         on_wake = self.on_wake
@@ -119,7 +119,7 @@ class TreeContext:
             awaited.set()
 
     def add_unfinished(self, description: str, advance: Callable[[], None] | None = None) -> UnfinishedWork:
-        """Registers work that has to end before the tree is at rest; call ``done()`` of what is returned at its end.
+        """Register work that has to end before the tree is at rest; call ``done()`` of what is returned at its end.
 
         Work that needs ticks to come to its end gives ``advance``: each tick calls it, and after the last the host.
         """

@@ -43,7 +43,7 @@ class SimpleAction(SyncAction):
 
     @abstractmethod
     def call(self) -> NodeStatus:
-        """Does the work."""
+        """Do the work."""
 
     def tick(self) -> NodeStatus:
         if self.status is IDLE:
@@ -63,7 +63,7 @@ class SimpleDecorator(Decorator):
 
     @abstractmethod
     def decorate(self, status: NodeStatus) -> NodeStatus:
-        """What ``status`` of the child means."""
+        """Return what ``status`` of the child means."""
 
     def tick(self) -> NodeStatus:
         status = self.decorate(self.tick_child())
@@ -73,7 +73,7 @@ class SimpleDecorator(Decorator):
 
 
 def simple_action(function: ActionFunction, ports: Mapping[str, Port] = NO_PORTS) -> type[SimpleAction]:
-    """An action that is done within one call of ``function``, which gives SUCCESS, FAILURE or SKIPPED."""
+    """Return an action that is done within one call of ``function``, which gives SUCCESS, FAILURE or SKIPPED."""
 
     def call(self: SimpleAction) -> NodeStatus:
         return function(self)
@@ -82,7 +82,7 @@ def simple_action(function: ActionFunction, ports: Mapping[str, Port] = NO_PORTS
 
 
 def simple_condition(function: ConditionFunction, ports: Mapping[str, Port] = NO_PORTS) -> type[Condition]:
-    """A condition that holds when ``function`` gives SUCCESS, or True."""
+    """Return a condition that holds when ``function`` gives SUCCESS, or True."""
 
     def tick(self: Condition) -> NodeStatus:
         result = function(self)
@@ -94,7 +94,7 @@ def simple_condition(function: ConditionFunction, ports: Mapping[str, Port] = NO
 
 
 def simple_decorator(function: DecoratorFunction, ports: Mapping[str, Port] = NO_PORTS) -> type[SimpleDecorator]:
-    """A decorator whose result is ``function(status of the child, node)``."""
+    """Return a decorator whose result is ``function(status of the child, node)``."""
 
     def decorate(self: SimpleDecorator, status: NodeStatus) -> NodeStatus:
         return function(status, self)

@@ -83,7 +83,7 @@ class LeafNode(TreeNode):
         return self._reason or super().failure_reason()
 
     def on_pause(self) -> str:
-        """The tree is paused while the leaf is RUNNING: have what it has begun stand still. Must not block.
+        """Return the tree is paused while the leaf is RUNNING: have what it has begun stand still. Must not block.
 
         Gives why something goes on all the same, for people; ''. It may be called again in the same pause, after a
         step. A pause ends by :meth:`on_resume`, or by a halt.
@@ -113,7 +113,7 @@ class SyncAction(LeafNode):
 
     @abstractmethod
     def tick(self) -> NodeStatus:
-        """Does the work."""
+        """Do the work."""
 
     def execute(self) -> NodeStatus:
         self._reason = ''
@@ -143,7 +143,7 @@ class Condition(LeafNode):
 
     @abstractmethod
     def tick(self) -> NodeStatus:
-        """Tests the condition. It must not change anything that other nodes see."""
+        """Test the condition. It must not change anything that other nodes see."""
 
     def execute(self) -> NodeStatus:
         self._reason = ''
@@ -177,7 +177,7 @@ class StatefulAction(LeafNode):
 
     @abstractmethod
     def on_start(self) -> NodeStatus:
-        """Begins the work: RUNNING when it goes on, or its result."""
+        """Begin the work: RUNNING when it goes on, or its result."""
 
     @abstractmethod
     def on_running(self) -> NodeStatus:
@@ -185,7 +185,7 @@ class StatefulAction(LeafNode):
 
     @abstractmethod
     def on_halted(self) -> None:
-        """Stops the work that is RUNNING. Must not block."""
+        """Stop the work that is RUNNING. Must not block."""
 
     def execute(self) -> NodeStatus:
         before = self.status
@@ -255,7 +255,7 @@ class ExpandingAction(StatefulAction):
         self._error: Exception | None = None
 
     def expand(self, library: TreeLibrary, tree_id: str, blackboard: Blackboard) -> NodeStatus:
-        """Asks for a tree, which is there when this node is ticked next, at once; RUNNING.
+        """Ask for a tree, which is there when this node is ticked next, at once; RUNNING.
 
         Raises LookupError when the library has no such tree.
         """
@@ -268,7 +268,7 @@ class ExpandingAction(StatefulAction):
         return RUNNING
 
     def tick_tree(self) -> NodeStatus:
-        """Ticks the tree; RUNNING as long as it is not there.
+        """Tick the tree; RUNNING as long as it is not there.
 
         Raises what has kept the tree from being made: TreeLoadError where it does not fit its blackboard.
         """
@@ -292,7 +292,7 @@ class ExpandingAction(StatefulAction):
         self.fetch_ticks()
 
     def fetch_ticks(self) -> None:
-        """Fetches the callable by which the root of the tree is ticked, which may have been exchanged."""
+        """Fetch the callable by which the root of the tree is ticked, which may have been exchanged."""
         self._tick = None if self._root is None else tick_function(self._root)
 
     @property

@@ -138,7 +138,7 @@ class TreeNode(ABC):
         self.store_status(status)
 
     def store_status(self, status: NodeStatus) -> None:
-        """Stores a status and tells the observers, if it is another one than before."""
+        """Store a status and tells the observers, if it is another one than before."""
         before = self._stored_status
         if status is not before:
             self._stored_status = status
@@ -169,7 +169,7 @@ class TreeNode(ABC):
         """One tick, status stored. Only the bases implement it."""
 
     def halt(self) -> None:
-        """Stops what the node is doing, and sets it to IDLE. Must be harmless on a node that does nothing."""
+        """Stop what the node is doing, and sets it to IDLE. Must be harmless on a node that does nothing."""
         self.status = IDLE
 
     def halt_node(self) -> None:
@@ -179,7 +179,7 @@ class TreeNode(ABC):
             self.conditions.halted()
 
     def failure_cause(self) -> TreeNode | None:
-        """The child because of which this node failed just now; None when it failed by itself."""
+        """Return the child because of which this node failed just now; None when it failed by itself."""
         return None
 
     def failure_reason(self) -> str:
@@ -189,25 +189,25 @@ class TreeNode(ABC):
     # -- wake-ups ----------------------------------------------------------------------------------------------------
 
     def wake(self) -> None:
-        """Asks for a tick of the tree as soon as possible. From any thread."""
+        """Ask for a tick of the tree as soon as possible. From any thread."""
         self.context.wake()
 
     def wake_at(self, when: float) -> None:
-        """Asks for a tick at the time ``when`` of the clock; replaces an earlier one. Only within a tick."""
+        """Ask for a tick at the time ``when`` of the clock; replaces an earlier one. Only within a tick."""
         context = self.context
         context.deadlines[self] = when
         if when < context.earliest:
             context.earliest = when
 
     def cancel_wake(self) -> None:
-        """Takes back :meth:`wake_at`."""
+        """Take back :meth:`wake_at`."""
         if self.context.deadlines:
             self.context.deadlines.pop(self, None)
 
     # -- ports -------------------------------------------------------------------------------------------------------
 
     def get_input(self, port: str) -> Any:
-        """The value of an input port, converted to its type. Raises PortError when there is none that fits."""
+        """Return the value of an input port, converted to its type. Raises PortError when there is none that fits."""
         known = self._entries.get(port)
         if known is not None:
             entry, ready = known
@@ -256,7 +256,7 @@ class TreeNode(ABC):
         self._entries[port] = entry, ready
 
     def ready_entry(self, port: str) -> Entry:
-        """Where the last :meth:`get_input` of the port has found a value that it need not convert.
+        """Return where the last :meth:`get_input` of the port has found a value that it need not convert.
 
         As long as the value there is of the Python class of the port's type, it is the one that ``get_input`` gives; so
         who reads a port in each tick looks there first. MISSING when it had to be converted.
@@ -265,7 +265,8 @@ class TreeNode(ABC):
         return MISSING if known is None else known[0]
 
     def get_input_or(self, port: str, default: Any) -> Any:
-        """The value of an input port; ``default`` when it is not given, or its entry is missing or was never written.
+        """Return the value of an input port; ``default`` when it is not given, or its entry is missing or was never
+        written.
 
         A value that is there but does not fit is an error all the same.
         """
@@ -280,7 +281,7 @@ class TreeNode(ABC):
         return self.get_input(port)
 
     def set_output(self, port: str, value: Any) -> None:
-        """Writes an output port. A port that the XML does not give is not written, and that is no error.
+        """Write an output port. A port that the XML does not give is not written, and that is no error.
 
         Raises PortError when the value does not fit the port or the entry, or when the port holds a literal.
         """
@@ -306,13 +307,13 @@ class TreeNode(ABC):
         return self._values
 
     def port_key(self, port: str) -> str | None:
-        """The blackboard key that a port points to; None when it holds a literal or is not given."""
+        """Return the blackboard key that a port points to; None when it holds a literal or is not given."""
         self._declared(port)
         value = self._values.get(port)
         return None if value is None else value.key
 
     def port_text(self, port: str) -> str | None:
-        """The text of the XML for a port; None when it is not given and has no default."""
+        """Return the text of the XML for a port; None when it is not given and has no default."""
         value = self._values.get(port)
         return None if value is None else value.text
 
@@ -342,7 +343,7 @@ class TreeNode(ABC):
     # -- errors ------------------------------------------------------------------------------------------------------
 
     def fault(self, cause: BaseException | str) -> NodeExecutionError:
-        """The error that names this node as the place of ``cause``, whatever its code has raised.
+        """Return the error that names this node as the place of ``cause``, whatever its code has raised.
 
         Raises KeyboardInterrupt when that is the cause, and on the main thread: it is the user's then, and not the
         node's.
@@ -352,7 +353,7 @@ class TreeNode(ABC):
         return NodeExecutionError(self.path, self.id, cause, self.uid)
 
     def stop_by(self, callback: Callable[[], None]) -> None:
-        """Calls what stops the work of a node. Others have to be halted even if it raises; the tree raises it then."""
+        """Call what stops the work of a node. Others have to be halted even if it raises; the tree raises it then."""
         try:
             callback()
         except NodeExecutionError as error:
@@ -374,7 +375,7 @@ class TreeNode(ABC):
 
 
 def node_path(scope: str, id: str, name: str, uid: int) -> str:
-    """The path of a node in the sub-tree instance ``scope``; see :attr:`TreeNode.path`."""
+    """Return the path of a node in the sub-tree instance ``scope``; see :attr:`TreeNode.path`."""
     own = f'{name}::{uid}' if name == id else name
     return f'{scope}/{own}' if scope else own
 
@@ -383,7 +384,7 @@ def node_path(scope: str, id: str, name: str, uid: int) -> str:
 
 
 def tick_function(node: TreeNode) -> Tick:
-    """The callable by which a parent, or the tree, ticks ``node``.
+    """Return the callable by which a parent, or the tree, ticks ``node``.
 
     From the inside to the outside, as in BehaviorTree.CPP: the tick itself, the pre-tick callback, the post-conditions,
     the pre-conditions, the post-tick callback. A node that has none of them is ticked by its ``execute``.
@@ -401,7 +402,7 @@ def tick_function(node: TreeNode) -> Tick:
 
 
 def halt_child(child: TreeNode) -> None:
-    """Halts the child when it is RUNNING, and sets it to IDLE in any case."""
+    """Halt the child when it is RUNNING, and sets it to IDLE in any case."""
     status = child.status
     if status is not IDLE:
         if status is RUNNING:

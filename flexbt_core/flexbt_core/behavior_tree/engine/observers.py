@@ -51,11 +51,11 @@ class TickCallbacks:
         """Called, from any thread, by :meth:`release`: a callback that waits for something has to look now."""
 
     def set_pre_tick(self, node: TreeNode, callback: PreTick | None) -> None:
-        """Calls ``callback`` before each tick of the node, unless its last result still stands; None: no callback."""
+        """Call ``callback`` before each tick of the node, unless its last result still stands; None: no callback."""
         self._set(self._before, node, callback)
 
     def set_post_tick(self, node: TreeNode, callback: PostTick | None) -> None:
-        """Calls ``callback`` after each tick of the node, whatever it gave; None: no callback."""
+        """Call ``callback`` after each tick of the node, whatever it gave; None: no callback."""
         self._set(self._after, node, callback)
 
     @property
@@ -64,7 +64,7 @@ class TickCallbacks:
         return self._context.callbacks is not None
 
     def clear(self) -> None:
-        """Removes all callbacks."""
+        """Remove all callbacks."""
         with self._lock:
             self._before.clear()
             self._after.clear()
@@ -91,7 +91,7 @@ class TickCallbacks:
             self._switch()
 
     def _switch(self) -> None:
-        """Says whether the callables of nodes are to have callbacks, and has them fetched anew when that changes."""
+        """Say whether the callables of nodes are to have callbacks, and has them fetched anew when that changes."""
         used = bool(self._before or self._after)
         if used is not self.active:
             self._context.callbacks = self if used else None
@@ -139,7 +139,7 @@ def _complete(node: TreeNode, result: NodeStatus) -> NodeStatus:
 
 
 def _replacement(node: TreeNode, callback: Callable[[], NodeStatus]) -> NodeStatus | None:
-    """The result that a callback wants the node to have."""
+    """Return the result that a callback wants the node to have."""
     try:
         given = callback()
     except NodeExecutionError:
@@ -188,7 +188,7 @@ class LogReader(Generic[T]):
         self._made: dict[int, T] = {}
 
     def read(self, marks: Iterable[int]) -> list[T]:
-        """The changes that these marks mean, which follow those that were read before."""
+        """Return the changes that these marks mean, which follow those that were read before."""
         statuses = self.statuses
         transitions: list[T] = []
         for mark in marks:
@@ -207,7 +207,7 @@ class LogReader(Generic[T]):
 
 
 def log_reader(nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> LogReader[T]:
-    """What reads the log of the tree of these nodes.
+    """Return what reads the log of the tree of these nodes.
 
     Has to be made before the first mark is written, and to read all of them. A transition is what ``make`` gives for a
     node's uid and the numbers of its statuses before and after.

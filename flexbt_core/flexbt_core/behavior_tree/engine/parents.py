@@ -41,7 +41,7 @@ class ControlNode(TreeNode):
         self._failed: int | None = None
 
     def attach(self, children: Sequence[TreeNode]) -> None:
-        """Takes the children, while the tree is being built."""
+        """Take the children, while the tree is being built."""
         self.children = tuple(children)
         self.fetch_ticks()
 
@@ -61,11 +61,11 @@ class ControlNode(TreeNode):
         return self.children
 
     def fetch_ticks(self) -> None:
-        """Fetches the callables by which the children are ticked; some of them may have been exchanged."""
+        """Fetch the callables by which the children are ticked; some of them may have been exchanged."""
         self._ticks = tuple(tick_function(child) for child in self.children)
 
     def reset_children(self) -> None:
-        """Halts the children that are RUNNING, and sets all to IDLE, in their order."""
+        """Halt the children that are RUNNING, and sets all to IDLE, in their order."""
         for child in self.children:
             if child.status is RUNNING:
                 child.halt_node()
@@ -93,7 +93,7 @@ class ControlNode(TreeNode):
         return f'{self.id}: child {self._failed + 1} of {total} failed'
 
     def last_failed(self) -> int | None:
-        """The last child that has FAILURE still."""
+        """Return the last child that has FAILURE still."""
         failed = [index for index, child in enumerate(self.children) if child.status is FAILURE]
         return failed[-1] if failed else None
 
@@ -166,7 +166,7 @@ class DecoratorNode(TreeNode):
     _tick: Tick
 
     def attach(self, children: Sequence[TreeNode]) -> None:
-        """Takes the child, while the tree is being built."""
+        """Take the child, while the tree is being built."""
         (self.child,) = children
         self.fetch_ticks()
 
@@ -175,7 +175,7 @@ class DecoratorNode(TreeNode):
         return (self.child,)
 
     def fetch_ticks(self) -> None:
-        """Fetches the callable by which the child is ticked, which may have been exchanged."""
+        """Fetch the callable by which the child is ticked, which may have been exchanged."""
         self._tick = tick_function(self.child)
 
     def halt(self) -> None:

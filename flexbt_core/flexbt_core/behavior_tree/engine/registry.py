@@ -47,7 +47,7 @@ class NodeRegistry:
         """Classes whose objects can be part of the JSON of a blackboard."""
 
     def register(self, id: str, node_class: type[TreeNode]) -> NodeManifest:
-        """Makes ``node_class`` known as ``id``.
+        """Make ``node_class`` known as ``id``.
 
         Raises RegistrationError when the ID is taken (but see ``on_clash``) or not allowed, when a port is declared
         wrongly, or when the class is abstract.
@@ -107,19 +107,19 @@ class NodeRegistry:
         return manifest
 
     def register_classes(self, node_classes: Iterable[type[TreeNode]]) -> None:
-        """Makes classes known under the names that they declare. Raises RegistrationError, as :meth:`register` does."""
+        """Make classes known under the names that they declare. Raises RegistrationError, as :meth:`register` does."""
         for node_class in node_classes:
             self.register_class(node_class)
 
     def register_class(self, node_class: type[TreeNode], nav2_branch: str = '', *, only: str = '') -> None:
-        """Makes a class known under the name that it declares; in one ``nav2_branch`` if that is given, where the ID
+        """Make a class known under the name that it declares; in one ``nav2_branch`` if that is given, where the ID
         means something else. ``only`` is the branch that alone has such nodes. Raises RegistrationError, as
         :meth:`register` does."""
         manifests = self.nav2_branches.setdefault(nav2_branch, {}) if nav2_branch else self._manifests
         self._register(declared_id(node_class), node_class, manifests, only)
 
     def types_for(self, elements: Elements) -> NodeRegistry | BranchTypes:
-        """The node types of a file that has these elements."""
+        """Return the node types of a file that has these elements."""
         others = self.nav2_branches.get(self.nav2_branch_of(elements) or '')
         return self if others is None else BranchTypes(self, others)
 
@@ -168,7 +168,7 @@ class BranchTypes:
 
 
 def declared_id(node_class: type[TreeNode]) -> str:
-    """The ID that a class declares: its name, unless it has an ``xml_name`` of its own."""
+    """Return the ID that a class declares: its name, unless it has an ``xml_name`` of its own."""
     id: str = vars(node_class).get('xml_name', node_class.__name__)
     return id
 
@@ -182,7 +182,7 @@ def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
 
 
 def _skill_problem(node_class: type[TreeNode]) -> str:
-    """What is wrong with the skill that a leaf declares, taken by itself."""
+    """Return what is wrong with the skill that a leaf declares, taken by itself."""
     if not issubclass(node_class, LeafNode) or not isinstance(node_class.skill, Skill):
         return ''  # the attribute of somebody's class may be something else
     for name in node_class.skill.outcomes:
@@ -215,7 +215,7 @@ def _port_problem(name: str, port: object) -> str:
 
 
 def node_skill(manifest: NodeManifest) -> Skill | None:
-    """The skill of a node type; None when it is no leaf.
+    """Return the skill of a node type; None when it is no leaf.
 
     A leaf reads and writes its ports, and ends by SUCCESS or FAILURE; a condition answers by them. One that derives
     from another has its skill, unless it declares its own.
@@ -241,7 +241,7 @@ def node_skill(manifest: NodeManifest) -> Skill | None:
 
 
 def node_skills(registry: NodeRegistry, broken: Callable[[str], None]) -> SkillLibrary:
-    """The skills of all leaves of a registry.
+    """Return the skills of all leaves of a registry.
 
     What a class declares and does not fit is told to ``broken``, with file and line of the class; of its skill only the
     resources and what the outcomes mean are kept then, so that one wrong package does not keep others from their work.

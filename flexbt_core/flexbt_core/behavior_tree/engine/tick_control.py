@@ -67,7 +67,7 @@ class TickControl:
         return bool(self._commands) or self._is_to_pause is not self._paused
 
     def command(self, command: TickCommand, answer: TickCommandReply) -> None:
-        """Asks for something. PAUSE is answered when no tick is under way any more, STEP when its tick is over."""
+        """Ask for something. PAUSE is answered when no tick is under way any more, STEP when its tick is over."""
         with self._lock:
             refusal = self._closed
             if refusal is None and len(self._commands) >= MOST_WAITING:
@@ -118,7 +118,7 @@ class TickControl:
         return self._asked_to_pause or bool(self._hold)
 
     def _obey(self, tree: Tree) -> TickCommandReply | None:
-        """Gives the answer to the STEP that is to be done now."""
+        """Give the answer to the STEP that is to be done now."""
         while True:
             with self._lock:
                 command, answer = self._commands.popleft() if self._commands else (None, None)

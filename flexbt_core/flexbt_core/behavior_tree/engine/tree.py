@@ -61,7 +61,7 @@ class Tree:
         max_rounds: int = 10_000,
         substitute: Substitute | None = None,
     ) -> None:
-        """Makes the nodes. Raises TreeLoadError when a blackboard entry is used with several types, LookupError when
+        """Make the nodes. Raises TreeLoadError when a blackboard entry is used with several types, LookupError when
         there is no such tree. ``max_rounds`` bounds how often one ``tick_once`` ticks a tree that wakes itself."""
         key = library.find(tree_id, file)
         if key is None:
@@ -87,7 +87,7 @@ class Tree:
         self.context.on_wake = on_wake
 
     def _join(self) -> None:
-        """Makes one of the tree itself and of those below leaves."""
+        """Make one of the tree itself and of those below leaves."""
         parts = (self._trunk, *self._expanded.values())
         self.nodes: tuple[TreeNode, ...] = tuple(node for part in parts for node in part.nodes)
         self.definitions: tuple[NodeDefinition, ...] = tuple(one for part in parts for one in part.definitions)
@@ -125,7 +125,7 @@ class Tree:
         return self._settle(status)
 
     def tick_while_running(self, wait: Callable[[float], None], sleep_time: float = 0.01) -> NodeStatus:
-        """Ticks until the tree completes or is skipped.
+        """Tick until the tree completes or is skipped.
 
         ``wait(time)`` waits for a wake-up, or for that time of the clock, in seconds: the one for which a node has
         asked, or ``sleep_time`` from now. That is as in BehaviorTree.CPP, for nodes that ask for nothing and expect
@@ -167,7 +167,7 @@ class Tree:
         return status
 
     def _expand(self) -> None:
-        """Makes the trees that leaves have asked for."""
+        """Make the trees that leaves have asked for."""
         context = self.context
         while context.expansions:
             leaf, (library, key, blackboard) = context.expansions.popitem()
@@ -185,7 +185,7 @@ class Tree:
             self._on_expanded()
 
     def _drop(self, leaf: ExpandingAction) -> None:
-        """Forgets the tree below a leaf, and those below its leaves."""
+        """Forget the tree below a leaf, and those below its leaves."""
         part = self._expanded.pop(leaf, None)
         for node in () if part is None else part.nodes:
             self.context.deadlines.pop(node, None)
@@ -230,7 +230,7 @@ class Tree:
         return status
 
     def halt(self) -> None:
-        """Halts all nodes, the RUNNING ones by their own means, and sets them to IDLE.
+        """Halt all nodes, the RUNNING ones by their own means, and sets them to IDLE.
 
         Harmless at any time; also after an error. Work that goes on is in :attr:`unfinished`. Raises
         NodeExecutionError, after everything was halted, when a leaf raised.
@@ -292,7 +292,7 @@ class Tree:
                 raise self._traced(leaf.fault(error)) from error
 
     def abandon(self) -> None:
-        """Ends what the leaves have begun elsewhere: the thread that ticks the tree hangs in one of them, and cannot
+        """End what the leaves have begun elsewhere: the thread that ticks the tree hangs in one of them, and cannot
         halt it. From another thread; the tree is not to be used any more.
         """
         for leaf in self._running_leaves():
@@ -319,11 +319,12 @@ class Tree:
     # -- waking ------------------------------------------------------------------------------------------------------
 
     def wake(self) -> None:
-        """Asks for a tick. From any thread."""
+        """Ask for a tick. From any thread."""
         self.context.wake()
 
     def take_wake(self) -> bool:
-        """Whether a wake-up is pending; it is not, afterwards. A host that has waited calls it before it ticks."""
+        """Return whether a wake-up is pending; it is not, afterwards. A host that has waited calls it before it
+        ticks."""
         woken = self.context.woken
         self.context.woken = False
         return woken
@@ -344,7 +345,7 @@ class Tree:
         return self.context.unfinished
 
     def advance_unfinished(self) -> None:
-        """Lets leaves go on that were halted and need ticks to come to their end.
+        """Let leaves go on that were halted and need ticks to come to their end.
 
         A host that waits until nothing is :attr:`unfinished` calls it when the tree is woken, and now and then. Raises
         NodeExecutionError as :meth:`halt` does.
@@ -382,7 +383,7 @@ class Tree:
         after_round: Callable[[], None] | None = None,
         on_expanded: Callable[[], None] | None = None,
     ) -> None:
-        """Tells every change of a status to these observers from now on, in order and at once, on the ticking thread,
+        """Tell every change of a status to these observers from now on, in order and at once, on the ticking thread,
         and to no others; none: to nobody.
 
         ``after_round()`` is called after each round of a tick, on its thread, also when that raises. ``on_expanded()``
@@ -398,7 +399,7 @@ class Tree:
 
 
 def _acts_itself(node: TreeNode) -> bool:
-    """Whether it is a leaf that has not left the work to a tree below it."""
+    """Return whether it is a leaf that has not left the work to a tree below it."""
     below = any(child.status is RUNNING for child in node.attached)
     return node.kind in (NodeKind.ACTION, NodeKind.CONDITION) and not below
 

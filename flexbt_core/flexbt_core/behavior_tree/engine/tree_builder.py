@@ -57,7 +57,7 @@ def instantiate(
     path: str = '',
     first_uid: int = 1,
 ) -> Instance:
-    """Makes the tree ``key`` on ``blackboard``, of what ``substitute`` gives for each node. ``path`` is the prefix of
+    """Make the tree ``key`` on ``blackboard``, of what ``substitute`` gives for each node. ``path`` is the prefix of
     the paths of its nodes.
 
     Raises TreeLoadError, with all errors, when nodes use one blackboard entry with different types, or when a node does
@@ -152,7 +152,7 @@ class _Builder:
         children: list[TreeNode],
         level: int,
     ) -> None:
-        """Makes the scope of a sub-tree, and lets its root follow."""
+        """Make the scope of a sub-tree, and lets its root follow."""
         key = self._library.find(tree_id, scope.file)
         assert key is not None
         path = node.path
@@ -177,7 +177,7 @@ class _Builder:
         self._pending.append((tree.root, _Scope(tree, key.file, path, board), children, level + 1))
 
     def _declare_entries(self, definition: NodeDefinition, scope: _Scope) -> None:
-        """Gives the entries that the ports of a node point to the types of the ports."""
+        """Give the entries that the ports of a node point to the types of the ports."""
         board = scope.board
         for name, port in definition.manifest.ports.items():
             value = definition.values.get(name)

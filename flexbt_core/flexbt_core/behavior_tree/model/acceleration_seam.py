@@ -20,18 +20,18 @@ class Acceleration:
     """What may be faster. This one leaves everything as it is."""
 
     def class_of(self, plain: type[T]) -> type[T]:
-        """The class to make objects of in the place of ``plain``."""
+        """Return the class to make objects of in the place of ``plain``."""
         return plain
 
     def node_class(self, plain: type[T], observers: Sequence[Callable[..., None]]) -> type[T]:
-        """The class of a node without conditions, in a tree with these observers."""
+        """Return the class of a node without conditions, in a tree with these observers."""
         return plain
 
     def fit(self, nodes: Iterable[Any]) -> None:
-        """Gives nodes of one tree the class that suits its observers and their conditions."""
+        """Give nodes of one tree the class that suits its observers and their conditions."""
 
     def prepare(self, node_classes: Iterable[type[Any]]) -> None:
-        """Does now what the first observed tree with nodes of these classes would have to wait for."""
+        """Do now what the first observed tree with nodes of these classes would have to wait for."""
 
 
 _PLAIN = Acceleration()

@@ -44,13 +44,13 @@ class Entry:
 
     @classmethod
     def constant(cls, value: Any) -> Entry:
-        """An entry of no blackboard, that holds a value for good."""
+        """Return an entry of no blackboard, that holds a value for good."""
         entry = cls(None)
         entry.value = value
         return entry
 
     def write(self, value: Any) -> None:
-        """Takes the value as it is. The caller has checked the type.
+        """Take the value as it is. The caller has checked the type.
 
         Two stores, and no call between them: no other thread comes between a value and its number. So who does not need
         what the entry held before needs no lock; and may write these two lines out where a call would take too long.
@@ -79,7 +79,7 @@ class Blackboard:
         self._autoremap = False
 
     def with_own(self, keys: Iterable[str]) -> Blackboard:
-        """A topmost scope with all entries of this one, but those of ``keys``: of these it has its own.
+        """Return a topmost scope with all entries of this one, but those of ``keys``: of these it has its own.
 
         So several trees share what they hand to each other, and each has to itself what belongs to one run of it.
         """
@@ -98,17 +98,17 @@ class Blackboard:
         return self._root
 
     def remap(self, key: str, parent_key: str) -> None:
-        """Makes ``key`` stand for ``parent_key`` of the parent, unless it is an entry of this scope."""
+        """Make ``key`` stand for ``parent_key`` of the parent, unless it is an entry of this scope."""
         self._remaps[key] = parent_key
 
     def enable_autoremap(self, enable: bool = True) -> None:
-        """Makes every key that is not private (``_``) stand for the same key of the parent."""
+        """Make every key that is not private (``_``) stand for the same key of the parent."""
         self._autoremap = enable
 
     # -- access ------------------------------------------------------------------------------------------------------
 
     def entry(self, key: str) -> Entry | None:
-        """The entry that ``key`` means in this scope, wherever it lives; None when there is none."""
+        """Return the entry that ``key`` means in this scope, wherever it lives; None when there is none."""
         board: Blackboard | None = self
         while board is not None:
             if key.startswith('@'):
@@ -125,7 +125,7 @@ class Blackboard:
         return None
 
     def outermost(self, key: str) -> tuple[Blackboard, str]:
-        """The scope that has the entry of ``key``, or would get it by a write; and what it is called there."""
+        """Return the scope that has the entry of ``key``, or would get it by a write; and what it is called there."""
         board = self
         while not key.startswith('@') and key not in board._entries and board._parent is not None:
             remapped = board._remaps.get(key)
@@ -135,7 +135,7 @@ class Blackboard:
         return (board._root, key[1:]) if key.startswith('@') else (board, key)
 
     def get(self, key: str) -> Any:
-        """The value of ``key``. Raises BlackboardError when there is none, or when it was never written."""
+        """Return the value of ``key``. Raises BlackboardError when there is none, or when it was never written."""
         entry = self.entry(key)
         if entry is None:
             raise BlackboardError(f'missing key [{key}]', is_absent=True)
@@ -145,12 +145,12 @@ class Blackboard:
         return value
 
     def get_or(self, key: str, default: Any) -> Any:
-        """The value of ``key``, or ``default`` when it is missing or was never written."""
+        """Return the value of ``key``, or ``default`` when it is missing or was never written."""
         entry = self.entry(key)
         return default if entry is None or entry.value is EMPTY else entry.value
 
     def declare(self, key: str, type: PortType | None) -> Entry:
-        """The entry of ``key``, created without a value where a write would create it.
+        """Return the entry of ``key``, created without a value where a write would create it.
 
         Raises BlackboardError when it exists with another type.
         """
@@ -175,7 +175,7 @@ class Blackboard:
                 board, key = board._parent, remapped if remapped is not None else key
 
     def set(self, key: str, value: Any, type: PortType | None = None) -> None:
-        """Writes ``value``, whose type is ``type`` (by default the one of its Python class).
+        """Write ``value``, whose type is ``type`` (by default the one of its Python class).
 
         Raises BlackboardError when the entry has another type that the value cannot be converted to without loss.
         """
@@ -200,7 +200,7 @@ class Blackboard:
                 entry.write(_converted(key, entry, value, kind))
 
     def put(self, key: str, value: Any, type: PortType | None) -> None:
-        """Writes a value, or EMPTY, that was read from an entry of this ``type``; it has to be the type of the entry of
+        """Write a value, or EMPTY, that was read from an entry of this ``type``; it has to be the type of the entry of
         ``key`` as well.
 
         Unlike :meth:`set` it converts nothing, not even numbers, and an entry of this scope whose type is not fixed may
@@ -221,7 +221,7 @@ class Blackboard:
             entry.write(value)
 
     def unset(self, key: str) -> None:
-        """Removes the entry from this scope; neither remapping nor ``@`` apply. Harmless when there is none."""
+        """Remove the entry from this scope; neither remapping nor ``@`` apply. Harmless when there is none."""
         if key not in self._entries:
             return
         with self.lock:
@@ -232,12 +232,13 @@ class Blackboard:
                 entry.sequence = -1
 
     def keys(self) -> list[str]:
-        """The keys of the entries of this scope itself."""
+        """Return the keys of the entries of this scope itself."""
         with self.lock:
             return list(self._entries)
 
     def entries(self) -> dict[str, Entry]:
-        """The entries of this scope itself at one moment, by their keys: they are those that it has, no copies."""
+        """Return the entries of this scope itself at one moment, by their keys: they are those that it has, no
+        copies."""
         with self.lock:
             return dict(self._entries)
 
@@ -291,7 +292,7 @@ def _type_clash(key: str, declared: PortType, written: PortType | None) -> Black
 
 
 def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
-    """The value that a typed entry takes when ``value`` of type ``kind`` is written to it."""
+    """Return the value that a typed entry takes when ``value`` of type ``kind`` is written to it."""
     declared = entry.type
     assert declared is not None
     if not declared.same(kind):

@@ -70,7 +70,7 @@ class JsonTypes:
         to_json: Callable[[_Object], dict[str, Any]],
         from_json: Callable[[dict[str, Any]], _Object],
     ) -> None:
-        """Makes the objects of a class known. Raises ValueError when the name or the class is."""
+        """Make the objects of a class known. Raises ValueError when the name or the class is."""
         if name in self._by_name or python_type in self._by_class or name in _BUILTIN_VALUES:
             raise ValueError(f'the JSON type {name!r}, or its class {python_type.__qualname__}, is registered already')
         entry = JsonObject(name, PortType(python_type.__qualname__, python_type), to_json, from_json)
@@ -83,7 +83,7 @@ class JsonTypes:
         return self._by_name.get(name)
 
     def port_type(self, name: str) -> PortType | None:
-        """The type of entries that has this name; None when it is not known."""
+        """Return the type of entries that has this name; None when it is not known."""
         known = _SCALARS.get(name)
         if known is None and name.startswith('std::vector<') and name.endswith('>'):
             element = self.port_type(name.removeprefix('std::vector<')[:-1])
@@ -100,7 +100,7 @@ class JsonTypes:
 
 
 def show_blackboard(board: Blackboard, types: JsonTypes) -> dict[str, Any]:
-    """The entries of this scope as BehaviorTree.CPP exports them, for tools that are made for it.
+    """Return the entries of this scope as BehaviorTree.CPP exports them, for tools that are made for it.
 
     A bool is the integer 0 or 1, not-a-number and the infinities are floats, and what was never written, or has no JSON
     form, is None.
@@ -125,7 +125,8 @@ def _shown(value: Any, types: JsonTypes) -> Any:
 
 
 def export_blackboard(board: Blackboard, types: JsonTypes) -> tuple[dict[str, Any], list[str]]:
-    """The entries of this scope, with their types, at one moment; and why entries are missing that have no JSON form.
+    """Return the entries of this scope, with their types, at one moment; and why entries are missing that have no JSON
+    form.
 
     :func:`import_blackboard` gives them back. The document has only what ``json`` writes and reads without loss.
     """
@@ -140,7 +141,7 @@ def export_blackboard(board: Blackboard, types: JsonTypes) -> tuple[dict[str, An
 
 
 def import_blackboard(board: Blackboard, document: Mapping[str, Any], types: JsonTypes) -> None:
-    """Writes all entries of a document, or none of them. Other entries stay as they are.
+    """Write all entries of a document, or none of them. Other entries stay as they are.
 
     A new entry gets the type and the value of the document; one that has a type takes the value as
     :meth:`Blackboard.set` does, by conversion without loss. (BehaviorTree.CPP overwrites an entry whatever its type,
@@ -202,7 +203,7 @@ def _encode_entry(kind: PortType | None, value: Any, types: JsonTypes) -> Any:
 
 
 def _is_told(kind: PortType | None, value: Any, types: JsonTypes) -> bool:
-    """Whether the value alone says that its entry has this type."""
+    """Return whether the value alone says that its entry has this type."""
     told = _natural_type(value, types)
     if kind is None or told is None:
         return kind is told
@@ -210,7 +211,7 @@ def _is_told(kind: PortType | None, value: Any, types: JsonTypes) -> bool:
 
 
 def _natural_type(value: Any, types: JsonTypes) -> PortType | None:
-    """The type of an entry that is made for a value of which nothing else is known."""
+    """Return the type of an entry that is made for a value of which nothing else is known."""
     if isinstance(value, str | int | float) and not isinstance(value, Enum):
         return None
     known = types.of_class(value.__class__)
@@ -247,7 +248,7 @@ def _decode_entry(item: Any, types: JsonTypes, present: Entry | None) -> tuple[P
 
 
 def _encode(value: Any, types: JsonTypes, depth: int) -> Any:
-    """The JSON of a value. Raises ConversionError when it has none that :func:`_decode` could read."""
+    """Return the JSON of a value. Raises ConversionError when it has none that :func:`_decode` could read."""
     if depth > _MAX_DEPTH:
         raise ConversionError(f'a value is nested more than {_MAX_DEPTH} deep')
     if value is None or value is True or value is False or value.__class__ is str:
@@ -281,7 +282,7 @@ def _checked(fields: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def _decode(item: Any, types: JsonTypes, depth: int) -> Any:
-    """The value of which this is the JSON. Raises ConversionError."""
+    """Return the value of which this is the JSON. Raises ConversionError."""
     if depth > _MAX_DEPTH:
         raise ConversionError(f'a value is nested more than {_MAX_DEPTH} deep')
     if isinstance(item, list):

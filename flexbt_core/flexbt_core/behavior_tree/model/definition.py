@@ -70,7 +70,8 @@ class ParsedScript(Protocol):
         """Whether it does nothing."""
 
     def bind(self, board: Blackboard, *, condition: bool = False) -> RunnableScript:
-        """The script on ``board``; of a ``condition`` the truth is asked. Raises ScriptError when that is empty."""
+        """Return the script on ``board``; of a ``condition`` the truth is asked. Raises ScriptError when that is
+        empty."""
 
 
 class ScriptFactory(Protocol):
@@ -81,7 +82,7 @@ class ScriptFactory(Protocol):
         """The enum constants that scripts know."""
 
     def script(self, text: str) -> ParsedScript:
-        """Raises ScriptError when the text is no script."""
+        """Raise ScriptError when the text is no script."""
 
 
 NO_CONDITIONS: Final[Mapping[str, ParsedScript]] = {}
@@ -121,7 +122,7 @@ class TreeDefinition(NamedTuple):
     offset: int
 
     def nodes(self) -> Iterator[NodeDefinition]:
-        """All nodes, parents first, in document order."""
+        """Yield all nodes, parents first, in document order."""
         stack = [self.root]
         while stack:
             node = stack.pop()
@@ -129,7 +130,7 @@ class TreeDefinition(NamedTuple):
             stack.extend(reversed(node.children))
 
     def error(self, node: NodeDefinition, message: str, attribute: str | None = None) -> LoadError:
-        """An error at the place of the node, or of one of its attributes."""
+        """Return an error at the place of the node, or of one of its attributes."""
         offset = node.offsets.get(attribute, node.offset) if attribute is not None else node.offset
         return self.source.error(offset, message, node.label)
 
@@ -175,7 +176,7 @@ class TreeLibrary:
     """
 
     def __init__(self, documents: Iterable[TreeDocument] = (), *, max_nodes: int = MAX_NODES) -> None:
-        """Raises TreeLoadError with all errors: unknown trees, recursion, missing ports of models, too many nodes."""
+        """Raise TreeLoadError with all errors: unknown trees, recursion, missing ports of models, too many nodes."""
         self._documents = {document.file: document for document in documents}
         self._max_nodes = max_nodes
         self._newest: dict[str, TreeKey] = {}
@@ -191,7 +192,7 @@ class TreeLibrary:
     def stage(
         self, documents: Iterable[TreeDocument], *, without: Collection[str] = (), in_place: bool = False
     ) -> TreeLibrary:
-        """A library with these documents added; replaces those of the same files, leaves out ``without``.
+        """Return a library with these documents added; replaces those of the same files, leaves out ``without``.
 
         Those that are replaced ``in_place`` do not become the newest.
         """
@@ -212,7 +213,7 @@ class TreeLibrary:
         return self._max_nodes
 
     def tree_ids(self) -> list[str]:
-        """The IDs of all trees, each once."""
+        """Return the IDs of all trees, each once."""
         return list(self._newest)
 
     def tree_keys(self) -> Iterator[TreeKey]:
@@ -221,7 +222,8 @@ class TreeLibrary:
                 yield TreeKey(document.file, id)
 
     def find(self, id: str, file: str | None = None) -> TreeKey | None:
-        """The tree of this ID: the one of the document ``file`` if that has it, otherwise the one staged last."""
+        """Return the tree of this ID: the one of the document ``file`` if that has it, otherwise the one staged
+        last."""
         document = self._documents.get(file) if file is not None else None
         if document is not None and id in document.trees:
             return TreeKey(document.file, id)
@@ -231,7 +233,7 @@ class TreeLibrary:
         return self._documents[key.file].trees[key.id]
 
     def model(self, id: str) -> Mapping[str, SubTreeModelPort]:
-        """The ports that models declare for the tree of this ID; empty when there is no model."""
+        """Return the ports that models declare for the tree of this ID; empty when there is no model."""
         return self._models.get(id, {})
 
 

@@ -185,7 +185,7 @@ class TracedNode(Protocol):
         """What has decided the last result in the place of a tick, as text says it; None: the tick itself."""
 
     def failure_cause(self) -> Any:
-        """The child because of which the node failed just now; None when it failed by itself."""
+        """Return the child because of which the node failed just now; None when it failed by itself."""
 
     def failure_reason(self) -> str:
         """Why the node failed just now."""
@@ -222,7 +222,8 @@ class FailureTrace(NamedTuple):
         return tuple(step.path for step in reversed(self.steps))
 
     def lines(self, most: int = MOST_LINES) -> list[str]:
-        """The steps as ``path: reason``; of more than ``most``, those in the middle are left out, which a line says."""
+        """Return the steps as ``path: reason``; of more than ``most``, those in the middle are left out, which a line
+        says."""
         steps = self.steps
         if len(steps) <= most:
             return [str(step) for step in steps]
@@ -246,7 +247,8 @@ def trace_failure(root: TracedNode) -> FailureTrace:
 
 
 def trace_error(nodes: Sequence[TracedNode], uid: int, reason: str) -> FailureTrace:
-    """The way from the node ``uid``, which has raised for ``reason``, up to the root of the tree of these nodes."""
+    """Return the way from the node ``uid``, which has raised for ``reason``, up to the root of the tree of these
+    nodes."""
     parents = {child.uid: (node, place) for node in nodes for place, child in enumerate(node.attached, 1)}
     steps = [FailureStep(nodes[uid - 1].path, reason)]
     above = parents.get(uid)
@@ -278,6 +280,6 @@ class Source:
         return line, offset - self._line_starts[line - 1] + 1
 
     def error(self, offset: int, message: str, node: str = '') -> LoadError:
-        """An error at this offset. ``node`` is the element, as it is named to users."""
+        """Return an error at this offset. ``node`` is the element, as it is named to users."""
         line, column = self.position(offset)
         return LoadError(self.file, line, column, truncate_middle(node, 200), truncate_middle(message, 500))

@@ -67,15 +67,16 @@ class Outcomes(ABC):
 
     @abstractmethod
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
-        """What is possible with these ports, when the children may give ``children``, one for each."""
+        """Return what is possible with these ports, when the children may give ``children``, one for each."""
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
-        """When something is possible with these ports, where children need ``children``; at once, if a rule does not
-        say it."""
+        """Return when something is possible with these ports, where children need ``children``; at once, if a rule does
+        not say it."""
         return Earliest(_at_once((SUCCESS, FAILURE, SKIPPED)), (0.0,) * len(children))
 
     def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
-        """The child whose results decide whether ``child`` is ticked; None when it is these ports of the node."""
+        """Return the child whose results decide whether ``child`` is ticked; None when it is these ports of the
+        node."""
         return child - 1 if child else None
 
 

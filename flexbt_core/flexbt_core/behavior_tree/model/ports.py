@@ -33,7 +33,7 @@ NO_DEFAULT: Final = _NoDefault.NO_DEFAULT
 
 
 def with_branch(text: str, nav2_branch: str) -> str:
-    """The text, and the branch of Nav2 that alone has what it describes; '' if all have it."""
+    """Return the text, and the branch of Nav2 that alone has what it describes; '' if all have it."""
     return f'{text} (Nav2 {nav2_branch} only)'.lstrip() if nav2_branch else text
 
 
@@ -81,7 +81,7 @@ def input_port(
     literal: PortType | None = None,
     nav2_branch: str = '',
 ) -> Port:
-    """A port that the node reads. It has to be given in the XML, unless it has a default or is optional."""
+    """Return a port that the node reads. It has to be given in the XML, unless it has a default or is optional."""
     return Port(
         PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional, literal, nav2_branch
     )
@@ -90,7 +90,7 @@ def input_port(
 def output_port(
     type: PortType | None = None, *, default: str | None = None, description: str = '', nav2_branch: str = ''
 ) -> Port:
-    """A port that the node writes. It need not be given; a default has to be a ``{pointer}``."""
+    """Return a port that the node writes. It need not be given; a default has to be a ``{pointer}``."""
     written = NO_DEFAULT if default is None else default
     return Port(PortDirection.OUTPUT, type, written, description, nav2_branch=nav2_branch)
 
@@ -104,7 +104,7 @@ def inout_port(
     literal: PortType | None = None,
     nav2_branch: str = '',
 ) -> Port:
-    """A port that the node reads and writes."""
+    """Return a port that the node reads and writes."""
     return Port(
         PortDirection.INOUT, type, default, description, default is NO_DEFAULT and not optional, literal, nav2_branch
     )
@@ -123,7 +123,7 @@ class PortValue(NamedTuple):
 
 
 def pointer_key(text: str, port_name: str) -> str | None:
-    """The blackboard key that ``text`` points to, or None when it is a literal.
+    """Return the blackboard key that ``text`` points to, or None when it is a literal.
 
     Spaces around the braces do not count; those inside are part of the key. ``{=}`` and ``=`` mean the key of the same
     name as the port.
@@ -175,7 +175,7 @@ class PortType:
     immutable: bool = field(default=False)
 
     def parse(self, text: str) -> Any:
-        """The value that ``text`` means. Raises ConversionError, whatever ``from_text`` raises."""
+        """Return the value that ``text`` means. Raises ConversionError, whatever ``from_text`` raises."""
         if self.from_text is None:
             raise ConversionError(f'{self.name} cannot be written as text')
         try:
@@ -184,13 +184,13 @@ class PortType:
             raise ConversionError(f"can't convert text {short_repr(text)} to {self.name}: {error}") from error
 
     def same(self, other: PortType) -> bool:
-        """Whether both are one type: equal names, or objects of the same Python class."""
+        """Return whether both are one type: equal names, or objects of the same Python class."""
         if self is other or self.name == other.name:
             return True
         return self.category == other.category == 'object' and self.python_type is other.python_type
 
     def may_read(self, entry: PortType) -> bool:
-        """Whether an input of this type can read some values of an ``entry``.
+        """Return whether an input of this type can read some values of an ``entry``.
 
         That is one of the same type, of text, or of objects of a class that derives from its own or the other way
         round, as in BehaviorTree.CPP since 4.9 (there the classes have to be registered).
@@ -227,7 +227,8 @@ def _integer_type(name: str, bits: int, signed: bool) -> PortType:
 
 
 def decimal(text: str) -> float:
-    """The double nearest to a decimal number. Raises ConversionError when there is none but infinity, or zero."""
+    """Return the double nearest to a decimal number. Raises ConversionError when there is none but infinity, or
+    zero."""
     value = float(text)
     if (math.isinf(value) and 'n' not in text.lower()) or (value == 0.0 and _NOT_ZERO.match(text)):
         raise ConversionError(f'the number {text[:40]} does not fit into a double')
@@ -235,7 +236,7 @@ def decimal(text: str) -> float:
 
 
 def real_from_text(text: str) -> float:
-    """The longest prefix of ``text`` that is a decimal number; ``inf`` and ``nan`` are numbers."""
+    """Return the longest prefix of ``text`` that is a decimal number; ``inf`` and ``nan`` are numbers."""
     match = _REAL_PREFIX.match(text)
     if match is None:
         raise ConversionError(f"can't convert text {short_repr(text)} to double")
@@ -243,7 +244,7 @@ def real_from_text(text: str) -> float:
 
 
 def number_from_text(text: str) -> float | None:
-    """The decimal number that ``text`` is as a whole; None when it is none."""
+    """Return the decimal number that ``text`` is as a whole; None when it is none."""
     try:
         return decimal(text) if _REAL_PREFIX.fullmatch(text) else None
     except ConversionError:
@@ -296,7 +297,7 @@ KEYS = PortType('keys', str, 'text', str, immutable=True)
 
 
 def separated(text: str) -> list[str]:
-    """The pieces of a text between ``;``, without the spaces around them; empty ones do not count."""
+    """Return the pieces of a text between ``;``, without the spaces around them; empty ones do not count."""
     return [piece.strip() for piece in text.split(';') if piece.strip()]
 
 
@@ -310,7 +311,7 @@ written next fixes it; but text is refused where it would have to be converted."
 
 
 def is_fixed(type: PortType | None) -> TypeGuard[PortType]:
-    """Whether an entry of this type keeps it, whatever is written."""
+    """Return whether an entry of this type keeps it, whatever is written."""
     return type is not None and type is not ANY
 
 
@@ -318,7 +319,7 @@ NODE_STATUS = PortType('BT::NodeStatus', NodeStatus, from_text=_status_from_text
 
 
 def list_of(element: PortType) -> PortType:
-    """A list, whose text form is its elements :func:`between_semicolons`, or ``json:[...]``."""
+    """Return a list, whose text form is its elements :func:`between_semicolons`, or ``json:[...]``."""
     name = f'std::vector<{element.name}>'
     if element.from_text is None:
         return PortType(name, list)
@@ -332,7 +333,7 @@ def list_of(element: PortType) -> PortType:
 
 
 def between_semicolons(text: str, element: PortType) -> list[Any]:
-    """The elements that ``text`` has, separated by ``;``. One empty piece at the end is dropped."""
+    """Return the elements that ``text`` has, separated by ``;``. One empty piece at the end is dropped."""
     pieces = text.split(';')
     if not pieces[-1]:
         pieces.pop()
@@ -353,7 +354,7 @@ def _elements_of_json(text: str, element: PortType) -> list[Any]:
 
 
 def type_of(value: object) -> PortType:
-    """The type of an entry that is first written with ``value``."""
+    """Return the type of an entry that is first written with ``value``."""
     if isinstance(value, bool):
         return BOOL
     if isinstance(value, int):
@@ -370,7 +371,7 @@ def type_of(value: object) -> PortType:
 
 
 def fits(value: int, kind: PortType) -> bool:
-    """Whether the integer is within the bounds of an integer type."""
+    """Return whether the integer is within the bounds of an integer type."""
     assert kind.minimum is not None
     assert kind.maximum is not None
     return kind.minimum <= value <= kind.maximum

@@ -144,7 +144,7 @@ class SetBlackboard(SyncAction):
         return SUCCESS
 
     def _converted(self, key: str, text: str) -> tuple[Any, PortType | None]:
-        """What the text is as value of the entry that is to be written, and its type there."""
+        """Return what the text is as value of the entry that is to be written, and its type there."""
         entry = self.blackboard.entry(key)
         kind = STRING if entry is None else entry.type
         if kind is None:
@@ -206,7 +206,7 @@ def _key(config: NodeConfig) -> str:
 
 
 def _updated(node: UpdateDecorator | WasEntryUpdated) -> bool:
-    """Whether the entry was written since the node has last seen so. One that is missing was not."""
+    """Return whether the entry was written since the node has last seen so. One that is missing was not."""
     entry = node._entry
     if not entry.present:
         node._entry = entry = node.blackboard.entry(node._key) or MISSING

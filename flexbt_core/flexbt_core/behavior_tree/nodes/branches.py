@@ -235,7 +235,7 @@ class Switch(ControlNode):
         return status
 
     def _find(self) -> object:
-        """The value of the variable, whose entry was not there the last time."""
+        """Return the value of the variable, whose entry was not there the last time."""
         key = self.port_key('variable')
         self._variable = (None if key is None else self.blackboard.entry(key)) or MISSING
         return self._variable.value
@@ -250,7 +250,7 @@ class Switch(ControlNode):
         return text
 
     def _match(self, variable: str | None) -> int:
-        """The child for this value of the variable."""
+        """Return the child for this value of the variable."""
         default = len(self.cases)
         if variable is None:
             return default

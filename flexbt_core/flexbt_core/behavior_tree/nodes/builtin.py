@@ -14,7 +14,7 @@ FAMILIES: Final = (sequences, parallel, branches, decorators, loops, blackboard,
 
 
 def builtin_registry(scripts: ScriptLibrary | None = None) -> NodeRegistry:
-    """A new registry with the node types of BehaviorTree.CPP."""
+    """Return a new registry with the node types of BehaviorTree.CPP."""
     registry = NodeRegistry(scripts)
     for family in FAMILIES:
         registry.register_classes(family.NODES)

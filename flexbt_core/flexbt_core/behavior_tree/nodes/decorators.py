@@ -217,7 +217,7 @@ class RetryUntilSuccessful(_Repeating):
         return FAILURE
 
     def _changed_limit(self, attempts: int) -> int:
-        """The number of attempts now; the old one if it has been removed."""
+        """Return the number of attempts now; the old one if it has been removed."""
         try:
             return self._read_limit()
         except PortError:

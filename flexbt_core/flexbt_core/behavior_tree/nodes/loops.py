@@ -134,7 +134,7 @@ class Loop(DecoratorNode):
                 self._target = entry
 
     def _next_shared(self) -> Any:
-        """The next element of a queue on the blackboard."""
+        """Return the next element of a queue on the blackboard."""
         try:
             return self._shared().popleft()
         except IndexError:
@@ -142,7 +142,7 @@ class Loop(DecoratorNode):
             return _END
 
     def _shared(self) -> deque[Any]:
-        """The queue of the blackboard, or what is left of the copy of it that this run made."""
+        """Return the queue of the blackboard, or what is left of the copy of it that this run made."""
         content = self.get_input_or('queue', None)
         if isinstance(content, deque):
             self._queue = content

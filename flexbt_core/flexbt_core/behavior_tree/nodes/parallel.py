@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPP
 
 
 def _completed() -> NodeStatus:
-    """Takes the place of the tick of a child that has completed."""
+    """Take the place of the tick of a child that has completed."""
     return IDLE
 
 
@@ -42,7 +42,7 @@ class _ParallelControl(ControlNode):
         self._strike_out()
 
     def _strike_out(self) -> None:
-        """Makes the row of ticks, without the children that have completed."""
+        """Make the row of ticks, without the children that have completed."""
         pairs = zip(self._ticks, self.children, strict=True)
         self._row: Sequence[Tick] = [
             _completed if child.status is SUCCESS or child.status is FAILURE else tick for tick, child in pairs
@@ -56,7 +56,7 @@ class _ParallelControl(ControlNode):
 
     @abstractmethod
     def _read_limits(self) -> tuple[int, ...]:
-        """The thresholds, by the ports."""
+        """Return the thresholds, by the ports."""
 
     def _current_limits(self) -> tuple[int, ...]:
         limits = self._read_limits()
@@ -65,7 +65,7 @@ class _ParallelControl(ControlNode):
         return limits
 
     def _limit(self, port: str, what: str) -> int:
-        """A threshold, counted from no child on."""
+        """Return a threshold, counted from no child on."""
         total = len(self.children)
         count: int = self.get_input(port)
         limit = count if count >= 0 else max(total + count + 1, 0)

@@ -27,7 +27,7 @@ class _PointedScript:
     __slots__ = ('_bound', '_condition', '_node', '_port', '_text')
 
     def __init__(self, node: TreeNode, port: str, condition: bool) -> None:
-        """Raises PortError or ScriptError when there is no such text, or when it is no script."""
+        """Raise PortError or ScriptError when there is no such text, or when it is no script."""
         self._node = node
         self._port = port
         self._condition = condition
@@ -47,7 +47,7 @@ class _PointedScript:
 
 
 def _script_of(node: TreeNode, config: NodeConfig, port: str) -> _Runnable:
-    """The script that a port holds, whose literals are of type SCRIPT or CONDITION."""
+    """Return the script that a port holds, whose literals are of type SCRIPT or CONDITION."""
     given = config.values[port]
     condition = node.ports[port].literal is CONDITION
     if given.key is not None:

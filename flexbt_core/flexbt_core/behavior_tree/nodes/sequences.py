@@ -39,7 +39,7 @@ class _OrderedControl(ControlNode):
         super().halt()
 
     def _finish(self, status: NodeStatus) -> NodeStatus:
-        """All children were passed: rewinds, and gives ``status`` unless they were all skipped."""
+        """Return all children were passed: rewinds, and gives ``status`` unless they were all skipped."""
         all_skipped = self._skipped == len(self.children)
         self.reset_children()
         self._index = self._skipped = 0
@@ -174,7 +174,7 @@ class _YieldingControl(_OrderedControl):
         return passing
 
     def _stop(self, status: NodeStatus) -> NodeStatus:
-        """A child ended it all with ``status``."""
+        """Return a child ended it all with ``status``."""
         self._failed = self._index
         self._index = 0
         self.reset_children()
@@ -373,7 +373,7 @@ class TryCatch(ControlNode):
         return FAILURE
 
     def _try(self) -> NodeStatus:
-        """Goes on with the sequence. After FAILURE it is over, and the clean-up has its turn."""
+        """Go on with the sequence. After FAILURE it is over, and the clean-up has its turn."""
         ticks = self._ticks
         index = self._index
         last = len(ticks) - 1

@@ -36,7 +36,7 @@ class CompiledScript:
     __slots__ = ('__weakref__', '_closures', 'enums', 'names', 'statements', 'text', 'warm_up')
 
     def __init__(self, text: str, enums: Mapping[str, int], warm_up: int) -> None:
-        """Raises ScriptError when the text is no script. The empty text is one that does nothing."""
+        """Raise ScriptError when the text is no script. The empty text is one that does nothing."""
         self.text = text
         self.warm_up = warm_up
         self.enums = enums
@@ -54,24 +54,24 @@ class CompiledScript:
         return not self.statements
 
     def bind(self, board: Blackboard, *, condition: bool = False) -> BoundScript:
-        """The script on ``board``. Raises ScriptError when it is to be a ``condition``, and is empty."""
+        """Return the script on ``board``. Raises ScriptError when it is to be a ``condition``, and is empty."""
         if condition and self.empty:
             raise ScriptError(self.text, 0, 'the script is empty, and so is no condition')
         return acceleration().class_of(BoundScript)(self, board, condition=condition)
 
     def scope(self, board: Blackboard) -> ScriptScope:
-        """The place of the script on ``board``."""
+        """Return the place of the script on ``board``."""
         return ScriptScope(board, len(self.names))
 
     def evaluate(self, scope: ScriptScope) -> Value:
-        """Runs the closures; gives the value of the last statement, EMPTY when there is none."""
+        """Run the closures; gives the value of the last statement, EMPTY when there is none."""
         value: Value = EMPTY
         for closure in self._closures:
             value = closure(scope)
         return value
 
     def truth(self, value: Value) -> bool:
-        """Whether the value of the last statement is true. Raises ScriptError when it is neither."""
+        """Return whether the value of the last statement is true. Raises ScriptError when it is neither."""
         try:
             return truth(value)
         except ConversionError as error:
@@ -95,7 +95,7 @@ class BoundScript:
         self.scope = script.scope(board)
 
     def run(self) -> bool | None:
-        """Runs the script; of a condition it gives the truth, otherwise None.
+        """Run the script; of a condition it gives the truth, otherwise None.
 
         Raises ScriptError. What the script has done before that stays done.
         """
@@ -123,7 +123,7 @@ class ScriptLibrary:
         return MappingProxyType(self._enums)
 
     def register_enum(self, name: str, value: int) -> None:
-        """Makes ``name`` mean ``value``. Raises RegistrationError when it means another number, or is no name."""
+        """Make ``name`` mean ``value``. Raises RegistrationError when it means another number, or is no name."""
         if not _ENUM_NAME.fullmatch(name) or name in ('true', 'false'):
             raise RegistrationError(f'enum constant [{name}]: a name consists of letters, digits and _')
         known = self._enums.setdefault(name, int(value))
@@ -132,7 +132,7 @@ class ScriptLibrary:
         self._scripts = weakref.WeakValueDictionary()
 
     def script(self, text: str) -> CompiledScript:
-        """The script of this text, shared by all who have it. Raises ScriptError when the text is no script."""
+        """Return the script of this text, shared by all who have it. Raises ScriptError when the text is no script."""
         script = self._scripts.get(text)
         if script is None:
             # Not all at the same moment: to make code takes time.
@@ -182,7 +182,7 @@ class ClosureCompiler:
         return tuple(self._indices)
 
     def compile(self, expression: Expression) -> Closure:
-        """The closure of an expression; it raises ScriptError when it cannot be evaluated."""
+        """Return the closure of an expression; it raises ScriptError when it cannot be evaluated."""
         match expression:
             case Constant(_, value):
                 return lambda scope: value
@@ -313,7 +313,7 @@ class ClosureCompiler:
         return assign
 
     def _target(self, board: Blackboard, expression: Assignment) -> Entry:
-        """The entry that is assigned to; ``:=`` makes it when it is missing."""
+        """Return the entry that is assigned to; ``:=`` makes it when it is missing."""
         offset, symbol, key, _ = expression
         entry = board.entry(key)
         if entry is not None:

@@ -107,7 +107,7 @@ _BINDING: Final = {
 
 
 def parse_script(script: str) -> tuple[Expression, ...]:
-    """The statements of a script; none when it is the empty string.
+    """Return the statements of a script; none when it is the empty string.
 
     Raises ScriptError at the first place that is wrong, and when there is nothing but blanks.
     """
@@ -162,7 +162,7 @@ class _Parser:
     # -- expressions -------------------------------------------------------------------------------------------------
 
     def _expression(self, least: int) -> Expression:
-        """An expression whose operators bind at least as tightly as ``least``."""
+        """Return an expression whose operators bind at least as tightly as ``least``."""
         outer = self._depth
         self._deepen()
         left = self._operand()
@@ -278,7 +278,7 @@ _BOOLEANS: Final = {'true': 1.0, 'false': 0.0}
 
 
 def tokenize(script: str) -> list[Token]:
-    """The tokens of a script, the last of which is its end.
+    """Return the tokens of a script, the last of which is its end.
 
     Raises ScriptError at the first place where there is no token.
     """

@@ -37,7 +37,7 @@ SAME_NUMBER: Final = 2.0**-23
 
 
 def kind_of(value: Value) -> str:
-    """The value, as an error names it."""
+    """Return the value, as an error names it."""
     if value is EMPTY:
         return 'an entry that was never written'
     if isinstance(value, str):
@@ -56,7 +56,7 @@ def is_number(value: Value) -> bool:
 
 
 def real(value: Value) -> float:
-    """A number as double. An integer that no double is equal to is an error."""
+    """Return a number as double. An integer that no double is equal to is an error."""
     if value.__class__ is float:
         return value
     if value.__class__ is int and -_SMALL <= value <= _SMALL:
@@ -68,7 +68,7 @@ def real(value: Value) -> float:
 
 
 def integer(value: Value) -> int:
-    """A number that is a 64-bit integer. Raises ConversionError for any other."""
+    """Return a number that is a 64-bit integer. Raises ConversionError for any other."""
     if value.__class__ is int and -_SMALL <= value <= _SMALL:
         return int(value)
     number: int = cast(value, INT64)
@@ -76,7 +76,7 @@ def integer(value: Value) -> int:
 
 
 def truth(value: Value) -> bool:
-    """A number as condition: 0 and 1 of the integers, and every double that is not negative."""
+    """Return a number as condition: 0 and 1 of the integers, and every double that is not negative."""
     if value.__class__ is float and value >= 0.0:
         return bool(value)
     if not is_number(value):
@@ -134,7 +134,7 @@ def _mismatch(left: Value, right: Value, symbol: str) -> ConversionError:
 
 
 def divide(left: float, right: float) -> float:
-    """The quotient of IEEE 754: infinite, or not a number, when the divisor is zero."""
+    """Return the quotient of IEEE 754: infinite, or not a number, when the divisor is zero."""
     if right:
         return left / right
     if not left or math.isnan(left):
@@ -209,7 +209,7 @@ def _joined(symbol: str, left: str, right: str) -> str:
 
 
 def text_of(value: Value) -> str:
-    """A number or text as text: reals with six decimals."""
+    """Return a number or text as text: reals with six decimals."""
     text: str = cast(value, STRING)
     return text
 
@@ -235,7 +235,7 @@ _COMPARE: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
 
 
 def compare(symbol: str, left: Value, right: Value, enums: Mapping[str, int]) -> bool:
-    """Whether ``left symbol right`` holds. A text that is compared with a number is turned into one."""
+    """Return whether ``left symbol right`` holds. A text that is compared with a number is turned into one."""
     left_text, right_text = isinstance(left, str), isinstance(right, str)
     if not (left_text or is_number(left)) or not (right_text or is_number(right)):
         raise _mismatch(left, right, symbol)
@@ -251,7 +251,7 @@ def compare(symbol: str, left: Value, right: Value, enums: Mapping[str, int]) ->
 
 
 def choose(value: Value) -> bool:
-    """Whether the condition of ``a ? b : c`` holds: any number but 0; a text is turned into a number."""
+    """Return whether the condition of ``a ? b : c`` holds: any number but 0; a text is turned into a number."""
     if isinstance(value, str):
         return DOUBLE.parse(value) != 0.0
     return real(value) != 0.0
@@ -274,7 +274,7 @@ def check_room(board: Blackboard, text: str) -> None:
 
 
 def assigned(entry: Entry, symbol: str, value: Value, enums: Mapping[str, int]) -> Value:
-    """What ``entry`` holds after ``entry symbol value``: the value, in the form that fits the entry."""
+    """Return what ``entry`` holds after ``entry symbol value``: the value, in the form that fits the entry."""
     if value is EMPTY:
         raise _refused(f'the right operand of [{symbol}] is {kind_of(value)}', value)
     if symbol in (':=', '='):

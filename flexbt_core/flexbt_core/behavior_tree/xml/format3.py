@@ -33,7 +33,7 @@ _NUMBER: Final = re.compile(r'[+-]?\d+(\.\d+)?([eE][+-]?\d+)?')
 
 
 def is_format_3(root: Element) -> bool:
-    """Whether the document says so; or says nothing, and has what format 4 knows nothing of."""
+    """Return whether the document says so; or says nothing, and has what format 4 knows nothing of."""
     format = root.attributes.get('BTCPP_format')
     if format is not None:
         return format.strip() == '3'

@@ -51,11 +51,11 @@ class DocumentTypes(NodeTypes, Protocol):
     """The node types of all documents; what an ID means may depend on the file."""
 
     def types_for(self, elements: Iterable[tuple[str, Mapping[str, str]]]) -> NodeTypes:
-        """Those of a file, by the ID of each element, or its tag if it is no node, and its attributes."""
+        """Return those of a file, by the ID of each element, or its tag if it is no node, and its attributes."""
 
 
 def elements_of(root: Element) -> Iterator[tuple[str, Mapping[str, str]]]:
-    """The elements of a file that say for whom it was written: the root, its trees and their nodes."""
+    """Yield the elements of a file that say for whom it was written: the root, its trees and their nodes."""
     yield root.tag, root.attributes
     pending = [element for element in root.children if element.tag == 'BehaviorTree']
     while pending:
@@ -74,7 +74,7 @@ class NodeReader:
         self._errors = errors
 
     def read(self, root: Element) -> NodeDefinition | None:
-        """The definition of ``root`` and all below; None when something is wrong with it."""
+        """Return the definition of ``root`` and all below; None when something is wrong with it."""
         before = len(self._errors)
         elements: list[tuple[Element, NodeManifest | None]] = []
         stack = [root]
@@ -104,7 +104,7 @@ class NodeReader:
     # -- node type and structure -------------------------------------------------------------------------------------
 
     def _manifest(self, element: Element) -> NodeManifest | None:
-        """The registered node type that the element names; None when there is none, which is reported."""
+        """Return the registered node type that the element names; None when there is none, which is reported."""
         tag = element.tag
         id = element.attributes.get('ID')
         if tag == 'SubTree':

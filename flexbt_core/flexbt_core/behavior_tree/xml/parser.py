@@ -47,7 +47,7 @@ class Element:
 
 
 def value_offset(source: Source, attribute: int, value: str, index: int) -> int:
-    """Where the character ``index`` of the value is written of the attribute that begins at ``attribute``.
+    """Return where the character ``index`` of the value is written of the attribute that begins at ``attribute``.
 
     The attribute itself when its value is not the one that is written there.
     """
@@ -66,7 +66,7 @@ def value_offset(source: Source, attribute: int, value: str, index: int) -> int:
 
 
 def decode(data: bytes, file: str, max_bytes: int = MAX_BYTES) -> str:
-    """The text of a file. Raises TreeLoadError when it is too large, or not UTF-8."""
+    """Return the text of a file. Raises TreeLoadError when it is too large, or not UTF-8."""
     _check_size(len(data), file, max_bytes)
     try:
         return data.decode('utf-8-sig')
@@ -80,7 +80,7 @@ def decode(data: bytes, file: str, max_bytes: int = MAX_BYTES) -> str:
 
 
 def parse(source: Source, *, max_bytes: int = MAX_BYTES, max_depth: int = MAX_DEPTH) -> Element:
-    """The root element. Raises TreeLoadError at the first place where the text is no XML, or is refused."""
+    """Return the root element. Raises TreeLoadError at the first place where the text is no XML, or is refused."""
     text = source.text
     _check_size(len(text), source.file, max_bytes)
     bad = _BAD_CHARACTER.search(text)
@@ -183,7 +183,7 @@ class _Parser:
         return element, match.end(), bool(match.group(1))
 
     def _bad_tag(self, element: Element, position: int) -> TreeLoadError:
-        """What is wrong at ``position``, where neither an attribute nor the end of the tag follows."""
+        """Return what is wrong at ``position``, where neither an attribute nor the end of the tag follows."""
         text = self._text
         match = _SPACE.match(text, position)
         assert match is not None

@@ -42,7 +42,7 @@ def load_xml(
     max_bytes: int = MAX_BYTES,
     max_depth: int = MAX_DEPTH,
 ) -> TreeDocument:
-    """Reads a document. ``file`` names it in errors.
+    """Read a document. ``file`` names it in errors.
 
     References to sub-trees are not followed here, see TreeLibrary. Raises TreeLoadError with all errors.
     """
@@ -97,7 +97,7 @@ class _Loader:
         )
 
     def _load_one(self, text: str | bytes, file: str) -> str | None:
-        """Adds what one file defines; gives the tree that it names as the main one."""
+        """Add what one file defines; gives the tree that it names as the main one."""
         self._open_files.append(file)
         try:
             if isinstance(text, bytes):

@@ -101,7 +101,7 @@ RESERVED: Final = (PREEMPTED, ERROR)
 
 
 def problems_of(root: Machine) -> Iterator[str]:
-    """What is wrong with a machine and everything in it, in the order of the states."""
+    """Yield what is wrong with a machine and everything in it, in the order of the states."""
     yield from _reserved(ROOT_PATH, root.outcomes)
     yield from _keys(ROOT_PATH, root)
     yield from _machine(root, ROOT_PATH, {id(root): ROOT_PATH})
@@ -202,7 +202,8 @@ def _reachability(path: str, machine: Machine) -> Iterator[str]:
 
 
 def _read_inputs(node: EventState | Machine, around: tuple[Machine, ...] = ()) -> Iterable[str]:
-    """The input keys that have to be given: of a machine, those that something in it reads, or that it hands out."""
+    """Return the input keys that have to be given: of a machine, those that something in it reads, or that it hands
+    out."""
     if isinstance(node, EventState) or node in around:  # a machine in itself is told elsewhere
         return node.input_keys
     read, written = set[str](), set[str]()
@@ -240,7 +241,7 @@ _SEARCHED: Final = 20_000
 
 
 def problems_of_conditions(path: str, container: Machine) -> Iterator[str]:
-    """What is wrong with the conditions."""
+    """Yield what is wrong with the conditions."""
     problems = list(_names(path, container))
     yield from problems
     if not container.conditions:
@@ -297,7 +298,7 @@ def _uncovered(possible: Mapping[str, Sequence[str]], conditions: Sequence[EndCo
     searched = 0
 
     def search(left: Sequence[EndCondition]) -> bool:
-        """Whether what is chosen up to now can go on so that none of the conditions ``left`` holds."""
+        """Return whether what is chosen up to now can go on so that none of the conditions ``left`` holds."""
         nonlocal searched
         searched += 1
         if searched > _SEARCHED or any(one.holds(ended) for one in left):

@@ -28,11 +28,11 @@ class WrittenKeys:
     must: Keys = _NOTHING
 
     def then(self, other: WrittenKeys) -> WrittenKeys:
-        """What is written on ways that go on."""
+        """Return what is written on ways that go on."""
         return WrittenKeys(self.may | other.may, self.must | other.must)
 
     def beside(self, other: WrittenKeys) -> WrittenKeys:
-        """What is written where ways meet."""
+        """Return what is written where ways meet."""
         return WrittenKeys(self.may | other.may, self.must & other.must)
 
 
@@ -72,13 +72,13 @@ class LostWrite:
 
 
 def problems_of_reads(machine: MachineDefinition) -> Iterator[str]:
-    """Reads of what cannot have been written, on whatever way the state is reached."""
+    """Read of what cannot have been written, on whatever way the state is reached."""
     for read in _reads(machine, is_sure=False):
         yield f'{read}; only {" and ".join(read.writers)} writes it, and no way leads from there to here'
 
 
 def unsure_reads(machine: MachineDefinition) -> list[KeyRead]:
-    """Reads of what has not been written on each way by which the state is reached. They may be right all the same."""
+    """Read of what has not been written on each way by which the state is reached. They may be right all the same."""
     never = set(_reads(machine, is_sure=False))
     return [read for read in _reads(machine, is_sure=True) if read not in never]
 
@@ -91,7 +91,8 @@ def races(machine: MachineDefinition) -> Iterator[WriteRace]:
 
 
 def lost_writes(machine: MachineDefinition) -> Iterator[LostWrite]:
-    """What is written in a machine, neither read there nor handed out, while a key of this name is read outside."""
+    """Yield what is written in a machine, neither read there nor handed out, while a key of this name is read
+    outside."""
     for child in machine.children.values():
         if not isinstance(child, MachineDefinition):
             continue
@@ -123,8 +124,8 @@ def _races_in(container: MachineDefinition) -> Iterator[WriteRace]:
 
 
 def _state_writes(node: StateOrMachine) -> Iterator[tuple[str, str]]:
-    """What states write in a child, by the names of its machine, and which. Defaults are not chance: they are written
-    first."""
+    """Yield what states write in a child, by the names of its machine, and which. Defaults are not chance: they are
+    written first."""
     if isinstance(node, StateDefinition):
         yield from ((name, node.path) for name in _names(node))
         return
@@ -161,13 +162,13 @@ def _input_keys(node: StateOrMachine) -> Iterator[str]:
 
 
 def _names(node: StateOrMachine, among: Container[str] | None = None) -> set[str]:
-    """What a child may write, by the names of its machine; ``among`` restricts it to some of its own names."""
+    """Return what a child may write, by the names of its machine; ``among`` restricts it to some of its own names."""
     keys = node.state.output_keys if isinstance(node, StateDefinition) else node.output_keys
     return {node.remap.get(key, key) for key in keys if among is None or key in among}
 
 
 def _on_entry(machine: MachineDefinition) -> dict[str, WrittenKeys]:
-    """What is written in a machine, since it was entered, when each of its children is entered."""
+    """Return what is written in a machine, since it was entered, when each of its children is entered."""
     effects = {label: _effects(child) for label, child in machine.children.items()}
     if machine.kind is StateKind.CONCURRENCY:
         may = {
@@ -193,7 +194,7 @@ def _on_entry(machine: MachineDefinition) -> dict[str, WrittenKeys]:
 
 
 def _effects(node: StateOrMachine) -> dict[str, WrittenKeys]:
-    """What a child writes when it is left by each outcome, by the names of its machine."""
+    """Return what a child writes when it is left by each outcome, by the names of its machine."""
     if isinstance(node, StateDefinition):
         names = frozenset(_names(node))
         return dict.fromkeys(node.outcomes, WrittenKeys(names, names))
@@ -204,7 +205,7 @@ def _effects(node: StateOrMachine) -> dict[str, WrittenKeys]:
 
 
 def _at_end(machine: MachineDefinition) -> dict[str, WrittenKeys]:
-    """What is written in a machine when it ends by each outcome that it can end by."""
+    """Return what is written in a machine when it ends by each outcome that it can end by."""
     effects = {label: _effects(child) for label, child in machine.children.items()}
     ends: dict[str, WrittenKeys] = {}
     if machine.kind is StateKind.CONCURRENCY:

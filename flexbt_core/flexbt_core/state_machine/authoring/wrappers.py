@@ -20,7 +20,7 @@ TIMEOUT: Final = 'timeout'
 
 
 def with_timeout(state: EventState, seconds: float, outcome: str = TIMEOUT) -> EventState:
-    """The state, but left by ``outcome`` when it was active for so long.
+    """Return the state, but left by ``outcome`` when it was active for so long.
 
     Its on_exit is called with the reason TIMED_OUT then. The time counts on the clock of the state: it stands still
     while the state is paused. While the operator is asked for an outcome, nothing is timed out.
@@ -34,7 +34,7 @@ def with_timeout(state: EventState, seconds: float, outcome: str = TIMEOUT) -> E
 def with_retry(
     state: EventState, attempts: int, on: Collection[str] = ('failed',), *, delay: float = 0.0
 ) -> EventState:
-    """The state, but entered again, ``attempts`` times in all, when it wants to be left by an outcome of ``on``.
+    """Return the state, but entered again, ``attempts`` times in all, when it wants to be left by an outcome of ``on``.
 
     Before that its on_exit is called with the reason REPEATED, it halts, and ``delay`` seconds go by. When it
     does not halt, it is left by its outcome. What it raises is no failure to try again, but a fault.

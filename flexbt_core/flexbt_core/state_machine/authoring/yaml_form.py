@@ -58,7 +58,7 @@ _LEVELS: Final = {'off': Autonomy.Off, 'low': Autonomy.Low, 'high': Autonomy.Hig
 
 
 def read_machine(text: str, states: States, source: str = '<text>') -> MachineDefinition:
-    """The checked definition of the machine in a text.
+    """Return the checked definition of the machine in a text.
 
     Raises:
         MachineError: with every problem of it, each as ``source:line: what``.

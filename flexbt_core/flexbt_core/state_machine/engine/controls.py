@@ -18,11 +18,12 @@ class Controls:
         self.breakpoints: set[str] = set()
 
     def __contains__(self, path: object) -> bool:
-        """Whether there is such a state or machine."""
+        """Return whether there is such a state or machine."""
         return path in self._levels
 
     def level(self, path: str) -> int:
-        """The level that holds for a state or machine: the one that was set last for it, or for what is around it."""
+        """Return the level that holds for a state or machine: the one that was set last for it, or for what is around
+        it."""
         return self._levels[path]
 
     def set_level(self, level: int, top: str) -> None:
@@ -32,7 +33,7 @@ class Controls:
                 self._levels[path] = level
 
     def levels(self) -> dict[str, int]:
-        """The level of the root, and of each sub-tree that has another one than what is around it."""
+        """Return the level of the root, and of each sub-tree that has another one than what is around it."""
         return {
             path: level
             for path, level in self._levels.items()
@@ -40,7 +41,7 @@ class Controls:
         }
 
     def may_pass(self, path: str, required: int) -> bool:
-        """Whether a state or machine may be left without the operator, by an outcome that requires a level."""
+        """Return whether a state or machine may be left without the operator, by an outcome that requires a level."""
         return path not in self.breakpoints and is_autonomous(required, self._levels[path])
 
     def restore(self, levels: Mapping[str, int], locked: Iterable[str], breakpoints: Iterable[str]) -> None:
@@ -98,7 +99,7 @@ class Pausing:
             self._set_containers([one for one in self._containers if not is_inside(one, path)])
 
     def holds(self, path: str) -> bool:
-        """Whether a state or machine is to be paused."""
+        """Return whether a state or machine is to be paused."""
         return self.is_paused or (self.priority is not None and are_apart(path, self.priority))
 
     def _set_containers(self, containers: list[str]) -> None:

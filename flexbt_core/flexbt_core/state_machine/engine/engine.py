@@ -61,7 +61,7 @@ class Engine(Protocol):
     def new_decision(
         self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
     ) -> Decision:
-        """A decision with an id of its own."""
+        """Return a decision with an id of its own."""
 
     def new_halt_wait(self) -> HaltTimeout:
         """Something to wait with for what is left; the run is woken when its time is over."""
@@ -70,7 +70,7 @@ class Engine(Protocol):
         """Watch for livelocks: something is left."""
 
     def locked_inside(self, top: str) -> list[str]:
-        """What is active and locked in a state or machine, itself included."""
+        """Return what is active and locked in a state or machine, itself included."""
 
 
 # Which callback of which state is being called.
@@ -98,7 +98,7 @@ class HaltTimeout:
         self._timer: Timer | None = None
 
     def is_over(self, halting: str | None) -> bool:
-        """Whether to go on, as nothing is ``halting`` or the time is up. The time begins with the first "no"."""
+        """Return whether to go on, as nothing is ``halting`` or the time is up. The time begins with the first "no"."""
         if halting is not None:
             if self._until is None:
                 self._until = self._steady.now() + self.timeout

@@ -196,7 +196,8 @@ class LeafRun:
             self._fail()
 
     def halting(self) -> str | None:
-        """What has not halted yet of the state that was left. One that raised is not asked again: nobody knows."""
+        """Return what has not halted yet of the state that was left. One that raised is not asked again: nobody
+        knows."""
         if self._never_halted is not None:
             return self._never_halted
         halting = self.call('halting', self.state.halting)
@@ -205,20 +206,20 @@ class LeafRun:
         return halting
 
     def activity(self) -> list[str] | None:
-        """What the state says that it is doing; None when it raised."""
+        """Return what the state says that it is doing; None when it raised."""
         return self._lines('activity', self.state.activity)
 
     def progress(self) -> Progress | None:
-        """How far the state says that it has come; None when it does not, or raised."""
+        """Return how far the state says that it has come; None when it does not, or raised."""
         progress = self.call('progress', self.state.progress)
         return progress if isinstance(progress, Progress) else None
 
     def not_paused(self) -> list[str] | None:
-        """What the state says that goes on while it is paused; None when it raised."""
+        """Return what the state says that goes on while it is paused; None when it raised."""
         return self._lines('not_paused', self.state.not_paused) if self.is_paused else []
 
     def next_wake(self) -> float | None:
-        """When it is to be executed next, apart from wake-ups, on the clock of the run."""
+        """Return when it is to be executed next, apart from wake-ups, on the clock of the run."""
         due = self._due()
         return None if due is None or self.is_paused or not self._is_running else self.clock.on_base(due)
 
@@ -250,7 +251,7 @@ class LeafRun:
         return due
 
     def _is_due(self) -> bool:
-        """Whether there is a reason to execute the state, which is taken by that."""
+        """Return whether there is a reason to execute the state, which is taken by that."""
         if not self._woken:
             due = self._due()
             if due is None or due > self.clock.now():
@@ -298,7 +299,7 @@ class LeafRun:
     def call(
         self, what: str, callback: Callable[..., _Result], *arguments: object
     ) -> _Result | Literal[_Raised.RAISED]:
-        """What a callback of the state gives. All of them are called here, and the run shows which it is."""
+        """Return what a callback of the state gives. All of them are called here, and the run shows which it is."""
         set_called_state(self.state)
         engine = self._engine
         outer, engine.calling = engine.calling, RunningCallback(self.path, what)

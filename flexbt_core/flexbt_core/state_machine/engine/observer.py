@@ -77,7 +77,7 @@ class MonitoredState(Protocol):
         """Whether ``on_exit`` is owed to it."""
 
     def halting(self) -> str | None:
-        """What has not halted yet since it was left; None when everything has."""
+        """Return what has not halted yet since it was left; None when everything has."""
 
 
 class MonitoredRun(Protocol):
@@ -100,10 +100,11 @@ class MonitoredRun(Protocol):
         """What stands still."""
 
     def active_states(self) -> Sequence[MonitoredState]:
-        """The states that are active."""
+        """Return the states that are active."""
 
     def approved(self) -> Mapping[str, str]:
-        """What the operator has allowed and has not happened yet: outcomes, by the paths of what is left by them."""
+        """Return what the operator has allowed and has not happened yet: outcomes, by the paths of what is left by
+        them."""
 
 
 class RunMonitor(Protocol):
@@ -137,7 +138,7 @@ class RunMonitor(Protocol):
         """Nothing more can happen now."""
 
     def next_wake(self) -> float | None:
-        """When :meth:`rests` is to be called next at the latest, on the clock of the run."""
+        """Return when :meth:`rests` is to be called next at the latest, on the clock of the run."""
 
     def ends(self) -> None:
         """The run is being left for good: nothing may be entered any more."""

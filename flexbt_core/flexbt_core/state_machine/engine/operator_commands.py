@@ -25,10 +25,10 @@ class CommandedRun(Engine, Protocol):
     """What the commands need of a run."""
 
     def regions(self) -> Iterator[Region]:
-        """The regions of everything that is active, outermost first."""
+        """Return the regions of everything that is active, outermost first."""
 
     def active_states(self) -> list[LeafRun]:
-        """The states that are active."""
+        """Return the states that are active."""
 
     @property
     def decisions(self) -> list[Decision]:
@@ -140,7 +140,7 @@ def no_level(level: int) -> str:
 
 
 def _active(run: CommandedRun, path: str) -> tuple[Region, RegionChild] | str:
-    """Where something is active, and what it is; or why nothing can be done with it."""
+    """Return where something is active, and what it is; or why nothing can be done with it."""
     for region in run.regions():
         if region.child is not None and region.child.path == path:
             return region, region.child

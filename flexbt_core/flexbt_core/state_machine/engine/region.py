@@ -61,10 +61,10 @@ class RegionChild(Protocol):
         """Become inactive."""
 
     def halting(self) -> str | None:
-        """What has not halted yet since it was left; None when everything has."""
+        """Return what has not halted yet since it was left; None when everything has."""
 
     def next_wake(self) -> float | None:
-        """When it is due next, apart from wake-ups, on the clock of the run."""
+        """Return when it is due next, apart from wake-ups, on the clock of the run."""
 
 
 class Container(RegionChild, Protocol):
@@ -142,11 +142,11 @@ class Region:
             self.child.leave(reason)
 
     def halting(self) -> str | None:
-        """What has not halted yet in here."""
+        """Return what has not halted yet in here."""
         return self.child.halting() if self.child is not None else None
 
     def next_wake(self) -> float | None:
-        """When something in here is due next. What halts wakes the run by itself."""
+        """Return when something in here is due next. What halts wakes the run by itself."""
         if self.child is None or self.is_leaving or self.is_approved:
             return None
         return self.child.next_wake()
@@ -340,7 +340,7 @@ class ContainerRun:
         return not self.is_active or self.ending is not None
 
     def leaves(self) -> Iterator[LeafRun]:
-        """All states, depth first."""
+        """Yield all states, depth first."""
         for child in self.children.values():
             if isinstance(child, LeafRun):
                 yield child
@@ -348,13 +348,13 @@ class ContainerRun:
                 yield from child.leaves()
 
     def active(self) -> Iterator[RegionChild]:
-        """What is active here, outermost first, this machine not included."""
+        """Yield what is active here, outermost first, this machine not included."""
         for region in self.active_regions():
             if region.child is not None:
                 yield region.child
 
     def active_regions(self) -> Iterator[Region]:
-        """The regions of this machine and of everything in it that is active."""
+        """Yield the regions of this machine and of everything in it that is active."""
         for region in self.regions:
             yield region
             if isinstance(region.child, ContainerRun):
@@ -417,13 +417,13 @@ class ContainerRun:
             region.child = None
 
     def halting(self) -> str | None:
-        """What has not halted yet in here."""
+        """Return what has not halted yet in here."""
         if self._only_region is not None:
             return self._only_region.halting()
         return next(filter(None, (region.halting() for region in self.regions)), None)
 
     def next_wake(self) -> float | None:
-        """When something in here is due next. What halts wakes the run by itself."""
+        """Return when something in here is due next. What halts wakes the run by itself."""
         if self.outcome is not None or self.ending is not None:
             return None
         if self._only_region is not None:
@@ -477,7 +477,8 @@ class ContainerRun:
         return True
 
     def _fail(self) -> str | None:
-        """All children have ended and no condition holds: that is what the check of the machine could not exclude."""
+        """Return all children have ended and no condition holds: that is what the check of the machine could not
+        exclude."""
         ended = ', '.join(f'{label} by {outcome!r}' for label, outcome in self.ended.items())
         text = f'all of its children have ended ({ended}), and no condition holds; add one for that'
         self._engine.fault(self.path, text)

@@ -59,7 +59,7 @@ class RunPosition:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> RunPosition:
-        """The position that :meth:`to_plain` gave.
+        """Return the position that :meth:`to_plain` gave.
 
         Raises:
             StateMachineError: that is no position; it says what is missing, left over, or of another type.
@@ -124,7 +124,7 @@ _NONE_STAYS: Final[Mapping[str, LeafRun]] = {}
 
 
 def position_of(run: MachineRun) -> RunPosition:
-    """Where a run is, for another one to :func:`start_at`. On its thread, in a call of the observer too."""
+    """Return where a run is, for another one to :func:`start_at`. On its thread, in a call of the observer too."""
     root, controls = run.root, run.controls
     active: list[str] = []
     coming: list[str] = []
@@ -201,7 +201,7 @@ def _unknown(nodes: Mapping[str, StateDefinition | MachineDefinition], position:
 
 
 def _impossible(machine: MachineDefinition, position: RunPosition) -> Iterator[str]:
-    """What does not fit in a machine that is active."""
+    """Yield what does not fit in a machine that is active."""
     here = {*position.active, *position.coming}
     children = [child for child in machine.children.values() if child.path in here]
     is_done = machine.path in position.wanted and not children
@@ -350,7 +350,7 @@ def _raising(leaves: Sequence[LeafRun]) -> list[str]:
 
 
 def _in_between(old: ContainerRun) -> Iterator[str]:
-    """What is neither active nor left."""
+    """Yield what is neither active nor left."""
     for region in old.active_regions():
         if region.child is not None and (region.is_leaving or region.container.is_ending):
             yield f'{region.child.path} is being left; try again when it has halted'
@@ -368,7 +368,7 @@ def _without_what_is_gone(position: RunPosition, known: set[str]) -> RunPosition
 
 
 def _changes(new: MachineDefinition, old: MachineDefinition, position: RunPosition) -> Iterator[str]:
-    """What is active, but another thing in the other machine."""
+    """Yield what is active, but another thing in the other machine."""
     others = {node.path: node for node in new.nodes()}
     for node in old.nodes():
         other = others.get(node.path)

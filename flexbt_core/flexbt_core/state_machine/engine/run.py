@@ -192,7 +192,7 @@ class MachineRun:
         return self.root.definition
 
     def active_states(self) -> list[LeafRun]:
-        """The states that are active."""
+        """Return the states that are active."""
         return [node for node in self.root.active() if isinstance(node, LeafRun)]
 
     def coming(self) -> list[str]:
@@ -200,7 +200,8 @@ class MachineRun:
         return [region.coming.path for region in self.regions() if region.coming is not None]
 
     def approved(self) -> dict[str, str]:
-        """What the operator has allowed and has not happened yet: outcomes, by the paths of what is left by them."""
+        """Return what the operator has allowed and has not happened yet: outcomes, by the paths of what is left by
+        them."""
         children = [region.child for region in self.regions() if region.is_approved]
         return {child.path: child.outcome for child in children if child is not None and child.outcome is not None}
 
@@ -243,7 +244,8 @@ class MachineRun:
         return [region.held_back for region in self.regions() if region.held_back is not None]
 
     def autonomy_of(self, path: str) -> int:
-        """The level that holds for a state or machine: the one that was set last for it, or for what is around it."""
+        """Return the level that holds for a state or machine: the one that was set last for it, or for what is around
+        it."""
         return self.controls.level(path)
 
     @property
@@ -379,7 +381,7 @@ class MachineRun:
     def new_decision(
         self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
     ) -> Decision:
-        """A decision with an id of its own."""
+        """Return a decision with an id of its own."""
         self.decision_count += 1
         number, now = str(self.decision_count), self.clock.now()
         decision = Decision(number, kind, path, outcome, outcomes, required, prompt, now)
@@ -402,11 +404,11 @@ class MachineRun:
             self.fail(f'livelock: {text}, the last of them from {loop}')
 
     def regions(self) -> Iterator[Region]:
-        """The regions of everything that is active, outermost first."""
+        """Return the regions of everything that is active, outermost first."""
         return self.root.active_regions()
 
     def locked_inside(self, top: str) -> list[str]:
-        """What is active and locked in a state or machine, itself included."""
+        """Return what is active and locked in a state or machine, itself included."""
         locked = [path for path in self.locked if is_inside(path, top)]
         active = {ROOT_PATH, *(node.path for node in self.root.active())} if locked else set()
         return [path for path in locked if path in active]
@@ -420,7 +422,8 @@ class MachineRun:
         self.scope = Scope(root.definition.defaults)
 
     def unwritten(self, path: str) -> list[str]:
-        """What a state or machine reads, of a machine that is active, and nobody has written. On the thread of the run.
+        """Return what a state or machine reads, of a machine that is active, and nobody has written. On the thread of
+        the run.
 
         These are keys of the machine that it is in.
         """
@@ -494,5 +497,5 @@ class MachineRun:
         self.changed()
 
     def userdata(self) -> dict[str, Any]:
-        """The root machine's userdata."""
+        """Return the root machine's userdata."""
         return self.scope.values()

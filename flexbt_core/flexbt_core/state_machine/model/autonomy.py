@@ -30,7 +30,7 @@ AUTONOMY_NAMES: Final = {Autonomy.Off: 'Off', Autonomy.Low: 'Low', Autonomy.High
 
 
 def is_autonomous(required: int, current: int) -> bool:
-    """Whether a transition that requires a level happens alone at the current one."""
+    """Return whether a transition that requires a level happens alone at the current one."""
     return required < current
 
 

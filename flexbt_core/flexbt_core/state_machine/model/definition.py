@@ -53,7 +53,7 @@ class EndCondition:
     children: tuple[tuple[str, str], ...]
 
     def holds(self, ended: Mapping[str, str]) -> bool:
-        """Whether it holds, with the outcomes of the children that have ended by their labels."""
+        """Return whether it holds, with the outcomes of the children that have ended by their labels."""
         return all(ended.get(label) == outcome for label, outcome in self.children)
 
 
@@ -120,7 +120,7 @@ class MachineDefinition:
                 yield child
 
     def structure(self) -> list[StructureEntry]:
-        """All nodes as the operator's station wants them."""
+        """Return all nodes as the operator's station wants them."""
         return [_entry(node) for node in self.nodes()]
 
 
@@ -143,12 +143,12 @@ def child_path(parent: str, label: str) -> str:
 
 
 def is_inside(path: str, top: str) -> bool:
-    """Whether ``path`` is ``top``, or something in it."""
+    """Return whether ``path`` is ``top``, or something in it."""
     return path == top or path.startswith(top if top == ROOT_PATH else f'{top}/')
 
 
 def are_apart(one: str, other: str) -> bool:
-    """Whether neither of two paths is in the other."""
+    """Return whether neither of two paths is in the other."""
     return not is_inside(one, other) and not is_inside(other, one)
 
 

@@ -101,7 +101,7 @@ class EventState:
         """The state becomes active."""
 
     def execute(self, userdata: UserData) -> str | None:
-        """The outcome by which to leave, or None to stay. Must not block."""
+        """Return the outcome by which to leave, or None to stay. Must not block."""
         return None
 
     def on_exit(self, userdata: UserData) -> None:
@@ -128,18 +128,19 @@ class EventState:
         return None
 
     def activity(self) -> Sequence[str]:
-        """What the state is doing, one line each, for the operator.
+        """Return what the state is doing, one line each, for the operator.
 
         Called between the other callbacks, with each status of the run: it must not block.
         """
         return ()
 
     def progress(self) -> Progress | None:
-        """How far it has come, for the operator; None when it cannot tell. Called as :meth:`activity` is."""
+        """Return how far it has come, for the operator; None when it cannot tell. Called as :meth:`activity` is."""
         return None
 
     def not_paused(self) -> Sequence[str]:
-        """What goes on although the state is paused, as "what: why", one line each; empty when all of it stands still.
+        """Return what goes on although the state is paused, as "what: why", one line each; empty when all of it stands
+        still.
 
         Called between the other callbacks while the state is paused: it must not block.
         """
@@ -250,7 +251,7 @@ _called: ContextVar[EventState | None] = ContextVar('called_state', default=None
 
 
 def called_state() -> EventState | None:
-    """The state whose callback is being called on this thread, or was called last; None before the first one."""
+    """Return the state whose callback is being called on this thread, or was called last; None before the first one."""
     return _called.get()
 
 
@@ -261,7 +262,7 @@ set_called_state = _called.set
 
 
 def state_skill(state: EventState) -> Skill:
-    """The skill of a state as it was made: of the class, or its own where it has bound what it was made with.
+    """Return the skill of a state as it was made: of the class, or its own where it has bound what it was made with.
 
     It reads and writes its keys, and ends by its outcomes, which mean what is declared, or what their names say.
     """

@@ -87,7 +87,8 @@ class StateClock:
         return None
 
     def on_base(self, when: float) -> float:
-        """The time of the run's clock at which it will be ``when`` here, or just after it, when nothing is paused."""
+        """Return the time of the run's clock at which it will be ``when`` here, or just after it, when nothing is
+        paused."""
         time = when + self.behind
         while time - self.behind < when:  # rounded down; it would not be time yet, and never become so
             time = math.nextafter(time, math.inf)

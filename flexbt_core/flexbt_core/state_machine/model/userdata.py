@@ -60,7 +60,7 @@ class DataOwner(Protocol):
 
 
 def _copied(value: Any) -> tuple[Any, Exception | None]:
-    """A value that does not change with the given one; this itself, and why, where it cannot be copied."""
+    """Return a value that does not change with the given one; this itself, and why, where it cannot be copied."""
     try:
         return (value if isinstance(value, _IMMUTABLE) else copy.deepcopy(value)), None
     except Exception as error:  # code of the value
@@ -99,7 +99,7 @@ class Scope:
         return self._parent is not None and key in self._inputs and self._inputs[str(key)] in self._parent
 
     def get(self, key: str) -> Any:
-        """The value of a key. Raises KeyError when nobody has written it."""
+        """Return the value of a key. Raises KeyError when nobody has written it."""
         if key in self._data:
             return self._data[key]
         if self._parent is not None and key in self._inputs:

@@ -161,7 +161,7 @@ BOARDS: list[dict[str, Any]] = [{'n': 2, 't': 'text'}, {'n': 2, 't': '7', 'x': '
 
 
 def surprises(body: str, sub_tree: str) -> list[dict[str, Any]]:
-    """The tree on each blackboard."""
+    """Return the tree on each blackboard."""
     trees = f'<BehaviorTree ID="Main">{body}</BehaviorTree>'
     if sub_tree:
         trees += f'<BehaviorTree ID="Sub">{sub_tree}</BehaviorTree>'

@@ -27,7 +27,7 @@ class Row(NamedTuple):
 
 
 def outcome(trace: dict[str, Any]) -> str:
-    """The result of each step, with ``!`` and the names of the leaves that were halted in it."""
+    """Return the result of each step, with ``!`` and the names of the leaves that were halted in it."""
     if trace['load_error']:
         return 'load error'
     steps = []

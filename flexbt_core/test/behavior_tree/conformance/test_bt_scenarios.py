@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def make_case(row: Row) -> dict[str, Any]:
-    """A row as a case of bt_scripted."""
+    """Return a row as a case of bt_scripted."""
     _, trees, ops, *boards = row
     main, *others = trees.split('|')
     bodies = {'Main': main} | dict(other.split(':', 1) for other in others)
@@ -60,7 +60,7 @@ CASES = {f'{theme}: {row[0]}': make_case(row) for theme, rows in THEMES.items() 
 
 @pytest.fixture(scope='module')
 def traces() -> dict[str, dict[str, Any]]:
-    """What the library makes of all of them."""
+    """Return what the library makes of all of them."""
     return dict(zip(CASES, bt_wheel.traces(CASES.values()), strict=True))
 
 

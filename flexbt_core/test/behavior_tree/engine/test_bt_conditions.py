@@ -21,7 +21,7 @@ from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, mak
 
 
 def leaf(script: str, number: int = 0, **conditions: str) -> str:
-    """A step of ``flexbt_testing.behavior_trees.steps`` with pre- and post-conditions."""
+    """Return a step of ``flexbt_testing.behavior_trees.steps`` with pre- and post-conditions."""
     return f'<Step name="{script}_{number}"{_attributes(conditions)}/>'
 
 
@@ -130,7 +130,7 @@ def test_what_a_tree_does(body: str, expected: str) -> None:
 
 
 def board_after(body: str, steps: str, **entries: Any) -> dict[str, Any]:
-    """The entries that are not those at the beginning, after ticks (t) and halts (h)."""
+    """Return the entries that are not those at the beginning, after ticks (t) and halts (h)."""
     tree, _ = make(body)
     for key, value in entries.items():
         tree.blackboard.set(key, value)
@@ -305,7 +305,7 @@ def test_a_node_with_post_conditions_has_the_same_statuses_when_nobody_looks(man
 
 
 def _tick(tree: Tree, n: int, z: str, halts: bool) -> tuple[str, list[NodeStatus]]:
-    """The result, or ``error``, and the statuses of all nodes then."""
+    """Return the result, or ``error``, and the statuses of all nodes then."""
     tree.blackboard.set('n', n)
     tree.blackboard.set('z', 0)
     if z == 'unset':

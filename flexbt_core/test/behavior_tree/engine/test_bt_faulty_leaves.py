@@ -38,7 +38,7 @@ def make_tree(body: str) -> Tree:
 
 
 def run(tree: Tree) -> None:
-    """Ticks until it ends. The ticks of a tree that waits for a thread come when that is over."""
+    """Tick until it ends. The ticks of a tree that waits for a thread come when that is over."""
     woken = threading.Event()
     tree.context.on_wake = woken.set
     while tree.tick_once() is NodeStatus.RUNNING:
@@ -46,7 +46,7 @@ def run(tree: Tree) -> None:
 
 
 def within_a_thread(work: Callable[[], None]) -> BaseException | None:
-    """What ``work`` raises in a thread that is not the main one."""
+    """Return what ``work`` raises in a thread that is not the main one."""
     raised: list[BaseException] = []
 
     def catch() -> None:

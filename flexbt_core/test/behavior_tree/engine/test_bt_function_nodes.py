@@ -32,7 +32,7 @@ def make(body: str, *node_classes: type[TreeNode]) -> Tree:
 
 def test_an_action_a_condition_and_a_decorator_are_a_function_each() -> None:
     def double(node: SimpleAction) -> NodeStatus:
-        """Writes twice the input."""
+        """Write twice the input."""
         node.set_output('out', 2 * node.get_input('in'))
         return SUCCESS
 

@@ -40,7 +40,7 @@ def on_board(body: str, **options: Any) -> Tree:
 
 
 def lives(seeds: range, watch: Callable[[str], tuple[Tree, Callable[[], Heard]]]) -> list[Heard]:
-    """What is heard of random trees in some steps of their lives."""
+    """Return what is heard of random trees in some steps of their lives."""
     found = []
     for seed in seeds:
         tree, heard = watch(random_body(seed))

@@ -34,7 +34,7 @@ Events = list[Any]
 
 
 def build(body: str, events: Events | None = None, more: str = '') -> Tree:
-    """A tree of scripted leaves."""
+    """Return a tree of scripted leaves."""
     told: Events = [] if events is None else events
     xml = f'<root BTCPP_format="4" main_tree_to_execute="T"><BehaviorTree ID="T">{body}</BehaviorTree>{more}</root>'
     tree = Tree(TreeLibrary([load_xml(xml, 'callbacks.xml', registry())]), 'T', clock=ManualClock())
@@ -119,7 +119,7 @@ def ticks(
     pre_tick: tuple[float, NodeStatus] | None = None,
     stand_in: tuple[float, str] | None = None,
 ) -> list[Any] | None:
-    """The results, and what the other leaves did, in some ticks of a tree in which one node is replaced.
+    """Return the results, and what the other leaves did, in some ticks of a tree in which one node is replaced.
 
     None when the case cannot tell: it is refused, or the node is a sub-tree, whose scope is not that of the stand-in.
     """

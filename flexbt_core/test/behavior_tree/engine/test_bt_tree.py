@@ -633,7 +633,7 @@ class Waits(Condition):
 
 @pytest.fixture
 def waiting() -> Iterator[tuple[Tree, list[object], threading.Thread]]:
-    """A tree whose tick waits in a thread, and what that ends with."""
+    """Yield a tree whose tick waits in a thread, and what that ends with."""
     registry = builtin_registry()
     registry.register_classes((Waits,))
     body = '<Sequence><Waits/><AlwaysSuccess/></Sequence>'

@@ -90,7 +90,7 @@ def same(one: Blackboard, other: Blackboard) -> bool:
 
 @st.composite
 def boards(draw: st.DrawFn) -> Blackboard:
-    """What sets, declarations, copies and writes through ports leave behind."""
+    """Return what sets, declarations, copies and writes through ports leave behind."""
     board = Blackboard()
     below = Blackboard(board)
     for key in draw(st.lists(KEYS, max_size=6)):

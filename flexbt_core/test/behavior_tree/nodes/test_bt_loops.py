@@ -77,7 +77,7 @@ def test_tick_by_tick(body: str, expected: str) -> None:
 
 
 def elements(queue: Any, tag: str = 'LoopInt') -> list[Any]:
-    """The values that a loop over a queue on the blackboard writes."""
+    """Return the values that a loop over a queue on the blackboard writes."""
     tree, _ = make(loop('S', '{q}', tag))
     tree.blackboard.set('q', queue)
     seen = []

@@ -26,7 +26,7 @@ class Narrow(Condition):
 
 
 def evaluate(text: str, board: Blackboard | None = None, **enums: int) -> Any:
-    """The value of the last statement."""
+    """Return the value of the last statement."""
     library = ScriptLibrary()
     for name, number in enums.items():
         library.register_enum(name, number)

@@ -29,7 +29,7 @@ Judge = Callable[[dict[str, Any]], Trace]
 
 @pytest.fixture(scope='module')
 def judge() -> Iterator[Judge]:
-    """Gives the trace of a case, all cases with one process of the library."""
+    """Give the trace of a case, all cases with one process of the library."""
     waiting: list[dict[str, Any]] = []
     traces = bt_wheel.traces(iter(waiting.pop, None))
 

@@ -26,7 +26,7 @@ class Passing(Decorator):
 
 
 def chain(opening: str, closing: str, leaf: str) -> Tree:
-    """A tree with so many nodes between its root and its leaf."""
+    """Return a tree with so many nodes between its root and its leaf."""
     registry = builtin_registry()
     registry.register('Passing', Passing)
     count = LEVELS // IN_A_FILE

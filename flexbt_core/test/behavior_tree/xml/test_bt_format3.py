@@ -21,7 +21,7 @@ def root(body: str, version: str = ' BTCPP_format="3"') -> Element:
 
 
 def text_of(element: Element) -> str:
-    """The element as XML, with attributes in the order of their names."""
+    """Return the element as XML, with attributes in the order of their names."""
     attributes = ''.join(f' {name}="{value}"' for name, value in sorted(element.attributes.items()))
     return f'<{element.tag}{attributes}>{"".join(map(text_of, element.children))}</{element.tag}>'
 

@@ -129,7 +129,7 @@ def at_once() -> OperatableStateMachine:
 
 
 def contents(definition: MachineDefinition) -> list[Any]:
-    """All of a definition, with the states by what they were made of."""
+    """Return all of a definition, with the states by what they were made of."""
     rows: list[Any] = []
     for node, entry in zip(definition.nodes(), definition.structure(), strict=True):
         if isinstance(node, StateDefinition):

@@ -17,13 +17,13 @@ from flexbt_testing.state_machines.bench import Bench, Scripted, machine
 
 
 def bench_of(state: EventState, **options: Any) -> Bench:
-    """The machine hands out all outcomes."""
+    """Return the machine hands out all outcomes."""
     ways = {outcome: outcome for outcome in state.outcomes}
     return Bench(machine(Child('A', state, ways), outcomes=state.outcomes, io_keys=['x']), userdata={'x': 1}, **options)
 
 
 def failing(times: int, then: str | None = 'done') -> Scripted:
-    """A state that fails so many times."""
+    """Return a state that fails so many times."""
 
     def enter(state: Scripted, _: Any) -> None:
         state.outcome = 'failed' if state.calls('on_enter') <= times else then

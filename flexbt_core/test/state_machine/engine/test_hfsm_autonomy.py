@@ -23,7 +23,7 @@ BLOCKED_AT = {UNDECLARED: 0, Autonomy.Off: 1, Autonomy.Low: 2, Autonomy.High: 3,
 
 
 def gated(required: int, *, on_machine: bool) -> OperatableStateMachine:
-    """A state that ends at once, in a machine; the outcome of one of the two requires a level."""
+    """Return a state that ends at once, in a machine; the outcome of one of the two requires a level."""
     level = {'done': required} if required != UNDECLARED else {}
     inner = machine(Child('B', passing(), {'done': 'done'}, {} if on_machine else level), outcomes=['done'])
     return machine(Child('A', inner, {'done': 'ended'}, level if on_machine else {}))

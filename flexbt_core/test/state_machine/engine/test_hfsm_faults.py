@@ -31,7 +31,8 @@ def boom(state: Scripted, userdata: Any) -> Any:
 
 
 def bench_of(state: Scripted, depth: int, autonomy: int = Autonomy.Full) -> Bench:
-    """The state below ``depth`` machines, initial in each of them, and after it a state for each of its outcomes."""
+    """Return the state below ``depth`` machines, initial in each of them, and after it a state for each of its
+    outcomes."""
     inner = nested(state, '/'.join('ABC'[:depth])) if depth else state
     after = [Child(f'After_{name}', passing(), {'done': name}) for name in state.outcomes]
     ways = {name: f'After_{name}' for name in state.outcomes}

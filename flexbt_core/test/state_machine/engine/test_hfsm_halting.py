@@ -32,7 +32,7 @@ class Braking(Scripted):
 
 
 def before_next(state: Scripted, next_state: Scripted | None = None) -> OperatableStateMachine:
-    """The state in machines that it ends, and another one after them."""
+    """Return the state in machines that it ends, and another one after them."""
     ways = dict.fromkeys(state.outcomes, 'Next')
     return machine(
         Child('Inner', nested(state, 'A/B'), ways), Child('Next', next_state or Scripted(), {'done': 'ended'})
@@ -88,7 +88,7 @@ UNCONFIRMED = 'not confirmed to have halted 3 s after the stop: braking'
 
 
 def stopped_while_braking() -> tuple[Braking, Bench]:
-    """A run that was stopped, and whose time to halt is over."""
+    """Return a run that was stopped, and whose time to halt is over."""
     state = Braking()
     bench = Bench(before_next(state))
     bench.stop('lunch')

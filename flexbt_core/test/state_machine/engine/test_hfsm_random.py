@@ -27,7 +27,7 @@ NUMBERS = st.integers(0, 200)
 
 
 def running(run: RandomRun) -> bool:
-    """Whether the run goes on."""
+    """Return whether the run goes on."""
     return run.model.outcome is None
 
 

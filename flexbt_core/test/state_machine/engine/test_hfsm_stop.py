@@ -21,7 +21,7 @@ def stop_run(state: Scripted, _: Any) -> None:
 
 
 def three(states: list[Scripted]) -> OperatableStateMachine:
-    """The second is in machines of its own."""
+    """Return the second is in machines of its own."""
     return machine(
         Child('One', states[0], {'done': 'Two'}),
         Child('Two', nested(states[1], 'A/B'), {'done': 'Three'}),

@@ -26,7 +26,7 @@ def subject(autonomy: int = Autonomy.Full) -> tuple[Scripted, Bench]:
 
 
 def results(bench: Bench) -> tuple[str | None, list[str]]:
-    """The outcome that was taken, and those that are asked for."""
+    """Return the outcome that was taken, and those that are asked for."""
     return bench.outcome, [decision.outcome for decision in bench.run.decisions]
 
 

@@ -45,7 +45,7 @@ NAMES = ('goal', 'target', 'goal', 'place')
 
 
 def wired(state: Scripted, *, inputs: bool) -> OperatableStateMachine:
-    """A state in three machines, each of which remaps its key."""
+    """Return a state in three machines, each of which remaps its key."""
     made: Scripted | OperatableStateMachine = state
     for own, outer in itertools.pairwise(NAMES):
         place = Child('In', made, {'done': 'done', 'failed': 'failed'}, {}, {own: outer})
@@ -196,7 +196,7 @@ def nested_in_root(state: Scripted) -> OperatableStateMachine:
 
 
 def loop(inner: OperatableStateMachine, visits: int) -> OperatableStateMachine:
-    """The machine again and again."""
+    """Return the machine again and again."""
     left = [visits]
 
     def decide(state: Scripted, _: Any) -> str:

@@ -105,7 +105,7 @@ class Ascxml:
     """One file, for one automaton; for a plugin, as one node of the tree."""
 
     def __init__(self, root: SourceElement, types: DataTypes, events: Events, instance: Instance | None = None) -> None:
-        """Raises ModelError."""
+        """Raise ModelError."""
         if root.tag not in ('ascxml', 'scxml'):
             root.fail('a file of an automaton begins with <ascxml>')
         self._root = root
@@ -140,7 +140,7 @@ class Ascxml:
         self.communications.append(Communication(node.tag, ros_name(value), self.name, node.place))
 
     def _constant_text(self, node: SourceElement) -> str:
-        """The text of a child of a declaration, which may be a port that does not change."""
+        """Return the text of a child of a declaration, which may be a port that does not change."""
         port = node.find('bt_get_input')
         if port is None:
             return node.text
@@ -150,7 +150,7 @@ class Ascxml:
         return str(value.value)
 
     def _port(self, node: SourceElement) -> Expression:
-        """What <bt_get_input> gives: a literal, or an input that is read when it is needed."""
+        """Return what <bt_get_input> gives: a literal, or an input that is read when it is needed."""
         key = node.need('key')
         declared = self._ports.get(key)
         if self._instance is None or declared is None:
@@ -184,7 +184,7 @@ class Ascxml:
         walk(self._root)
 
     def _sent(self, node: SourceElement, thread: int | None) -> Iterator[tuple[str, list[tuple[str, Expression]]]]:
-        """The events that an action may send, with their parameters; nothing for other elements."""
+        """Yield the events that an action may send, with their parameters; nothing for other elements."""
         trigger = TRIGGERS.get(node.tag)
         if node.tag == 'send':
             node.only(('param',))
@@ -221,7 +221,7 @@ class Ascxml:
         return self._instance
 
     def _children(self, node: SourceElement) -> Sequence[int]:
-        """The numbers of the nodes that ``id`` may mean: one for a number, all for a variable."""
+        """Return the numbers of the nodes that ``id`` may mean: one for a number, all for a variable."""
         children = self._need_instance(node).children
         text = node.need('id').strip()
         if not text.isdigit():
@@ -241,7 +241,7 @@ class Ascxml:
     # -- expressions -------------------------------------------------------------------------------------------------
 
     def _expression(self, node: SourceElement, attribute: str = 'expr') -> Expression:
-        """The expression in an attribute, or in a child of that name. Raises ModelError."""
+        """Return the expression in an attribute, or in a child of that name. Raises ModelError."""
         text = node.get(attribute)
         if text is not None:
             return self._parsed(text, node, attribute)
@@ -285,7 +285,7 @@ class Ascxml:
         raise ExpressionError(f'{".".join(parts)} is not known here{did_you_mean(first, known)}')
 
     def _parameter(self, event: int, prefix: str, path: tuple[str, ...], written: str) -> str:
-        """The parameter of an event, or a member of one; or the record of all parameters below a name."""
+        """Return the parameter of an event, or a member of one; or the record of all parameters below a name."""
         names = self._events.parameters[event]
         if event not in self._events.sent:
             return '0'  # nobody sends it, so nobody asks
@@ -304,7 +304,7 @@ class Ascxml:
     # -- second step -------------------------------------------------------------------------------------------------
 
     def automata(self) -> list[Automaton]:
-        """The automaton of the file, and those of the threads of its actions. Raises ModelError."""
+        """Return the automaton of the file, and those of the threads of its actions. Raises ModelError."""
         found = [self._automaton(self._root, self.name, None)]
         for node in self._root.all('ros_action_thread'):
             node.only(('datamodel', 'state'))
@@ -382,7 +382,8 @@ class Ascxml:
     def _triggers(
         self, node: SourceElement, scope: _Scope
     ) -> Iterator[tuple[str | None, Mapping[tuple[str, ...], str], Expression | None]]:
-        """The events of a transition, how its body names what they carry, and a condition that comes with them."""
+        """Yield the events of a transition, how its body names what they carry, and a condition that comes with
+        them."""
         callback = CALLBACKS.get(node.tag)
         if callback is not None:
             condition: Expression | None = None
@@ -526,7 +527,7 @@ class Ascxml:
 
 
 def ports_of(root: SourceElement, types: DataTypes) -> Mapping[str, tuple[bool, DataType]]:
-    """The ports of a plugin by their names: whether it is an output, and its type. Raises ModelError."""
+    """Return the ports of a plugin by their names: whether it is an output, and its type. Raises ModelError."""
     return {
         one.need('key'): (one.tag == 'bt_declare_port_out', _type_of(one, types))
         for one in root.all('bt_declare_port_in', 'bt_declare_port_out')
@@ -547,7 +548,7 @@ def _type_of(node: SourceElement, types: DataTypes) -> DataType:
 
 
 def is_pointer(text: str) -> bool:
-    """Whether a port is given an entry of the blackboard."""
+    """Return whether a port is given an entry of the blackboard."""
     stripped = text.strip()
     return len(stripped) > 2 and stripped[0] == '{' and stripped[-1] == '}'
 

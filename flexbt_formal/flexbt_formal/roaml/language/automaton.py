@@ -198,19 +198,19 @@ class Automaton:
                 code[end] = _Jump(len(code))
 
     def due(self, local: LocalState) -> Send | Write | None:
-        """The sending or writing that is due; None when it rests in a state."""
+        """Return the sending or writing that is due; None when it rests in a state."""
         return None if local.at < 0 else self._code[local.at]  # type: ignore[return-value]
 
     def state_of(self, local: LocalState) -> str:
-        """The state in which it rests; '' while it does not."""
+        """Return the state in which it rests; '' while it does not."""
         return self.states[-1 - local.at] if local.at < 0 else ''
 
     def handles(self, local: LocalState, event: int) -> bool:
-        """Whether the state in which it rests has a transition for an event, whatever its condition."""
+        """Return whether the state in which it rests has a transition for an event, whatever its condition."""
         return local.at < 0 and event in self._by_event[-1 - local.at]
 
     def take(self, local: LocalState, event: int, values: tuple[Any, ...], around: Around) -> Branches:
-        """What follows when it is given an event in the state in which it rests; it stays there when it takes no
+        """Return what follows when it is given an event in the state in which it rests; it stays there when it takes no
         transition. Raises ModelFault."""
         for condition, targets, place in self._by_event[-1 - local.at].get(event, ()):
             if condition is None or self._value(condition, local.data, values, around, place):
@@ -218,11 +218,11 @@ class Automaton:
         return [(1.0, local)]
 
     def go_on(self, local: LocalState, around: Around) -> Branches:
-        """What follows when what is due was done. Raises ModelFault."""
+        """Return what follows when what is due was done. Raises ModelFault."""
         return self._run([(1.0, local._replace(at=local.at + 1))], around)
 
     def begin(self, around: Around) -> Branches:
-        """What it does at first. Raises ModelFault."""
+        """Return what it does at first. Raises ModelFault."""
         return self._run([(1.0, self.start)], around)
 
     def _run(self, ahead: Branches, around: Around) -> Branches:
@@ -270,7 +270,7 @@ class Automaton:
         return None
 
     def values(self, local: LocalState, due: Send | Write, around: Around) -> tuple[Any, ...]:
-        """The parameters of what is due, or the value that is written. Raises ModelFault."""
+        """Return the parameters of what is due, or the value that is written. Raises ModelFault."""
         functions = due.values if isinstance(due, Send) else (due.value,)
         return tuple(
             0 if value is None else self._value(value, local.data, local.event, around, due.place)

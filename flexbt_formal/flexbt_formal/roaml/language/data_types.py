@@ -49,7 +49,7 @@ class DataType:
         return Record((name, kind.zero) for name, kind in self.members.items())
 
     def checked(self, value: Any) -> Any:
-        """The value, members in the order of the struct. Raises DataTypeError when it is not of this type."""
+        """Return the value, members in the order of the struct. Raises DataTypeError when it is not of this type."""
         if self.inner is not None:
             if not isinstance(value, tuple) or isinstance(value, Record):
                 raise DataTypeError(f'{value!r} is no array, as {self.name} is')
@@ -67,7 +67,7 @@ class DataType:
         return value
 
     def from_text(self, text: str) -> Any:
-        """The value that an attribute of a behavior tree gives a port. Raises DataTypeError."""
+        """Return the value that an attribute of a behavior tree gives a port. Raises DataTypeError."""
         try:
             if self.plain is str:
                 return text
@@ -124,7 +124,7 @@ class DataTypes:
         self._structs: dict[str, dict[str, str]] = {}
 
     def find(self, name: str, nested: int = 0) -> DataType:
-        """Raises DataTypeError."""
+        """Raise DataTypeError."""
         name = name.strip()
         if nested > MAX_NESTING:
             raise DataTypeError(f'{name} is nested more than {MAX_NESTING} deep, or contains itself')
@@ -182,7 +182,7 @@ class DataTypes:
         self._from_schema(schema, schema, schema['title'], asked, 0)
 
     def _from_schema(self, root: Mapping[str, Any], schema: Any, name: str, asked: SourceElement, nested: int) -> str:
-        """The name of the type that a schema describes; structs are added."""
+        """Return the name of the type that a schema describes; structs are added."""
         if nested > MAX_NESTING or not isinstance(schema, dict):
             asked.fail(f'the schema of {name!r} is no object, or is nested more than {MAX_NESTING} deep')
         reference = schema.get('$ref')
@@ -225,7 +225,7 @@ class Record(tuple[tuple[str, Any], ...]):
     __slots__ = ()
 
     def get(self, name: str) -> Any:
-        """Raises KeyError."""
+        """Raise KeyError."""
         for key, value in self:
             if key == name:
                 return value
@@ -245,7 +245,7 @@ def length(value: Any) -> int:
 
 
 def member(value: Any, name: str) -> Any:
-    """A member of a record; of an array of records the array of that member. Raises KeyError or TypeError."""
+    """Return a member of a record; of an array of records the array of that member. Raises KeyError or TypeError."""
     if isinstance(value, Record):
         if name == 'length' and all(key != name for key, _ in value):
             return length(value)
@@ -258,7 +258,7 @@ def member(value: Any, name: str) -> Any:
 
 
 def element(value: Any, index: Any) -> Any:
-    """An element of an array, or a byte of a text. Raises IndexError or TypeError."""
+    """Return an element of an array, or a byte of a text. Raises IndexError or TypeError."""
     if isinstance(index, float) and index.is_integer():
         index = int(index)
     if isinstance(value, str):

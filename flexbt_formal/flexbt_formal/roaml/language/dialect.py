@@ -27,13 +27,13 @@ _WAITED_FOR: Final = re.compile(
 
 
 def is_waited_for(name: str) -> bool:
-    """Whether an event waits until its receivers come to a state that has a transition for it. Others are discarded by
-    whoever has none."""
+    """Return whether an event waits until its receivers come to a state that has a transition for it. Others are
+    discarded by whoever has none."""
     return _WAITED_FOR.fullmatch(name) is not None
 
 
 def ros_name(name: str) -> str:
-    """A name of ROS as a part of the name of an event."""
+    """Return a name of ROS as a part of the name of an event."""
     return name.strip().removeprefix('/').replace('/', '__')
 
 

@@ -86,7 +86,7 @@ _FUNCTIONS: Final = {
 
 
 def parse_expression(text: str) -> Expression:
-    """Raises ExpressionError."""
+    """Raise ExpressionError."""
     if len(text) > MAX_LENGTH:
         raise ExpressionError(f'the expression has {len(text)} characters; the limit is {MAX_LENGTH}')
     return _by_lot(_Parser(text).whole())
@@ -123,7 +123,7 @@ class _Parser:
         )
 
     def _peek(self) -> str:
-        """The sign that comes next; '' for anything else."""
+        """Return the sign that comes next; '' for anything else."""
         if self._at < len(self._tokens) and self._tokens[self._at][0] == 'sign':
             return self._tokens[self._at][1]
         return ''
@@ -347,7 +347,7 @@ _UNARY: Final = {
 
 
 def _by_lot(expression: Expression) -> Expression:
-    """The expression, in which whole numbers and truths that are made of a random number are draws of their own:
+    """Return the expression, in which whole numbers and truths that are made of a random number are draws of their own:
     ``floor(random * width + least)`` and ``random < bound``."""
     if isinstance(expression, Array):
         return Array(tuple(map(_by_lot, expression.elements)))
@@ -386,7 +386,8 @@ LOTS: Final = ('random', 'whole by lot', 'below by lot')
 
 
 def is_random(expression: Expression, calls: Collection[str] = LOTS[:1]) -> bool:
-    """Whether it draws by lot: real numbers, of which there are too many to follow each, or by one of ``calls``."""
+    """Return whether it draws by lot: real numbers, of which there are too many to follow each, or by one of
+    ``calls``."""
     inner: tuple[Any, ...] = ()
     if isinstance(expression, Call):
         if expression.name in calls:
@@ -400,7 +401,7 @@ def is_random(expression: Expression, calls: Collection[str] = LOTS[:1]) -> bool
 
 
 def references_in(expression: Expression) -> list[tuple[str, ...]]:
-    """All names of an expression."""
+    """Return all names of an expression."""
     if isinstance(expression, Reference):
         return [expression.parts]
     inner: tuple[Any, ...] = ()
@@ -414,7 +415,7 @@ def references_in(expression: Expression) -> list[tuple[str, ...]]:
 
 
 def python_of(expression: Expression, resolve: Resolver) -> str:
-    """The expression as Python. Raises ExpressionError for a name that means nothing."""
+    """Return the expression as Python. Raises ExpressionError for a name that means nothing."""
     if isinstance(expression, Literal):
         return repr(expression.value)
     if isinstance(expression, Reference):
@@ -434,7 +435,7 @@ def python_of(expression: Expression, resolve: Resolver) -> str:
 
 
 def compiled(expression: Expression, resolve: Resolver) -> Evaluated:
-    """A function that gives its value. Raises ExpressionError."""
+    """Return a function that gives its value. Raises ExpressionError."""
     # The text is made of what was parsed: operators, literals by their repr, and names as places in tuples.
     text = f'lambda d, e, b: {python_of(expression, resolve)}'
     function: Evaluated = eval(compile(text, '<model>', 'eval'), _SCOPE)  # noqa: S307
@@ -442,7 +443,7 @@ def compiled(expression: Expression, resolve: Resolver) -> Evaluated:
 
 
 def constant(expression: Expression, names: Mapping[str, Any] | None = None) -> Any:
-    """The value of an expression without names, or with these. Raises ExpressionError."""
+    """Return the value of an expression without names, or with these. Raises ExpressionError."""
     known = dict(names or {})
 
     def resolve(parts: tuple[str, ...]) -> str:

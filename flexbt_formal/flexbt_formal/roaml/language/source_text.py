@@ -55,14 +55,14 @@ class SourceElement:
         return self.element.attributes.get(name)
 
     def need(self, name: str) -> str:
-        """An attribute that has to be there, and not empty. Raises ModelError."""
+        """Return an attribute that has to be there, and not empty. Raises ModelError."""
         value = self.get(name)
         if value is None or not value.strip():
             self.fail(f'the attribute [{name}] is missing or empty; write {name}="..."', name)
         return value
 
     def number(self, name: str, most: float = 1e9) -> float:
-        """An attribute that is a number above 0, up to a bound. Raises ModelError."""
+        """Return an attribute that is a number above 0, up to a bound. Raises ModelError."""
         text = self.need(name)
         try:
             value = float(text)
@@ -73,7 +73,7 @@ class SourceElement:
         return value
 
     def find(self, tag: str) -> SourceElement | None:
-        """The only child of this tag. Raises ModelError when there are several."""
+        """Return the only child of this tag. Raises ModelError when there are several."""
         found = [child for child in self.children if child.tag == tag]
         if len(found) > 1:
             found[1].fail(f'<{tag}> is given twice; remove one of them')
@@ -105,7 +105,7 @@ class SourceElement:
 
 
 def read_text(path: str, asked: SourceElement | None = None) -> str:
-    """The text of a file of the model. Raises ModelError, which names the element that asked for it."""
+    """Return the text of a file of the model. Raises ModelError, which names the element that asked for it."""
     try:
         with open(path, 'rb', opener=open_regular) as content:
             return decode(content.read(MAX_BYTES + 1), path, MAX_BYTES)
@@ -118,6 +118,6 @@ def read_text(path: str, asked: SourceElement | None = None) -> str:
 
 
 def read_xml(path: str, asked: SourceElement | None = None) -> SourceElement:
-    """The root element of a file of the model. Raises TreeLoadError."""
+    """Return the root element of a file of the model. Raises TreeLoadError."""
     source = Source(path, read_text(path, asked))
     return SourceElement(parse(source), source)

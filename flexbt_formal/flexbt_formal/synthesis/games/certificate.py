@@ -20,7 +20,7 @@ from .specification import GameVariable, Section, Specification
 
 
 def check_certificate(specification: Specification, certificate: Mapping[str, Any]) -> list[str]:
-    """What is wrong with a certificate (:meth:`Strategy.to_json`) of a specification; nothing when it holds."""
+    """Return what is wrong with a certificate (:meth:`Strategy.to_json`) of a specification; nothing when it holds."""
     try:
         return list(_Check(specification, certificate).problems())
     except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
@@ -108,7 +108,7 @@ class _Check:
     def _progress(
         self, node: Mapping[str, Any], then: Mapping[str, Any], after: Mapping[VariableName, int]
     ) -> tuple[bool, str | None]:
-        """Whether a move comes closer to the guarantee, and what is wrong with it."""
+        """Return whether a move comes closer to the guarantee, and what is wrong with it."""
         guarantee = self._guarantees[node['goal']]
         if then['goal'] == (node['goal'] + 1) % len(self._guarantees) and (
             guarantee is None or value_of(guarantee, after)
@@ -141,7 +141,7 @@ def _text(inputs: Mapping[VariableName, int]) -> str:
 def valuations(
     names: Sequence[VariableName], formulas: Iterable[Formula], known: Valuation, variables: Mapping[str, GameVariable]
 ) -> Iterator[dict[VariableName, int]]:
-    """All values of ``names`` with which every formula holds, given values of others (``known``).
+    """Yield all values of ``names`` with which every formula holds, given values of others (``known``).
 
     In order of the names, each from its least value. Formulas that hold or not whatever the names are, are checked
     once. Raises KeyError when a formula has variables that are in neither.

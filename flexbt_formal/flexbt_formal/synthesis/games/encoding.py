@@ -50,21 +50,21 @@ class Encoding:
     # -- sets --------------------------------------------------------------------------------------------------------
 
     def set_of(self, formula: Formula) -> Diagram:
-        """The valuations that satisfy a formula."""
+        """Return the valuations that satisfy a formula."""
         known = self._of.get(formula)
         if known is None:
             known = self._of[formula] = self._made(formula)
         return known
 
     def all_of(self, formulas: Iterable[Formula]) -> Diagram:
-        """The valuations that satisfy every formula."""
+        """Return the valuations that satisfy every formula."""
         found = self.true
         for formula in formulas:
             found = found & self.set_of(formula)
         return found
 
     def in_range(self, names: Iterable[VariableName]) -> Diagram:
-        """The valuations in which integers have no more than their values."""
+        """Return the valuations in which integers have no more than their values."""
         found = self.true
         for name in names:
             if len(self._values(name)) != 1 << len(self._bits[name]):
@@ -72,25 +72,25 @@ class Encoding:
         return found
 
     def primed(self, states: Diagram) -> Diagram:
-        """A set of valuations of this step, said of the next one."""
+        """Return a set of valuations of this step, said of the next one."""
         return self._bdd.let(self._prime, states)
 
     def unprimed(self, states: Diagram) -> Diagram:
-        """A set of valuations of the next step, said of this one."""
+        """Return a set of valuations of the next step, said of this one."""
         return self._bdd.let({then: now for now, then in self._prime.items()}, states)
 
     def some(self, names: Iterable[VariableName], of: Diagram) -> Diagram:
-        """The valuations for which values of ``names`` exist with which they are in the set."""
+        """Return the valuations for which values of ``names`` exist with which they are in the set."""
         return self._bdd.exist([bit for name in names for bit in self._bits[name]], of)
 
     def all(self, names: Iterable[VariableName], of: Diagram) -> Diagram:
-        """The valuations that are in the set with all values of ``names``."""
+        """Return the valuations that are in the set with all values of ``names``."""
         return self._bdd.forall([bit for name in names for bit in self._bits[name]], of)
 
     # -- valuations --------------------------------------------------------------------------------------------------
 
     def given(self, valuation: Valuation, of: Diagram) -> Diagram:
-        """What remains of a set when some variables have values."""
+        """Return what remains of a set when some variables have values."""
         return self._bdd.let(
             {
                 bit: bool((value - self._low(name)) >> index & 1)
@@ -101,7 +101,7 @@ class Encoding:
         )
 
     def members(self, names: list[VariableName], of: Diagram) -> Iterator[dict[VariableName, int]]:
-        """The valuations of ``names`` in a set that depends on no others, in the order of names and values."""
+        """Yield the valuations of ``names`` in a set that depends on no others, in the order of names and values."""
         if of == self.false:
             return
         if not names:
@@ -113,7 +113,7 @@ class Encoding:
                 yield {name: value, **member}
 
     def nearest(self, names: list[VariableName], of: Diagram, wanted: Valuation) -> dict[VariableName, int]:
-        """The valuation in a set that differs last from what is ``wanted``, in the order of names."""
+        """Return the valuation in a set that differs last from what is ``wanted``, in the order of names."""
         found: dict[VariableName, int] = {}
         for name in names:
             values = self._variables[name.name].values
@@ -127,7 +127,7 @@ class Encoding:
         return found
 
     def has(self, valuation: Valuation, in_: Diagram) -> bool:
-        """Whether a valuation of all variables on which the set depends is in it."""
+        """Return whether a valuation of all variables on which the set depends is in it."""
         return self.given(valuation, in_) == self.true
 
     def size(self) -> int:

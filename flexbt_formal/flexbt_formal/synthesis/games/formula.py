@@ -107,12 +107,12 @@ _COMPARE: Final = {
 
 
 def compare(op: str, left: int, right: int) -> bool:
-    """What ``left op right`` says of two numbers."""
+    """Return what ``left op right`` says of two numbers."""
     return _COMPARE[op](left, right)
 
 
 def names_in(formula: Formula | Term) -> Iterator[VariableName]:
-    """The variables of a formula, as often as it has them."""
+    """Yield the variables of a formula, as often as it has them."""
     match formula:
         case VariableName():
             yield formula
@@ -127,7 +127,7 @@ def names_in(formula: Formula | Term) -> Iterator[VariableName]:
 
 
 def value_of(formula: Formula, valuation: Valuation) -> bool | None:
-    """Whether a formula holds; None when that depends on variables without a value."""
+    """Return whether a formula holds; None when that depends on variables without a value."""
     match formula:
         case VariableName():
             known = valuation.get(formula)

@@ -46,8 +46,8 @@ class FormulaError(ValueError):
 def parse_formula(
     text: str, variables: Ranges, labels: Labels = MappingProxyType({}), names: Collection[str] | None = None
 ) -> Formula:
-    """The formula in a text, in which all values are numbers. ``labels``, and ``names`` as users know those of the
-    variables, are for messages. Raises FormulaError."""
+    """Return the formula in a text, in which all values are numbers. ``labels``, and ``names`` as users know those of
+    the variables, are for messages. Raises FormulaError."""
     if len(text) > MAX_LENGTH:
         raise FormulaError(text, f'it has {len(text)} characters; a formula may have {MAX_LENGTH}')
     return _Parser(text, variables, labels, variables if names is None else names).whole()

@@ -81,7 +81,8 @@ class Game:
         self.system = self.system & (self.restraint if restraint is None else restraint)
 
     def _hopeful(self) -> tuple[Diagram, Diagram]:
-        """The states from which all can still be met, and the moves that are left when giving up is the last resort."""
+        """Return the states from which all can still be met, and the moves that are left when giving up is the last
+        resort."""
         of, specification = self.encoding, self.specification
         if specification.last_resort is None:
             return self.hoped_for(self.guarantees, of.true), of.true
@@ -104,7 +105,7 @@ class Game:
         return found
 
     def can_begin_in(self, states: Diagram) -> bool:
-        """Whether for all inputs at the start there are outputs with which the state is one of these."""
+        """Return whether for all inputs at the start there are outputs with which the state is one of these."""
         of = self.encoding
         answered = of.some(self.outputs, self.start_system & states)
         return of.all(self.inputs, ~self.start_world | answered) == of.true
@@ -112,19 +113,19 @@ class Game:
     # -- steps -------------------------------------------------------------------------------------------------------
 
     def answered(self, targets: Diagram) -> Diagram:
-        """The moves of the world (states with next inputs) that the system can answer by one of ``targets``."""
+        """Return the moves of the world (states with next inputs) that the system can answer by one of ``targets``."""
         return self.encoding.some(self.outputs_next, self.system & targets)
 
     def forced(self, targets: Diagram) -> Diagram:
-        """The states from which each move of the world can be answered by one of ``targets``."""
+        """Return the states from which each move of the world can be answered by one of ``targets``."""
         return self.encoding.all(self.inputs_next, ~self.world | self.answered(targets))
 
     def with_luck(self, targets: Diagram) -> Diagram:
-        """The states from which one of ``targets`` is possible, if the world helps."""
+        """Return the states from which one of ``targets`` is possible, if the world helps."""
         return self.encoding.some(self.inputs_next, self.world & self.answered(targets))
 
     def fairly(self, targets: Diagram, safe: Diagram) -> Diagram:
-        """The states from which the world takes one of ``targets`` at some time, all others being ``safe``."""
+        """Return the states from which the world takes one of ``targets`` at some time, all others being ``safe``."""
         if self.live == self.encoding.false:
             return self.encoding.false
         helped = self.encoding.some(self.inputs_next, self.world & self.live & self.answered(targets))
@@ -133,7 +134,7 @@ class Game:
     # -- fixpoints ---------------------------------------------------------------------------------------------------
 
     def safe(self) -> Diagram:
-        """The states from which the system always has an answer."""
+        """Return the states from which the system always has an answer."""
         states = self.encoding.true
         while True:
             self.watch('looking for dead ends')
@@ -143,7 +144,7 @@ class Game:
             states = smaller
 
     def hoped_for(self, guarantees: list[Diagram], moves: Diagram) -> Diagram:
-        """The states from which guarantees can be met again and again by these moves, if the world helps."""
+        """Return the states from which guarantees can be met again and again by these moves, if the world helps."""
         of = self.encoding
         kept = of.true
         while True:
@@ -162,7 +163,7 @@ class Game:
                 return kept
 
     def solved(self, *, explained: bool = False) -> Solution:
-        """The winning states, with their layers; ``explained`` keeps what the world does about the others."""
+        """Return the winning states, with their layers; ``explained`` keeps what the world does about the others."""
         of = self.encoding
         kept, removals = of.true, list[Removal]()
         rounds = 0
@@ -223,5 +224,5 @@ class Solution:
     rounds: int
 
     def is_realizable(self) -> bool:
-        """Whether for all inputs at the start there are outputs that win."""
+        """Return whether for all inputs at the start there are outputs that win."""
         return self.game.can_begin_in(self.winning)

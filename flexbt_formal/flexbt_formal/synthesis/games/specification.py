@@ -82,14 +82,14 @@ class Specification:
         return {name: variable.bounds for name, variable in self.variables.items()}
 
     def of(self, section: Section) -> list[Formula]:
-        """The formulas of a section."""
+        """Return the formulas of a section."""
         return [line.formula for line in self.lines if line.section is section]
 
     def names(self, *, inputs: bool, primed: bool = False) -> list[VariableName]:
-        """The inputs, or the outputs, in the order of their declaration."""
+        """Return the inputs, or the outputs, in the order of their declaration."""
         return [VariableName(one.name, primed) for one in self.variables.values() if one.is_input is inputs]
 
     def without(self, origins: Iterable[str]) -> Specification:
-        """The specification without what these origins ask for."""
+        """Return the specification without what these origins ask for."""
         dropped = set(origins)
         return replace(self, lines=tuple(line for line in self.lines if line.origin not in dropped))

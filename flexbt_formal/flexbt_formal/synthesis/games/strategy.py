@@ -48,7 +48,7 @@ class Strategy:
     start: tuple[int, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """The strategy as a certificate: plain data, which :func:`check_certificate` verifies."""
+        """Return the strategy as a certificate: plain data, which :func:`check_certificate` verifies."""
         return {
             'start': list(self.start),
             'nodes': [
@@ -65,7 +65,7 @@ class Strategy:
 
 
 def strategy_of(solution: Solution) -> Strategy:
-    """The strategy of a game that is won.
+    """Return the strategy of a game that is won.
 
     Raises:
         SynthesisError: the world has more than MAX_MOVES moves somewhere, or the strategy more than MAX_NODES nodes.

@@ -108,7 +108,7 @@ class MessagesFault(FaultModel):
 
     @classmethod
     def slot_of(cls, topic: str) -> str:
-        """Each topic can have it."""
+        """Return each topic can have it."""
         return f'{cls.name} of {topic}'
 
     @property
@@ -228,7 +228,7 @@ class FaultTiming(ModelSpecification):
 
 
 def fault_parameters(fault: str, values: Mapping[str, Any]) -> FaultModel:
-    """The parameters of a fault from plain data.
+    """Return the parameters of a fault from plain data.
 
     Raises:
         SimulationError: there is no such fault, or a value is wrong.

@@ -224,7 +224,8 @@ class DoorModel(ModelSpecification):
         return math.dist(self.from_, self.to)
 
     def at(self, pose: Pose) -> DoorModel:
-        """The same elsewhere: the end that it slides away from is at the pose, the other one in its direction."""
+        """Return the same elsewhere: the end that it slides away from is at the pose, the other one in its
+        direction."""
         x, y, yaw = pose
         return replace(self, from_=(x, y), to=(x + self.length * math.cos(yaw), y + self.length * math.sin(yaw)))
 

@@ -60,7 +60,7 @@ class WorldProblem:
 
 
 def key(text: str, default: Any = dataclasses.MISSING, **details: Any) -> Any:
-    """A field of a specification; ``details`` are those of :class:`Key`."""
+    """Return a field of a specification; ``details`` are those of :class:`Key`."""
     return dataclasses.field(default=default, metadata={'key': ModelKey(text, **details)})
 
 
@@ -85,23 +85,23 @@ class ModelSpecification:
             raise SimulationError('; '.join(f'{p.where}: {p.message}' if p.path else p.message for p in problems))
 
     def conflicts(self) -> Iterable[str]:
-        """What is wrong with values that are right each by itself."""
+        """Return what is wrong with values that are right each by itself."""
         return ()
 
 
 def keys_of(specification: type[ModelSpecification]) -> Mapping[str, ModelKey]:
-    """The keys that a specification may have, in their order."""
+    """Return the keys that a specification may have, in their order."""
     fields = dataclasses.fields(specification)
     return {one.name: one.metadata['key'] for one in fields if 'key' in one.metadata}
 
 
 def types_of(specification: type[ModelSpecification]) -> Mapping[str, Any]:
-    """The type of each key."""
+    """Return the type of each key."""
     return _type_hints(specification)
 
 
 def written(name: str) -> str:
-    """A key as it is written in a file: ``from_`` is ``from``, a word that Python keeps for itself."""
+    """Return a key as it is written in a file: ``from_`` is ``from``, a word that Python keeps for itself."""
     return name.rstrip('_')
 
 
@@ -113,7 +113,8 @@ def read(
     base: S | None = None,
     beside: Collection[str] = (),
 ) -> S | None:
-    """What a mapping of plain data specifies; problems are added to the list, and None is returned, if it is wrong.
+    """Return what a mapping of plain data specifies; problems are added to the list, and None is returned, if it is
+    wrong.
 
     What the mapping leaves out is as in ``base``, or as by default. Keys ``beside`` those of the specification are for
     the caller.
@@ -150,7 +151,7 @@ def read(
 
 
 def convert(kind: Any, value: Any, path: Path, problems: list[WorldProblem], base: Any = None) -> Any:
-    """A plain value as a type of the specifications; None, with a problem added, when it is none."""
+    """Return a plain value as a type of the specifications; None, with a problem added, when it is none."""
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         if arguments == typing.get_args(Shape):
@@ -194,7 +195,7 @@ def _numbers(value: Any, count: int, path: Path, problems: list[WorldProblem], w
 
 
 def _shape(value: Any, path: Path, problems: list[WorldProblem]) -> Shape | None:
-    """A number is the radius of a circle, two are length and width of a box, a list of points is a polygon."""
+    """Return a number is the radius of a circle, two are length and width of a box, a list of points is a polygon."""
     radius = finite_number(value)
     try:
         if radius is not None:

@@ -178,7 +178,7 @@ class _Reader:
         return [*self._robots(), *self._others()]
 
     def _section(self, section: str) -> list[tuple[str, Any]]:
-        """The entries of a section whose names can be ones."""
+        """Return the entries of a section whose names can be ones."""
         data = self._data.get(section)
         if data is None:
             return []
@@ -218,7 +218,8 @@ class _Reader:
     def _model(
         self, value: Any, path: Where, models: Mapping[str, RobotModel], base_key: str, *beside: str
     ) -> RobotModel | None:
-        """A model of a robot, in which ``base_key`` names another one; with keys ``beside`` it for the caller."""
+        """Return a model of a robot, in which ``base_key`` names another one; with keys ``beside`` it for the
+        caller."""
         if not isinstance(value, Mapping):
             self._problems.append(WorldProblem(path, f'expected a mapping, got {short_repr(value)}'))
             return None
@@ -342,7 +343,7 @@ class FloorPlan(ModelSpecification):
         return math.ceil(height / self.resolution - 1e-6), math.ceil(width / self.resolution - 1e-6), (left, bottom)
 
     def drawn(self) -> OccupancyMap:
-        """The map: cells whose middle is in a wall, and in no opening, are occupied."""
+        """Return the map: cells whose middle is in a wall, and in no opening, are occupied."""
         rows, columns, (left, bottom) = self._grid()
         cells = numpy.full((rows, columns), FREE, numpy.int8)
         half = self.thickness / 2.0 + 1e-9

@@ -63,7 +63,7 @@ class WorldView(Protocol):
         """Distance, m, from a body at a pose to the nearest other one."""
 
     def is_someone_near(self, x: float, y: float, distance: float) -> bool:
-        """Whether a robot or a moving obstacle is within a distance, m, of a point."""
+        """Return whether a robot or a moving obstacle is within a distance, m, of a point."""
 
 
 def generator(seed: int, entity: str, source: str) -> numpy.random.Generator:
@@ -80,7 +80,7 @@ class Normals:
         self._block: list[float] = []
 
     def next(self) -> float:
-        """The next number."""
+        """Return the next number."""
         if not self._block:
             self._block = self._source.standard_normal(256).tolist()
         return self._block.pop()
@@ -136,7 +136,7 @@ class BodyGrid:
             self.add(body)
 
     def touching(self, x: float, y: float, radius: float) -> list[Body]:
-        """Those that may touch a circle, ordered by their names, and others near it."""
+        """Return those that may touch a circle, ordered by their names, and others near it."""
         squares: Iterable[tuple[int, int]] = self.squares
         if radius <= _LARGE:
             squares = _squares(x, y, radius)

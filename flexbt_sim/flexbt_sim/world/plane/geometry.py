@@ -37,13 +37,13 @@ class Pose(NamedTuple):
 
 
 def wrap(angle: float) -> float:
-    """The same angle in (-pi, pi]."""
+    """Return the same angle in (-pi, pi]."""
     wrapped = math.remainder(angle, math.tau)
     return math.pi if wrapped == -math.pi else wrapped
 
 
 def drive(pose: Pose, linear: float, angular: float, duration: float) -> Pose:
-    """The pose after driving at constant speeds (m/s, rad/s) for a time (s): exactly, along the arc."""
+    """Return the pose after driving at constant speeds (m/s, rad/s) for a time (s): exactly, along the arc."""
     half = angular * duration / 2.0
     chord = linear * duration * (math.sin(half) / half if half else 1.0)
     return Pose(
@@ -54,13 +54,13 @@ def drive(pose: Pose, linear: float, angular: float, duration: float) -> Pose:
 
 
 def compose(one: Pose, other: Pose) -> Pose:
-    """The pose ``other``, given in the frame of ``one``, in the frame that ``one`` is given in."""
+    """Return the pose ``other``, given in the frame of ``one``, in the frame that ``one`` is given in."""
     cos, sin = math.cos(one.yaw), math.sin(one.yaw)
     return Pose(one.x + other.x * cos - other.y * sin, one.y + other.x * sin + other.y * cos, wrap(one.yaw + other.yaw))
 
 
 def inverse(pose: Pose) -> Pose:
-    """The pose of the frame that a pose is given in, in the frame of the pose."""
+    """Return the pose of the frame that a pose is given in, in the frame of the pose."""
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
     return Pose(-pose.x * cos - pose.y * sin, pose.x * sin - pose.y * cos, wrap(-pose.yaw))
 
@@ -133,12 +133,12 @@ class Polygon:
         return self.radius
 
     def points(self, pose: Pose) -> list[Point]:
-        """The corners of the polygon at a pose."""
+        """Return the corners of the polygon at a pose."""
         cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
         return [(pose.x + x * cos - y * sin, pose.y + x * sin + y * cos) for x, y in self.corners]
 
     def sides(self, pose: Pose) -> Segments:
-        """The sides of the polygon at a pose."""
+        """Return the sides of the polygon at a pose."""
         points = self.points(pose)
         return [(*a, *b) for a, b in pairwise([*points, points[0]])]
 
@@ -147,7 +147,7 @@ Shape = Circle | Polygon
 
 
 def box(length: float, width: float) -> Polygon:
-    """A rectangle about the origin; ``length`` along x, m."""
+    """Return a rectangle about the origin; ``length`` along x, m."""
     x, y = length / 2.0, width / 2.0
     return Polygon(((x, y), (-x, y), (-x, -y), (x, -y)))
 
@@ -171,7 +171,7 @@ def depth(x: float, y: float, polygon: Polygon, pose: Pose) -> float:
 
 
 def contains(shape: Shape, pose: Pose, x: float, y: float) -> bool:
-    """Whether a point is in a shape."""
+    """Return whether a point is in a shape."""
     if isinstance(shape, Circle):
         return math.hypot(x - pose.x, y - pose.y) <= shape.radius
     return math.hypot(x - pose.x, y - pose.y) <= shape.radius and _inside(x, y, shape.sides(pose))
@@ -193,7 +193,7 @@ def _polygon_gap(one: Segments, other: Segments) -> float:
 
 
 def _overlap_across(side: tuple[float, float, float, float], one: Segments, other: Segments) -> float:
-    """How far two polygons overlap at right angles to a side."""
+    """Return how far two polygons overlap at right angles to a side."""
     x0, y0, x1, y1 = side
     length = math.hypot(x1 - x0, y1 - y0)
     ours, theirs = ([(x * (y1 - y0) - y * (x1 - x0)) / length for x, y, *_ in sides] for sides in (one, other))

@@ -104,7 +104,7 @@ def cast(
 
 
 def covers(x: float, y: float, owner: int, circles: Any, segments: Any) -> bool:
-    """Whether a point is in a body, or on its outline: no more than 1e-6 m off it. ``owner`` is left out.
+    """Return whether a point is in a body, or on its outline: no more than 1e-6 m off it. ``owner`` is left out.
 
     It has no equivalent, so that both ways to cast beams have one answer; products and sums alone are, compiled or not,
     the same to the last bit. Nearer to a corner, the direction of a side is all rounding.
@@ -203,7 +203,7 @@ def polygon_gap(obstacles: Any, corners: Any) -> float:
 
 @functools.cache
 def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
-    """A function compiled, which leaves the interpreter to other threads; None without numba.
+    """Return a function compiled, which leaves the interpreter to other threads; None without numba.
 
     The functions of its module that it calls are compiled along. ``FLEXBT_ACCELERATION=0`` leaves numba out, too.
     """
@@ -227,7 +227,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
 
 
 def _with_compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function, or one that calls the compiled ones instead of those of its module."""
+    """Return the same function, or one that calls the compiled ones instead of those of its module."""
     assert isinstance(function, FunctionType)
     there = function.__globals__
     called = [there.get(name) for name in function.__code__.co_names]

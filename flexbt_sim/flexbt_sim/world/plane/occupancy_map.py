@@ -104,7 +104,7 @@ class OccupancyMap:
         return self.half_cell_distances[1::2, 1::2]
 
     def grid_position(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the map frame in cells from the lower left corner of the grid: upwards, to the right."""
+        """Return a point of the map frame in cells from the lower left corner of the grid: upwards, to the right."""
         dx, dy = x - self.origin.x, y - self.origin.y
         cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
         return (dy * cos - dx * sin) / self.resolution, (dx * cos + dy * sin) / self.resolution
@@ -121,11 +121,11 @@ class OccupancyMap:
         return self.origin.x + u * cos - v * sin, self.origin.y + u * sin + v * cos
 
     def contains(self, row: int, column: int) -> bool:
-        """Whether a cell is part of the grid."""
+        """Return whether a cell is part of the grid."""
         return 0 <= row < self.height and 0 <= column < self.width
 
     def mask(self, areas: Iterable[tuple[Shape, Pose]]) -> OccupancyMap:
-        """A grid like this one that is occupied where shapes at poses are, to a cell, and free elsewhere."""
+        """Return a grid like this one that is occupied where shapes at poses are, to a cell, and free elsewhere."""
         cells = numpy.full(self.cells.shape, FREE, numpy.int8)
         for shape, pose in areas:
             corners = numpy.array([self.grid_position(*point) for point in shape.points(pose)])
@@ -174,7 +174,7 @@ class OccupancyMap:
 
 
 def _gaps(cells: NDArray[numpy.int64], position: float) -> NDArray[numpy.float64]:
-    """How far cells are from a position along one axis."""
+    """Return how far cells are from a position along one axis."""
     return numpy.maximum(numpy.maximum(cells - position, position - 1.0 - cells), 0.0)
 
 
@@ -225,7 +225,7 @@ def load_map(file: Path) -> OccupancyMap:
 
 
 def _occupancies(mode: str, negate: bool, occupied: float, free: float) -> Occupancy:
-    """What each of the 256 grey values means."""
+    """Return what each of the 256 grey values means."""
     grey = numpy.arange(256)
     if mode == 'raw':
         return numpy.where(grey <= OCCUPIED, grey, UNKNOWN).astype(numpy.int8)

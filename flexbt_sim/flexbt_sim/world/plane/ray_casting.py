@@ -104,7 +104,7 @@ class RayCaster:
         return ranges
 
     def cast_at_once(self, sensors: Sequence[Sensor], bodies: Outlines) -> list[Floats]:
-        """The same by whole-array operations."""
+        """Return the same by whole-array operations."""
         angles = [one.pose.yaw + one.angle_min + numpy.arange(one.beams) * one.angle_increment for one in sensors]
         if self._world is None:
             found: list[Floats] = [numpy.full(one.beams, math.inf) for one in sensors]
@@ -130,7 +130,7 @@ class RayCaster:
 
 
 def _march(world: OccupancyMap, starts: Floats, directions: Floats, limits: Floats) -> Floats:
-    """How far beams get from positions in directions, both (2, n), in cells; infinite where they hit nothing."""
+    """Return how far beams get from positions in directions, both (2, n), in cells; infinite where they hit nothing."""
     size = numpy.array([[world.height], [world.width]])
     borders = numpy.stack([-starts / directions, (size - starts) / directions])
     travelled = numpy.maximum(borders.min(axis=0).max(axis=0), 0.0) + _BEYOND

@@ -85,7 +85,7 @@ class Space:
                 body.clear_until = -math.inf
 
     def touching(self, x: float, y: float, radius: float) -> Iterable[Body]:
-        """The bodies that may touch a circle, by their names, and others near it."""
+        """Return the bodies that may touch a circle, by their names, and others near it."""
         if self._have_moved:
             self._have_moved = False
             for body in self._mobile.values():
@@ -168,7 +168,7 @@ class Space:
         return world.clearance(x, y) if room < world.resolution < beside else room
 
     def is_someone_near(self, x: float, y: float, distance: float) -> bool:
-        """Whether a robot or a moving obstacle is within a distance, m, of a point."""
+        """Return whether a robot or a moving obstacle is within a distance, m, of a point."""
         return any(
             math.hypot(body.pose.x - x, body.pose.y - y) <= distance + body.radius for body in self._mobile.values()
         )
@@ -265,7 +265,7 @@ class Space:
             )
 
     def _covers_obstacle(self, body: Body, pose: Pose) -> bool:
-        """Whether an obstacle of the map is within a polygon, without a touch of its sides."""
+        """Return whether an obstacle of the map is within a polygon, without a touch of its sides."""
         world = self.map
         if world is None or isinstance(body.shape, Circle):
             return False
@@ -277,7 +277,7 @@ class Space:
 
 
 def check_pose(pose: Pose) -> str:
-    """The pose as text.
+    """Return the pose as text.
 
     Raises:
         SimulationError: it is none.

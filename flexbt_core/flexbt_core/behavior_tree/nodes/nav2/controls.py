@@ -343,7 +343,7 @@ class PauseResumeController(Control):
         return self._state
 
     def pause(self) -> bool:
-        """Asks for a pause, from any thread. False when the node is paused already, or is not RUNNING."""
+        """Ask for a pause, from any thread. False when the node is paused already, or is not RUNNING."""
         with self._lock:
             if self.status is not RUNNING or (self._state is PauseState.PAUSED and self._requested is None):
                 return False
@@ -352,7 +352,7 @@ class PauseResumeController(Control):
         return True
 
     def resume(self) -> bool:
-        """Asks for the end of a pause, from any thread. False when the node is not paused."""
+        """Ask for the end of a pause, from any thread. False when the node is not paused."""
         with self._lock:
             if self._state is not PauseState.PAUSED or self._requested is not None:
                 return False

@@ -129,7 +129,7 @@ class DistanceController(Decorator):
 
     @abstractmethod
     def position(self) -> Position | None:
-        """Where the robot is, in m, always in the same frame; None when that is not known."""
+        """Return where the robot is, in m, always in the same frame; None when that is not known."""
 
     def tick(self) -> NodeStatus:
         here = self.position()
@@ -179,7 +179,7 @@ class SpeedController(Decorator):
 
     @abstractmethod
     def speed(self) -> float:
-        """How fast the robot moves over the ground, in m/s; 0.0 when that is not known."""
+        """Return how fast the robot moves over the ground, in m/s; 0.0 when that is not known."""
 
     def tick(self) -> NodeStatus:
         now = self.clock.now()

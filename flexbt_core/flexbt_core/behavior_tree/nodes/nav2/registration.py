@@ -16,7 +16,7 @@ FAMILIES: Final = (controls, decorators, conditions)
 
 
 def register_nav2(registry: NodeRegistry, nav2_branch: Nav2Branch = 'jazzy') -> None:
-    """Registers all nodes of the families, as they are in that branch of Nav2 where a file does not show its own."""
+    """Register all nodes of the families, as they are in that branch of Nav2 where a file does not show its own."""
     for family in FAMILIES:
         register_branches(registry, family.NODES, nav2_branch)
 
@@ -86,7 +86,7 @@ class _BranchOf:
 
 
 def _the_only(told: set[str]) -> str | None:
-    """The branch, if only one is told."""
+    """Return the branch, if only one is told."""
     branches = told & {*NAV2_BRANCHES}
     return branches.pop() if len(branches) == 1 else None
 
@@ -94,7 +94,7 @@ def _the_only(told: set[str]) -> str | None:
 def register_branches(
     registry: NodeRegistry, node_classes: Collection[type[TreeNode]], nav2_branch: Nav2Branch
 ) -> None:
-    """Makes node classes known as they are in ``nav2_branch``, and for files of another branch as they are there.
+    """Make node classes known as they are in ``nav2_branch``, and for files of another branch as they are there.
 
     Of two classes of one name each is for the branch that it names, as ``nav2_branch``. One that is alone is known in
     both, and if it names a branch, a file that uses it shows that.
