@@ -84,7 +84,7 @@ def test_executables() -> None:
 @pytest.mark.parametrize(
     ('executable', 'declare'),
     [
-        ('bt_server', flexbt_server.node.parameters.declare_parameters),
+        ('bt_server', flexbt_server.parameters.declare_parameters),
         ('onboard_executive', flexbt_onboard.node.executive_parameters.declare_parameters),
         ('stop_guard', lambda node: declare_motion(ParameterDeclarer(node))),
         ('simulator', declare_simulator_parameters),
