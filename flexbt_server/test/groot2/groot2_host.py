@@ -40,7 +40,8 @@ from flexbt_testing.waiting import DEADLINE
 
 _PRELOADED = (
     'behaviortreepy',
-    'flexbt_server.groot2',
+    'flexbt_server.groot2.log_file',
+    'flexbt_server.groot2.server',
     'flexbt_testing.behavior_trees.scripted_nodes',
     'flexbt_testing.behavior_trees.wheel',
     'flexbt_testing.system.python_processes',

@@ -143,7 +143,7 @@ def logged_python_process(
 COMMAND: Final = ('-m', 'flexbt_console')
 """How the interpreter runs it."""
 
-LOADED: Final = ('flexbt_console.link', 'flexbt_console.ui.line.line_mode')
+LOADED: Final = ('flexbt_console.link.operator_link', 'flexbt_console.ui.line.line_mode')
 """What each command needs that asks an executive."""
 
 _DEADLINE: Final = 120.0
