@@ -22,7 +22,7 @@ from flexbt_states import CalculationState
 from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
-PLACES = 'flexbt_demo_night_watch/config/places.yaml'
+PLACES = 'flexbt_demo_behaviors/night_watch/places.yaml'
 
 
 @pytest.fixture

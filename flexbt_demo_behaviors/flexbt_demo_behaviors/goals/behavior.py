@@ -9,7 +9,7 @@ from flexbt_core import Autonomy, OperatableStateMachine
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, BtLoaderState, OperatorDecisionState
 
-TREE: Final = 'flexbt_demo_goals/trees/bring_cup.xml'
+TREE: Final = 'flexbt_demo_behaviors/goals/bring_cup.xml'
 
 
 class ReachGoal(Behavior):

@@ -7,7 +7,7 @@ from flexbt_core import Autonomy, OperatableStateMachine
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorInput, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, CalculationState, LogKeyState, OperatorDecisionState, WaitState
 
-TREE = 'flexbt_demo_behaviors/trees/inspection.xml'
+TREE = 'flexbt_demo_behaviors/inspection/inspection.xml'
 
 
 class Inspection(Behavior):

@@ -9,7 +9,7 @@ from flexbt_core import Autonomy, OperatableStateMachine
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteGoalState, BtLoaderState, OperatorDecisionState, OperatorInputState
 
-TREE: Final = 'flexbt_demo_nav2_robot/trees/navigate_to_pose.xml'
+TREE: Final = 'flexbt_demo_behaviors/nav2_robot/navigate_to_pose.xml'
 
 
 class AskOperator(Behavior):

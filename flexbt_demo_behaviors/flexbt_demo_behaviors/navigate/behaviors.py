@@ -31,7 +31,7 @@ class Navigate(Behavior):
         parameters=[
             BehaviorParameter(
                 'tree',
-                'flexbt_demo_behaviors/trees/navigate.xml',
+                'flexbt_demo_behaviors/navigate/navigate.xml',
                 'behavior tree that drives to its goal pose, as package/path',
             ),
         ],
@@ -70,7 +70,7 @@ class Navigate(Behavior):
 
 # The second demonstration: planner, controller and recovery are three trees, and a person judges the plan.
 
-TREES = 'flexbt_demo_behaviors/trees'
+TREES = 'flexbt_demo_behaviors/navigate'
 
 
 class NavigateSplit(Behavior):

@@ -19,7 +19,7 @@ from flexbt_states import (
 
 from .states import CompareScanState, NextRoomState, OpenDoorState, WatchPartnerState, places_in, pose_of
 
-TREES = 'flexbt_demo_night_watch/trees'
+TREES = 'flexbt_demo_behaviors/night_watch'
 DRIVE, CHARGE, BATTERY_LOW = (f'{TREES}/{name}.xml' for name in ('drive', 'charge', 'battery_low'))
 
 
@@ -39,7 +39,7 @@ class NightWatch(Behavior):
             BehaviorParameter('rooms', 'office store', 'rooms of this robot, in order, apart by spaces'),
             BehaviorParameter('home', 'alpha_dock', 'place of its charging station'),
             BehaviorParameter('partner', '', 'namespace of the other robot, as in beta; empty for none'),
-            BehaviorParameter('places', 'flexbt_demo_night_watch/config/places.yaml', 'file of the places'),
+            BehaviorParameter('places', 'flexbt_demo_behaviors/night_watch/places.yaml', 'file of the places'),
         ],
     )
 

@@ -102,7 +102,7 @@ class ReachGoal(ExpandingAction):
         'plan': output_port(STRING, description='the actions of the plan that runs, in their order'),
     }
     example = Example(
-        '<ReachGoal mission="flexbt_demo_goals/missions/cup.yaml" goal="thing_in(cup, office)" plan="{plan}"/>'
+        '<ReachGoal mission="flexbt_demo_behaviors/goals/cup.yaml" goal="thing_in(cup, office)" plan="{plan}"/>'
     )
 
     def __init__(self, config: NodeConfig) -> None:
