@@ -1,6 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Files by name: ``package/relative/path`` in the share of an installed package, absolute paths, and files of the
-user."""
+user.
+
+An absolute path in the share directory of a package, as programs put it together, is the same as its name there.
+
+A name may come from another process. So it leads to nothing outside of the share directories and the
+directories that were allowed explicitly, not through ``..`` and not through a symbolic link. (A link inside of a
+share directory that leads out of it is followed only when it was put there by the installation of the package
+itself: colcon's ``--symlink-install`` links single files to their sources.)
+"""
 
 from __future__ import annotations
 
@@ -19,15 +27,6 @@ from ament_index_python.packages import (
 from flexbt_core.values.text import did_you_mean, truncate_middle
 
 from .errors import ResourceError
-
-# Files by name: ``package/relative/path`` in the share directory of an installed package, or an absolute path.
-#
-# An absolute path in the share directory of a package, as programs put it together, is the same as its name there.
-#
-# A name may come from another process. So it leads to nothing outside of the share directories and the
-# directories that were allowed explicitly, not through ``..`` and not through a symbolic link. (A link inside of a
-# share directory that leads out of it is followed only when it was put there by the installation of the package
-# itself: colcon's ``--symlink-install`` links single files to their sources.)
 
 MAX_NAME: Final = 4096
 """Longest name of a file, characters: PATH_MAX of Linux."""

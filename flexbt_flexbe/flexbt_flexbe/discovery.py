@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's behaviors in the installed packages, found as FlexBE finds them, with the parameters their code declares."""
+"""FlexBE's behaviors in the installed packages, found as FlexBE finds them, with the parameters their code declares.
+
+A package takes part by ``<flexbe_behaviors/>`` in the exports of its package.xml; its manifests are all ``*.xml``
+below ``lib/PACKAGE/manifest``, apart from those whose name begins with ``#``.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +31,6 @@ from . import shim
 from .errors import FlexbeManifestError
 from .hosted_behavior import HostedBehavior, load_class
 from .manifest import FlexbeManifest, read_manifest
-
-# FlexBE's behaviors in the installed packages, found as FlexBE finds them.
-#
-# A package takes part by ``<flexbe_behaviors/>`` in the exports of its package.xml; its manifests are all ``*.xml``
-# below ``lib/PACKAGE/manifest``, apart from those whose name begins with ``#``.
 
 EXPORT = 'flexbe_behaviors'
 _ROS_1: Final = frozenset(('actionlib', 'moveit_commander', 'roslib', 'rospy', 'rosservice', 'rostopic', 'tf'))

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The managed node ``bt_server``: loads behavior trees and runs them. Files are read on a thread of their own."""
+"""The managed node ``bt_server``: loads behavior trees and runs them. Files are read on a thread of their own.
+
+Actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (see their definitions in flexbt_msgs),
+topics ``tree_structure`` and ``tree_status``, service ``control_tree``.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +41,6 @@ from flexbt_server.trees.tree_store import FoundTree, TreeStore
 from .errors import BtServerError, ServerParameterError, UnknownTreeError
 from .node_types import node_registry
 from .parameters import ServerParameters, declare_parameters
-
-# The managed node ``bt_server``: loads behavior trees and runs them.
-#
-# Actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (see their definitions in flexbt_msgs),
-# topics ``tree_structure`` and ``tree_status``, service ``control_tree``.
 
 _END_SECONDS = 1.1
 """How long the end of the process waits for running trees to come to rest, s."""

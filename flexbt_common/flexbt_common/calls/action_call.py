@@ -1,5 +1,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One goal sent to an action server, with deadlines and exactly one outcome, and the shared connections to servers."""
+"""One goal sent to an action server, with deadlines and exactly one outcome, and the shared connections to servers.
+
+rclpy alone leaves a caller waiting for ever when no server is there, when the server dies, when an answer gets lost
+in an outage, or when a goal is canceled before it is accepted. Here every one of these ends with an outcome in
+bounded time, and no goal is left running without an owner:
+
+- A goal is sent when the server is there, and given up when it does not appear.
+- The acceptance counts as well when only the server's list of goals tells it: the answer to the first goal after
+  start-up gets lost when the server does not know this client yet.
+- A cancel before the acceptance is sent on acceptance; an acceptance after the deadline is canceled as well.
+- From the moment that the goal is sent, its server is watched. The goal is lost when the liveliness token of the
+  server's node says that its process has ended, was replaced, or is late for too long (:mod:`.links`). Of a server
+  without a token, the graph says whether it is there: when it is gone longer than an outage may last, the goal is
+  lost; when it is back, the result is asked for again, and a server that does not know the goal any more answers with
+  status 0: lost as well.
+- A server whose node hangs has not lost the goal: it may go on with it at any time. It is waited for while the node
+  is late, and is sent a cancel when it is late for too long. Where the goal was canceled without a timeout it is
+  waited for until its process is known to have ended, because who cancels so relies on the end.
+- A goal that was canceled without a timeout before the server has answered is lost, too, when the server twice does
+  not know it: its request, or the server that got it, was lost.
+- Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
+  goal, whose result may be on its way still.
+"""
 
 from __future__ import annotations
 
@@ -25,29 +47,6 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.clock.clock import Timer
 
 from .links import WATCH_SECONDS, ServerLink, ServerLinks, ServerNodes, Servers
-
-# One goal sent to an action server, from the search for the server to exactly one outcome, whatever happens.
-#
-# rclpy alone leaves a caller waiting for ever when no server is there, when the server dies, when an answer gets lost
-# in an outage, or when a goal is canceled before it is accepted. Here every one of these ends with an outcome in
-# bounded time, and no goal is left running without an owner:
-#
-# - A goal is sent when the server is there, and given up when it does not appear.
-# - The acceptance counts as well when only the server's list of goals tells it: the answer to the first goal after
-#   start-up gets lost when the server does not know this client yet.
-# - A cancel before the acceptance is sent on acceptance; an acceptance after the deadline is canceled as well.
-# - From the moment that the goal is sent, its server is watched. The goal is lost when the liveliness token of the
-#   server's node says that its process has ended, was replaced, or is late for too long (:mod:`.links`). Of a server
-#   without a token, the graph says whether it is there: when it is gone longer than an outage may last, the goal is
-#   lost; when it is back, the result is asked for again, and a server that does not know the goal any more answers with
-#   status 0: lost as well.
-# - A server whose node hangs has not lost the goal: it may go on with it at any time. It is waited for while the node
-#   is late, and is sent a cancel when it is late for too long. Where the goal was canceled without a timeout it is
-#   waited for until its process is known to have ended, because who cancels so relies on the end.
-# - A goal that was canceled without a timeout before the server has answered is lost, too, when the server twice does
-#   not know it: its request, or the server that got it, was lost.
-# - Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
-#   goal, whose result may be on its way still.
 
 _APPEAR_PERIOD: Final = 0.05
 _ANSWER_LATE: Final = 0.1

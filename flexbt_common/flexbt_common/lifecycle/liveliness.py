@@ -1,5 +1,30 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Liveliness of nodes: a token that a node holds while it works, and a watch that notices its loss within a second."""
+"""Liveliness of nodes: a token that a node holds while it works, and a watch that notices its loss within a second.
+
+A node holds a token: a publisher on ``<name>/alive``, which it asserts some times a second, as long as all its
+threads answer (see :class:`Health`). The middleware of a watcher takes the assertions, without waking Python, and
+tells when they stop: at once when the node ends in order, after the lease when the process is killed, or when a part
+of it hangs. (A participant's own lease, on which the action clients' ``server_is_ready`` depends, is seconds.)
+
+A watcher knows three stages:
+
+- *alive*;
+- *late*: nothing was heard of it for the lease, or it says itself that a part of it does not answer. It hangs, or its
+  computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again. A node that
+  the middleware has found and that has said nothing is late, too: it can send goals before its token is heard (0.5 s
+  were measured), and may be stopped or killed meanwhile;
+- *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back,
+  another process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by
+  its being late for longer than a time that the watcher sets. A process whose place was taken, and that is heard
+  again, has a namesake: nobody knows which of the two answers, so the node is late as long as both are heard.
+
+Alive is not ready: a process lives for seconds before the last of its actions and services exists. The message on the
+token's topic says whether the node is ready, and whoever comes later gets it too. A node that has said nothing is
+not.
+
+The token is asserted by hand, because that is between itself and its watchers. What DDS asserts automatically goes to
+every process of the domain: among 12 robots it was half of what an idle executive had to do, and it grows with each.
+"""
 
 from __future__ import annotations
 
@@ -36,33 +61,6 @@ from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_common.values.limits import check_limits
 from flexbt_core.clock.clock import Timer
 from flexbt_core.values.text import one_line, sanitize_for_message
-
-# Whether another node is alive, known within a fraction of a second, at no cost to those who watch; and whether it is
-# ready.
-#
-# A node holds a token: a publisher on ``<name>/alive``, which it asserts some times a second, as long as all its
-# threads answer (see :class:`Health`). The middleware of a watcher takes the assertions, without waking Python, and
-# tells when they stop: at once when the node ends in order, after the lease when the process is killed, or when a part
-# of it hangs. (A participant's own lease, on which the action clients' ``server_is_ready`` depends, is seconds.)
-#
-# A watcher knows three stages:
-#
-# - *alive*;
-# - *late*: nothing was heard of it for the lease, or it says itself that a part of it does not answer. It hangs, or its
-#   computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again. A node that
-#   the middleware has found and that has said nothing is late, too: it can send goals before its token is heard (0.5 s
-#   were measured), and may be stopped or killed meanwhile;
-# - *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back,
-#   another process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by
-#   its being late for longer than a time that the watcher sets. A process whose place was taken, and that is heard
-#   again, has a namesake: nobody knows which of the two answers, so the node is late as long as both are heard.
-#
-# Alive is not ready: a process lives for seconds before the last of its actions and services exists. The message on the
-# token's topic says whether the node is ready, and whoever comes later gets it too. A node that has said nothing is
-# not.
-#
-# The token is asserted by hand, because that is between itself and its watchers. What DDS asserts automatically goes to
-# every process of the domain: among 12 robots it was half of what an idle executive had to do, and it grows with each.
 
 LEASE_SECONDS: Final = 0.5
 """A watcher notices after this time that the token is not asserted any more."""

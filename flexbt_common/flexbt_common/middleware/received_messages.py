@@ -1,6 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Subscriptions to what any participant may send: bounded, with the identity of the writer, or only the latest
-message."""
+message.
+
+rclpy unpacks every message, whatever its size, takes one in a turn of the executor, and does not say who has written
+it (7.1 leaves the identifier of the publisher out of its message info, which rcl has). A flood from one writer so
+drives what others have written out of the queue, and costs as much as what is worth something. Here all that is there
+is taken at once, as bytes, by rcl's own function; what is too large is never unpacked, and the receiver can tell the
+writers from each other before it unpacks anything.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +32,6 @@ from flexbt_common.values.limits import MESSAGE
 
 from .fastdds import ignore_participant, loaded_function
 from .rclpy_private import EXECUTOR, is_usable
-
-# A subscription for what comes from anybody: bounded, and with the identity of who has written each message.
-#
-# rclpy unpacks every message, whatever its size, takes one in a turn of the executor, and does not say who has written
-# it (7.1 leaves the identifier of the publisher out of its message info, which rcl has). A flood from one writer so
-# drives what others have written out of the queue, and costs as much as what is worth something. Here all that is there
-# is taken at once, as bytes, by rcl's own function; what is too large is never unpacked, and the receiver can tell the
-# writers from each other before it unpacks anything.
 
 COMPLAINT_SECONDS: Final = 5.0
 """From one line of the log about messages that cannot be used to the next, s: they may come at any rate."""

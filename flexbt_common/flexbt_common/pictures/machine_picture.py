@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A state machine as a graph of boxes, and as a picture in Graphviz's language or in Mermaid's."""
+"""A state machine as a graph of boxes, and as a picture in Graphviz's language or in Mermaid's.
+
+A container has an entry and an end for each outcome, so that each transition leads from one point to another: from a
+state, or an end of a container, to a state, or the entry of a container, or an end of the container around it.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +13,6 @@ from typing import Final
 
 from .markup import DOT_HEAD, LINE_STYLES, MARK_STYLES, MERMAID_HEAD, dot_text, mermaid_text
 from .tree_picture import DrawnNode, dot_tree, mermaid_tree
-
-# A state machine as a graph: boxes in boxes for its containers, and the trees that its states run.
-#
-# A container has an entry and an end for each outcome, so that each transition leads from one point to another: from a
-# state, or an end of a container, to a state, or the entry of a container, or an end of the container around it.
 
 AUTONOMY_NAMES = ('Off', 'Low', 'High', 'Full')
 

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The types of values that cross a process boundary, and their form as plain data and as text."""
+"""The types of values that cross a process boundary, and their form as plain data and as text.
+
+A type name is ``package/msg/Name`` of an installed message (``package/Name`` for short), one of the primitives
+of the ROS interface language, or either with ``[]`` appended for an array of it.
+
+Only interfaces that the ament index lists are ever imported: a name that arrives in a message selects among
+what is installed, and can name nothing else.
+"""
 
 from __future__ import annotations
 
@@ -34,14 +41,6 @@ from flexbt_common.errors import UnknownTypeError
 from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_core.values.yaml_data import YamlError, load_yaml
-
-# The types that a value may have when it crosses a process boundary, and how their names are resolved.
-#
-# A type name is ``package/msg/Name`` of an installed message (``package/Name`` for short), one of the primitives
-# of the ROS interface language, or either with ``[]`` appended for an array of it.
-#
-# Only interfaces that the ament index lists are ever imported: a name that arrives in a message selects among
-# what is installed, and can name nothing else.
 
 PRIMITIVES: Final[dict[str, Any]] = {
     'bool': BasicType('boolean'),

@@ -3,6 +3,9 @@
 
 They follow the messages of flexbt_msgs field by field. Only ``flexbt_console.link.messages`` converts between
 the two.
+
+They follow the messages of flexbt_msgs field by field; :mod:`flexbt_console.link.messages` is the one place where
+messages become records. Times are seconds on the executive's clock unless said otherwise.
 """
 
 from __future__ import annotations
@@ -15,12 +18,6 @@ from itertools import compress, pairwise
 from typing import Final
 
 from flexbt_core.values.text import one_line
-
-# What the operator's side knows of an executive, as plain immutable records.
-#
-# They follow the messages of flexbt_msgs field by field; :mod:`flexbt_console.link.messages` is the one place where
-# messages become records. Times are seconds on the executive's clock unless said otherwise.
-
 
 class ExecutiveState(IntEnum):
     """ExecutiveStatus.state."""

@@ -2,6 +2,8 @@
 """The map with plan, driven path, scan, places, goal and robot: in the cells of a terminal, and as an image.
 
 Only the image needs Pillow, which is imported when one is made.
+
+A cell has 2 x 4 dots of braille, which are square where a cell is twice as high as wide.
 """
 
 from __future__ import annotations
@@ -26,10 +28,6 @@ from .style import Glyphs, glyphs
 if TYPE_CHECKING:
     from PIL.Image import Image
     from PIL.ImageDraw import ImageDraw
-
-# The map in the cells of a terminal: walls, what the lidar meets, plan, driven path, places, goal, and the robot.
-#
-# A cell has 2 x 4 dots of braille, which are square where a cell is twice as high as wide.
 
 _DOTS: Final = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of a braille character by row and column of the dot (Unicode, Braille Patterns)."""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Clocks and their timers: time is an object that is passed in, so that a test can own it."""
+"""Clocks and their timers: time is an object that is passed in, so that a test can own it.
+
+A clock tells the time in seconds and calls back at a given time. Nothing here knows ROS; the clock of a ROS
+node (simulated time included) is in ``ros_clock``.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +15,6 @@ import threading
 import time
 from collections.abc import Callable
 from typing import Final, Protocol
-
-# Clocks of the pure cores: time is an object that is handed in, so that a test can own it.
-#
-# A clock tells the time in seconds and calls back at a given time. Nothing here knows ROS; the clock of a ROS
-# node (simulated time included) is in ``ros_clock``.
 
 _logger = logging.getLogger(__name__)
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""JSON and numbers from untrusted sources, with bounds."""
+"""JSON and numbers from untrusted sources, with bounds.
+
+Python's parser calls itself for each level and stops at the recursion limit. That limit is one for the whole process,
+and is raised by whoever runs deep trees; then a text of brackets would end the process.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,6 @@ import json
 import math
 import re
 from typing import Any, Final
-
-# JSON from others, whose nesting must not use up the stack.
-#
-# Python's parser calls itself for each level and stops at the recursion limit. That limit is one for the whole process,
-# and is raised by whoever runs deep trees; then a text of brackets would end the process.
 
 MAX_JSON_DEPTH: Final = 500
 """Levels of objects and lists in each other that are read at most."""

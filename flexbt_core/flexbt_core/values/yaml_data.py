@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""YAML from untrusted sources: loaded with bounds, and read part by part, each problem with its line."""
+"""YAML from untrusted sources: loaded with bounds, and read part by part, each problem with its line.
+
+PyYAML's composer calls itself for each level, an alias repeats what may be any amount of data, and numbers in base 60
+take the square of their length. All of it is bounded here, while the text is read.
+
+The text is scanned by libyaml, where PyYAML is built with it: PyYAML's own scanner takes 1 to 3 s for 100 kB, in
+which a node hears nothing. Its errors say more, so a short text that libyaml refuses is scanned once more by it.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +16,6 @@ from typing import Any, Final
 import yaml
 
 from .text import did_you_mean, short_repr
-
-# YAML from others, which must cost no more than its length suggests.
-#
-# PyYAML's composer calls itself for each level, an alias repeats what may be any amount of data, and numbers in base 60
-# take the square of their length. All of it is bounded here, while the text is read.
-#
-# The text is scanned by libyaml, where PyYAML is built with it: PyYAML's own scanner takes 1 to 3 s for 100 kB, in
-# which a node hears nothing. Its errors say more, so a short text that libyaml refuses is scanned once more by it.
 
 MAX_YAML_DEPTH: Final = 100
 """Levels of mappings and lists in each other that are read at most."""

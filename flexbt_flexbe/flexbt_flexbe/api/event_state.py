@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's EventState and containers: the engine's, with the names that FlexBE's states and behaviors use."""
+"""FlexBE's EventState and containers: the engine's, with the names that FlexBE's states and behaviors use.
+
+FlexBE keeps its node in class attributes, so that a process can have one. Here the same attributes are looked up when
+they are read, in the run on whose thread that happens.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +17,6 @@ from flexbt_core.state_machine.model.userdata import StateError
 from flexbt_onboard.behaviors.run_context import current_run
 
 from .topic_proxies import ProxyPublisher, ProxySubscriberCached, lacks_of
-
-# What FlexBE's classes know of ROS: the node of the run, under FlexBE's names.
-#
-# FlexBE keeps its node in class attributes, so that a process can have one. Here the same attributes are looked up when
-# they are read, in the run on whose thread that happens.
-
 
 class _RunNode:
     """A class attribute that is the node of the current run: ``self._node`` and ``MyState._node``."""

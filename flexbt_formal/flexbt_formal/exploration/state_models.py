@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Models of the states of a machine, and which of its children are interchangeable."""
+"""Models of the states of a machine, and which of its children are interchangeable.
+
+A state is active until the environment gives its outcome; one that is left before has something to end (a goal, a
+service call), until the environment confirms that. What is computed at once is answered at once. An operator's
+decision is asked as the real one asks it.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +25,6 @@ from flexbt_core.state_machine.model.event_state import EventState, ExitReason, 
 from flexbt_core.state_machine.model.userdata import UserData
 
 from .model import EnvironmentChoices
-
-# What stands for the states of a machine in an exploration: they do whatever the real ones may do.
-#
-# A state is active until the environment gives its outcome; one that is left before has something to end (a goal, a
-# service call), until the environment confirms that. What is computed at once is answered at once. An operator's
-# decision is asked as the real one asks it.
-
 
 class StateModelKind(Enum):
     """What stands for a state. REAL: the state itself, which has to be free of ROS and quick to copy."""

@@ -1,5 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Missions in YAML, as planning problems in terms of skills, and the measurement of where they begin."""
+"""Missions in YAML, as planning problems in terms of skills, and the measurement of where they begin.
+
+skills: [cup_skills.yaml]               # beside this file; the manifests of the leaves and the objects
+start: [at(office), cup_at(kitchen)]    # what is not named does not hold
+goal: cup_at(office) & not holding
+disturbances:                           # each: what somebody else may bring about
+  - [not open(door)]
+robots: {red: [GoTo, Grasp], blue: [GoTo]}    # where there are several: what each can do
+"""
 
 from __future__ import annotations
 
@@ -21,16 +29,6 @@ from flexbt_core.values.yaml_data import YamlParts, line_of
 
 from .goal import parse_goal
 from .problem import Action, Leaf, PlanningError, PlanningProblem
-
-# A mission as YAML: where it begins, what is to be reached, what others may do, and where the manifests are. ::
-#
-# skills: [cup_skills.yaml]               # beside this file; the manifests of the leaves and the objects
-# start: [at(office), cup_at(kitchen)]    # what is not named does not hold
-# goal: cup_at(office) & not holding
-# disturbances:                           # each: what somebody else may bring about
-#   - [not open(door)]
-# robots: {red: [GoTo, Grasp], blue: [GoTo]}    # where there are several: what each can do
-
 
 @dataclass(frozen=True, slots=True)
 class Mission:

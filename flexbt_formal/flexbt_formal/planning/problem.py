@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Planning problems: actions and conditions as bit sets, where a plan begins, its goal, and the scenes of BTPG."""
+"""Planning problems: actions and conditions as bit sets, where a plan begins, its goal, and the scenes of BTPG.
+
+A *literal* is a text such as ``on(cup, table)``, true or false in a state. A state is the set of literals that are
+true; a condition is a set of literals, and holds where all of them are true. An action may run where what it needs
+holds, and makes the state ``(state - deletes) | adds``.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +17,6 @@ from typing import Final
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import did_you_mean, short_repr
-
-# What a planner plans with: actions over literals (STRIPS), and the same as bit sets.
-#
-# A *literal* is a text such as ``on(cup, table)``, true or false in a state. A state is the set of literals that are
-# true; a condition is a set of literals, and holds where all of them are true. An action may run where what it needs
-# holds, and makes the state ``(state - deletes) | adds``.
 
 Condition = frozenset[str]
 """Literals that are true at once."""

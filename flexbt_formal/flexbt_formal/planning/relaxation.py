@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The delete relaxation: exclusive literals, reachability, landmarks, and the lower bound LM-cut."""
+"""The delete relaxation: exclusive literals, reachability, landmarks, and the lower bound LM-cut.
+
+A set is found from a literal: whoever makes one of the set true has to make the others false, or takes the place of
+one that it needed and made false; what is lacking for that joins the set (invariants as in Helmert, *Concise
+finite-domain representations for PDDL planning tasks*, 2009, here on grounded actions). Not all such sets are found:
+what is told is true, and what is not told may be true.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +17,6 @@ from itertools import islice
 from typing import Final, NamedTuple
 
 from .problem import Domain, bits
-
-# Literals of which at most one is true at a time: where the robot is, what a hand holds, open or closed.
-#
-# A set is found from a literal: whoever makes one of the set true has to make the others false, or takes the place of
-# one that it needed and made false; what is lacking for that joins the set (invariants as in Helmert, *Concise
-# finite-domain representations for PDDL planning tasks*, 2009, here on grounded actions). Not all such sets are found:
-# what is told is true, and what is not told may be true.
 
 _MOST_PAIRS: Final = 4
 """That are tried for a literal."""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How the world prevents a goal: a play that nothing beats, and its text in the words of the capabilities."""
+"""How the world prevents a goal: a play that nothing beats, and its text in the words of the capabilities.
+
+Outside of the winning states the world has a move after which the system is still outside, whatever it answers. A
+play goes on for ever without the guarantee that starves, or ends where the system has no answer.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +17,6 @@ from flexbt_formal.synthesis.games.solver import Removal, Solution
 from flexbt_formal.synthesis.games.specification import Section
 
 from .translation import SynthesisProblem
-
-# How the world prevents it: a play against a strategy that nothing beats.
-#
-# Outside of the winning states the world has a move after which the system is still outside, whatever it answers. A
-# play goes on for ever without the guarantee that starves, or ends where the system has no answer.
 
 MAX_ANSWERS: Final = 30
 """Answers that are offered at most."""

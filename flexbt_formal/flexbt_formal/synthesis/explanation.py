@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Why there is no machine: the smallest conflict, in the words of the request."""
+"""Why there is no machine: the smallest conflict, in the words of the request.
+
+The questions are asked in this order, and the first answer counts: can it begin at all; could it succeed if the world
+helped; is there always something left to do; and only then: what does the world do to prevent the goal for ever.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +20,6 @@ from flexbt_formal.synthesis.games.specification import Section, Specification
 
 from .counter_play import CounterPlay, PlayStep, played
 from .translation import OBJECTIVE, ONE_ACTIVE, SynthesisProblem
-
-# Why there is no machine, in the words of who asked for one.
-#
-# The questions are asked in this order, and the first answer counts: can it begin at all; could it succeed if the world
-# helped; is there always something left to do; and only then: what does the world do to prevent the goal for ever.
 
 SEARCH_TIME: Final = 10.0
 """How long a smallest conflict is looked for, once a minimal one is known, s."""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From the strategy of a game to a machine: its states and transitions, the fewest of them, and its userdata."""
+"""From the strategy of a game to a machine: its states and transitions, the fewest of them, and its userdata.
+
+A node where nothing is active is passed; one where the machine has ended is that outcome. Where no outcome arrives a
+state goes on. What follows an outcome has to be told by it alone: a machine sees nothing else of the world.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +20,6 @@ from .errors import SynthesisError
 from .machine import MachinePart, MachineState, SynthesizedMachine
 from .request_files import FAILURE_OUTCOMES
 from .translation import SynthesisProblem
-
-# From the strategy of a game to a machine: states where a capability is active, transitions where an outcome arrives.
-#
-# A node where nothing is active is passed; one where the machine has ended is that outcome. Where no outcome arrives a
-# state goes on. What follows an outcome has to be told by it alone: a machine sees nothing else of the world.
 
 _LABEL: Final = '%s:%s'
 

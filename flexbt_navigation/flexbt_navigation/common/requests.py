@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map."""
+"""Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map.
+
+The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot
+turn or drive for ever.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +26,6 @@ from flexbt_sim.messages import pose_of
 from flexbt_sim.world.plane.geometry import FARTHEST, Pose
 
 from .parameters import RobotParameters
-
-# What a request has to satisfy before anything is done about it: known names, and numbers that are numbers.
-#
-# The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot
-# turn or drive for ever.
-
 
 def bounded(value: float, name: str, most: float) -> float:
     """``value`` as it is.

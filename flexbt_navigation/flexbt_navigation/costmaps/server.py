@@ -3,6 +3,8 @@
 
 Both are made of the map, what the lidar sees, and inflation. Nav2's topics show them, and its services clear them.
 The keepout filter finds the mask of areas to keep out of.
+
+Both are made of the map, what the lidar sees, and inflation. Nav2's topics show them, and its services clear them.
 """
 
 from __future__ import annotations
@@ -57,10 +59,6 @@ from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 from .costmap import LETHAL, CellBox, Costmap
 from .layers import LayeredCostmap, Observation, local_size
 from .parameters import CostmapParameters
-
-# The costmaps of the robot: the global one, on which plans are made, and the local one, on which it drives.
-#
-# Both are made of the map, what the lidar sees, and inflation. Nav2's topics show them, and its services clear them.
 
 GLOBAL, LOCAL = names.COSTMAPS
 PERIODS: Final = {GLOBAL: 1.0, LOCAL: 0.2}

@@ -3,6 +3,8 @@
 both with Nav2's names.
 
 battery_state reports that the robot is charged; detected_dock_pose where a dock is seen, when that is used.
+
+That the robot is charged is told by battery_state; where a dock is seen, when that is used, by detected_dock_pose.
 """
 
 from __future__ import annotations
@@ -43,10 +45,6 @@ from flexbt_sim.world.plane.geometry import Pose, wrap
 
 from .dock_database import Dock, DockType, load_docks
 from .motions import FARTHEST_STAGING, DockingLimits, DockMotion, DockState, Senses, StagingMotion, UndockMotion
-
-# The actions dock_robot and undock_robot, and the service that reads the database of docks anew.
-#
-# That the robot is charged is told by battery_state; where a dock is seen, when that is used, by detected_dock_pose.
 
 CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
 CHARGING_CURRENT: Final = 0.5

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviors that are data: state machines as YAML, and the directory where synthesized ones are kept."""
+"""Behaviors that are data: state machines as YAML, and the directory where synthesized ones are kept.
+
+A package makes its states known to such machines by an entry point in its ``setup.py``, which names a module::
+
+    entry_points={'flexbt.states': ['my_states = my_package.states']}
+"""
 
 from __future__ import annotations
 
@@ -21,13 +26,6 @@ from flexbt_onboard.errors import BehaviorError, BrokenBehaviorError
 
 from .behavior import Behavior, BehaviorManifest
 from .behavior_library import BehaviorEntry
-
-# Behaviors that are data: a state machine as YAML, of states that are installed. It holds no code, and names no
-# module.
-#
-# A package makes its states known to such machines by an entry point in its ``setup.py``, which names a module::
-#
-#     entry_points={'flexbt.states': ['my_states = my_package.states']}
 
 STATES_GROUP: Final = 'flexbt.states'
 """Entry point group under which packages list modules of states that machines in YAML may have."""

@@ -1,5 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who may command: any number of operators watch, one holds the authority, and a name belongs to one participant."""
+"""Who may command: any number of operators watch, one holds the authority, and a name belongs to one participant.
+
+- While nobody holds it, every operator may command.
+- Whoever claims it gets it when it is free, and is a requester otherwise, whom the holder sees.
+- The holder gives it back, or hands it over to somebody, or refuses a requester, who may ask again. What is given
+  back goes to the oldest requester.
+- It is lost when the holder was gone for a set time: no console of theirs, and no command. That goes on to the oldest
+  requester, too.
+- It goes only to a requester who is there. Whoever is gone for as long as a holder may be does not ask any more, and
+  only so many can ask at a time: who is there comes before who is not.
+- Stopping the robot needs no authority: anybody may do that at any time.
+
+Goals of the action ``execute_behavior`` come from programs, not from operators; they need no authority either.
+"""
 
 from __future__ import annotations
 
@@ -12,20 +25,6 @@ from flexbt_common.middleware.received_messages import UNKNOWN_WRITER
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.clock.clock import Timer
 from flexbt_onboard.errors import CommandRefusedError
-
-# Who may command: any number of operators watch, and at most one holds the authority.
-#
-# - While nobody holds it, every operator may command.
-# - Whoever claims it gets it when it is free, and is a requester otherwise, whom the holder sees.
-# - The holder gives it back, or hands it over to somebody, or refuses a requester, who may ask again. What is given
-#   back goes to the oldest requester.
-# - It is lost when the holder was gone for a set time: no console of theirs, and no command. That goes on to the oldest
-#   requester, too.
-# - It goes only to a requester who is there. Whoever is gone for as long as a holder may be does not ask any more, and
-#   only so many can ask at a time: who is there comes before who is not.
-# - Stopping the robot needs no authority: anybody may do that at any time.
-#
-# Goals of the action ``execute_behavior`` come from programs, not from operators; they need no authority either.
 
 REQUESTS: Final = 16
 """Operators who may ask for the authority at a time: every status names them."""

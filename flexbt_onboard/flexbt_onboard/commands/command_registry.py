@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of an operator: what each requires, when it is refused, and what it does."""
+"""The commands of an operator: what each requires, when it is refused, and what it does.
+
+A new command is a constant and its fields in flexbt_msgs/msg/ExecutiveCommand, and an entry in
+:data:`COMMANDS`.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +29,6 @@ from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 from .authority import Authority, OperatorNames
 from .input_requests import InputRequests
-
-# The commands of an operator: what each needs, and what is refused for the lack of it.
-#
-# A new command is a constant and its fields in flexbt_msgs/msg/ExecutiveCommand, and an entry in
-# :data:`COMMANDS`.
 
 LOGGED: Final = 1000
 """Characters of a value of a command that are in the event log."""

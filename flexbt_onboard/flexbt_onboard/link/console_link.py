@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executive's side of the operator link: topics to the consoles, and a bounded intake of commands from anybody."""
+"""The executive's side of the operator link: topics to the consoles, and a bounded intake of commands from anybody.
+
+Whoever joins late, and whoever has lost messages, has the whole picture with the next message: status, structure and
+behaviors are complete and latched.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +35,6 @@ from flexbt_msgs.msg import (
     PlaceList,
 )
 from flexbt_msgs.msg import Place as PlaceMessage
-
-# The executive's side of the operator link: topics to the consoles, and commands from them.
-#
-# Whoever joins late, and whoever has lost messages, has the whole picture with the next message: status, structure and
-# behaviors are complete and latched.
 
 PING_BYTES: Final = 1_000
 """Bytes of a ping, at most; a larger one is not echoed."""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Actions for programs: ``execute_behavior`` runs a behavior, ``get_userdata`` reads the userdata of the run."""
+"""Actions for programs: ``execute_behavior`` runs a behavior, ``get_userdata`` reads the userdata of the run.
+
+By it a behavior is a leaf of a behavior tree, or a state of another executive's behavior. Operators see and supervise
+such a run as any other.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +26,6 @@ from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.run_snapshot import RunEnd
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
-
-# Behaviors for programs: the action ``execute_behavior`` runs one, with parameters and inputs, and gives its outputs.
-#
-# By it a behavior is a leaf of a behavior tree, or a state of another executive's behavior. Operators see and supervise
-# such a run as any other.
 
 ExecuteBehaviorResult = ExecuteBehavior.Result
 

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The onboard behavior executive, with its diagnostics: runs one behavior at a time, under an operator's
-supervision."""
+supervision.
+
+It is put together here, and here only: each part gets what it needs, and none gets the whole. Everything happens on
+the executor thread, except where it says otherwise. A run has its own thread (:mod:`flexbt_onboard.runs`), so that
+the operator is answered whatever a behavior does.
+"""
 
 from __future__ import annotations
 
@@ -46,12 +51,6 @@ from .action_servers import BehaviorActionServer, UserdataServer
 from .executive_parameters import ExecutiveParameters
 from .synthesis_server import SynthesisServer, serve_flexbe
 from .synthesizer import SearchSettings, Synthesizer
-
-# The onboard behavior executive: runs one behavior at a time, under an operator's supervision.
-#
-# It is put together here, and here only: each part gets what it needs, and none gets the whole. Everything happens on
-# the executor thread, except where it says otherwise. A run has its own thread (:mod:`flexbt_onboard.runs`), so that
-# the operator is answered whatever a behavior does.
 
 JOURNAL_SECONDS: Final = 0.3
 """How long the last status waits for the journal."""

@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The journal and its line format: what the executive must know after a crash, on disk before others learn of it."""
+"""The journal and its line format: what the executive must know after a crash, on disk before others learn of it.
+
+The file ``<node>.journal`` holds lines that are only appended (:mod:`.journal_format`). It is written anew, beside
+the old one and then in its place, when it has grown, when it was moved or removed, and after the disk has failed. Of
+what a crash has cut off at the end the whole lines count. A file that is corrupt in another way is kept aside, as
+``<node>.<time>.corrupt``, and what can be read of it counts.
+
+A thread of its own writes, so that a disk that takes its time, or hangs, holds up nobody but those who wait for what
+they have written to be durable (:meth:`Journal.when_durable`).
+"""
 
 from __future__ import annotations
 
@@ -24,16 +33,6 @@ from flexbt_core.values.text import short_repr
 from flexbt_core.values.text_files import open_private
 from flexbt_msgs.msg import CommandResult
 from flexbt_onboard.errors import OnboardError
-
-# The journal: what the executive has to know after a crash, on the disk before anybody is told of it.
-#
-# The file ``<node>.journal`` holds lines that are only appended (:mod:`.journal_format`). It is written anew, beside
-# the old one and then in its place, when it has grown, when it was moved or removed, and after the disk has failed. Of
-# what a crash has cut off at the end the whole lines count. A file that is corrupt in another way is kept aside, as
-# ``<node>.<time>.corrupt``, and what can be read of it counts.
-#
-# A thread of its own writes, so that a disk that takes its time, or hangs, holds up nobody but those who wait for what
-# they have written to be durable (:meth:`Journal.when_durable`).
 
 REMEMBERED_COMMANDS: Final = 4096
 """Commands that are remembered, so that a resend after a restart is not applied again."""

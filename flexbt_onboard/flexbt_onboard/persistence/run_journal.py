@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The journal of an executive's runs: what is written of a run, in which form, and what is read after a crash."""
+"""The journal of an executive's runs: what is written of a run, in which form, and what is read after a crash.
+
+A run that an operator has started goes on after a crash, when an operator wants it to. One that a program has started
+does not: nobody waits for its result any more.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +29,6 @@ from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.errors import CommandRefusedError
 
 from .journal import Journal, JournaledResult, await_closed
-
-# The journal of an executive's runs: what is written of a run, and what is made of it after a crash.
-#
-# A run that an operator has started goes on after a crash, when an operator wants it to. One that a program has started
-# does not: nobody waits for its result any more.
 
 REASON_LENGTH: Final = 2000
 """Characters of the reason of a refusal; the middle of a longer one is left out."""

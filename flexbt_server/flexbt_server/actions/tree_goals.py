@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The goals a server works on: each becomes the run of a tree, or takes over the run of the same tree."""
+"""The goals a server works on: each becomes the run of a tree, or takes over the run of the same tree.
+
+All of this happens on the executor thread; runs and file reading have threads of their own and report back.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +38,6 @@ from flexbt_server.trees.blackboards import Blackboards, Value
 from flexbt_server.trees.tree_store import FoundTree, TreeStore
 
 from .goal_owners import GoalOwners
-
-# The goals that a server works on: each becomes the run of a tree, or takes over the run of the same tree.
-#
-# All of this happens on the executor thread; runs and file reading have threads of their own and report back.
 
 ExecuteResult = BtExecute.Result
 

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Log files for Groot2 (``.btlog``), written without loss and read, and the buffers that logs are read from."""
+"""Log files for Groot2 (``.btlog``), written without loss and read, and the buffers that logs are read from.
+
+A file is: ``BTCPP4-FileLogger2``; one byte, 1; the length of the XML of the tree, 4 bytes; that XML; the time of the
+beginning since the epoch in µs, 8 bytes; and for each transition 9 bytes, as in a recording (:mod:`.protocol`).
+Source: FileLogger2 of BehaviorTree.CPP 4.10, which loses transitions at the end of a run.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +23,6 @@ from flexbt_core.values.text_files import open_private, open_regular
 
 from . import protocol
 from .protocol import tree_document
-
-# Log files that Groot2 opens (``.btlog``): written without loss, and read.
-#
-# A file is: ``BTCPP4-FileLogger2``; one byte, 1; the length of the XML of the tree, 4 bytes; that XML; the time of the
-# beginning since the epoch in µs, 8 bytes; and for each transition 9 bytes, as in a recording (:mod:`.protocol`).
-# Source: FileLogger2 of BehaviorTree.CPP 4.10, which loses transitions at the end of a run.
 
 SUFFIX: Final = '.btlog'
 _MAGIC: Final = b'BTCPP4-FileLogger2'

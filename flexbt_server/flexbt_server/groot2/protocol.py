@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a running tree sends to Groot2: frames of ZeroMQ, and the XML that describes the tree."""
+"""What a running tree sends to Groot2: frames of ZeroMQ, and the XML that describes the tree.
+
+The client asks (REQ), the server answers (REP); each message begins with a header. On the port that follows, the
+server tells of breakpoints that were reached (PUB). Source: groot2_protocol.h of BehaviorTree.CPP 4.10.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +20,6 @@ from flexbt_core.behavior_tree.model.definition import NodeDefinition, NodeManif
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.values.text import xml_attribute, xml_text
-
-# The messages between Groot2 and a running tree: frames of ZeroMQ, little endian.
-#
-# The client asks (REQ), the server answers (REP); each message begins with a header. On the port that follows, the
-# server tells of breakpoints that were reached (PUB). Source: groot2_protocol.h of BehaviorTree.CPP 4.10.
 
 PROTOCOL: Final = 2
 DEFAULT_PORT: Final = 1667

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The activation of ``bt_navigator``, which ends when the servers are there that its default trees call."""
+"""The activation of ``bt_navigator``, which ends when the servers are there that its default trees call.
+
+In Nav2 the lifecycle manager brings planner and controller up before bt_navigator, and the nodes of the default tree
+wait for their servers. As there, it does not matter later whether they are still there: goals tell.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +19,6 @@ from flexbt_core.clock.clock import Timer
 from flexbt_server.leaves.action_leaf import ActionLeaf
 from flexbt_server.leaves.service_leaf import ServiceNode
 from flexbt_server.leaves.topic_cache import SubscribedTopic, SubscribesToTopics
-
-# The activation of bt_navigator, which is over when the servers are there that its default trees call.
-#
-# In Nav2 the lifecycle manager brings planner and controller up before bt_navigator, and the nodes of the default tree
-# wait for their servers. As there, it does not matter later whether they are still there: goals tell.
 
 ACTIVATION_SECONDS: Final = 60.0
 """How long the servers are waited for, s of wall time. What is not there then may never come: goals tell."""

@@ -1,5 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The navigators, which Nav2's clients find as the node ``bt_navigator``: actions whose goals become runs of trees."""
+"""The navigators, which Nav2's clients find as the node ``bt_navigator``: actions whose goals become runs of trees.
+
+One navigator at a time drives the robot. A goal that comes while it drives
+
+- takes the run over when it is for the same navigator and the same tree: the tree is neither halted nor begun again,
+  and finds another goal on its blackboard;
+- is aborted otherwise, with the reason, and the robot drives on; but when all that is in its way was told to stop, it
+  waits until that is over.
+
+Goals begin in the order in which they were accepted.
+"""
 
 from __future__ import annotations
 
@@ -37,17 +47,6 @@ from flexbt_server.trees.tree_store import FoundTree
 from .activation import Activation, called_servers
 from .parameters import NavigatorParameters
 from .waypoint_follower import InputAtWaypoint, WaitAtWaypoint, WaypointFollower, WaypointTask
-
-# The navigators of a server: what Nav2's clients find as the node ``bt_navigator``, and the topic ``goal_pose``.
-#
-# One navigator at a time drives the robot. A goal that comes while it drives
-#
-# - takes the run over when it is for the same navigator and the same tree: the tree is neither halted nor begun again,
-#   and finds another goal on its blackboard;
-# - is aborted otherwise, with the reason, and the robot drives on; but when all that is in its way was told to stop, it
-#   waits until that is over.
-#
-# Goals begin in the order in which they were accepted.
 
 ExecuteResult = BtExecute.Result
 

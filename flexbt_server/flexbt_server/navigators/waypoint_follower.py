@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The action ``follow_waypoints``: poses in turn, each a goal of ``navigate_to_pose``, and the task at each
-waypoint."""
+waypoint.
+
+A newer goal takes over: the robot drives on to its first waypoint without a stop. At each waypoint the robot may do
+something (Nav2's waypoint task executors, :mod:`.waypoint_tasks`).
+"""
 
 from __future__ import annotations
 
@@ -21,11 +25,6 @@ from flexbt_core.clock.clock import Timer
 from flexbt_server.nav2.branches import missed
 
 from .parameters import InputParameters
-
-# The action ``follow_waypoints``: poses one after the other, each a goal of ``navigate_to_pose``.
-#
-# A newer goal takes over: the robot drives on to its first waypoint without a stop. At each waypoint the robot may do
-# something (Nav2's waypoint task executors, :mod:`.waypoint_tasks`).
 
 FollowWaypointsResult = FollowWaypoints.Result
 

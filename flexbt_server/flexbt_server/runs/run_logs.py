@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Watchers of runs: log files for Groot2 (``.btlog``), Nav2's topic ``behavior_tree_log``, and live views in Groot2."""
+"""Watchers of runs: log files for Groot2 (``.btlog``), Nav2's topic ``behavior_tree_log``, and live views in Groot2.
+
+A file has the nodes with which it begins: a run that gets others goes on in another file.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +30,6 @@ from .run_watchers import RunWatch, TreeObserver
 if TYPE_CHECKING:
     from flexbt_server.groot2.server import Groot2Server
     from flexbt_server.groot2.watched_tree import WatchedTree
-
-# A log file (``.btlog``) of each run, in a directory of which the newest files are kept.
-#
-# A file has the nodes with which it begins: a run that gets others goes on in another file.
 
 _OURS: Final = re.compile(rf'\d{{8}}T\d{{6}}\.\d{{6}}Z_.*_[0-9a-f]{{8}}{re.escape(SUFFIX)}')
 _UNFIT: Final = re.compile(r'[^\w.-]')

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One run of a tree on its own thread, and its outcome. A leaf that blocks delays only its own tree."""
+"""One run of a tree on its own thread, and its outcome. A leaf that blocks delays only its own tree.
+
+The thread sleeps until a leaf wakes the tree, until a time that a node has asked for, or until the next tick that the
+least rate demands.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +34,6 @@ from flexbt_msgs.action import BtExecute
 from flexbt_server.trees.blackboards import NO_RECOVERIES, RECOVERIES_KEY, Value, write_all
 
 from .run_watchers import TreeObserver
-
-# One run of a tree, in a thread of its own: a leaf that blocks holds up its own tree and nothing else.
-#
-# The thread sleeps until a leaf wakes the tree, until a time that a node has asked for, or until the next tick that the
-# least rate demands.
 
 _GRACE: Final = 0.2
 """How much longer than its time to halt a run has to say itself what has not halted, s."""

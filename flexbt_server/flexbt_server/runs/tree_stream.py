@@ -1,6 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Publish the structure of each run and every change of a status, in order, encoded without an object for each
-change."""
+change.
+
+Nodes log marks while the tree is ticked. Between two ticks, at most each BATCH_SECONDS, or sooner when there are
+many, they are read and sent. Nothing is sent while nothing happens; the last transitions are sent before the result
+of the run. A message has at most MAX_CHANGES transitions, and the status of every node after them: a subscriber may
+join at any time, and whoever has lost messages, which the sequence number shows, has the whole picture again with the
+next.
+
+What waits to be sent is bounded: the thread that ticks the tree sends it itself, so that a tree which changes faster
+than messages can be made is slowed down. A slow subscriber slows nobody down; it loses messages.
+"""
 
 from __future__ import annotations
 
@@ -24,17 +34,6 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_core.clock.clock import Clock, Timer
 from flexbt_msgs import msg
-
-# Publishes what happens in running trees: the structure of each run, then every transition of a status, in order.
-#
-# Nodes log marks while the tree is ticked. Between two ticks, at most each BATCH_SECONDS, or sooner when there are
-# many, they are read and sent. Nothing is sent while nothing happens; the last transitions are sent before the result
-# of the run. A message has at most MAX_CHANGES transitions, and the status of every node after them: a subscriber may
-# join at any time, and whoever has lost messages, which the sequence number shows, has the whole picture again with the
-# next.
-#
-# What waits to be sent is bounded: the thread that ticks the tree sends it itself, so that a tree which changes faster
-# than messages can be made is slowed down. A slow subscriber slows nobody down; it loses messages.
 
 BATCH_SECONDS: Final = 0.05
 """Least time between two messages of a run, wall time, unless more than MAX_MARKS wait."""

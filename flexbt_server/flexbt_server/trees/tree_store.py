@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The store of loaded trees: a request is loaded as a whole or not at all. Changed files are noticed and read again."""
+"""The store of loaded trees: a request is loaded as a whole or not at all. Changed files are noticed and read again.
+
+Files are read on a worker thread of its own, one request after the other; the library that goals see is exchanged
+as a whole.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +27,6 @@ from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.errors import UnknownTreeError
 
 from .tree_memory import MOST_LOADED, TreeMemory, TreeSize, check_room, no_room, tree_size
-
-# The trees that the server has loaded: all of a request is taken, or nothing of it.
-#
-# Files are read on a worker thread of its own, one request after the other; the library that goals see is exchanged
-# as a whole.
 
 XML_TEXT: Final = '<xml>'
 """Name, in reports, of XML text that came with a goal."""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The services of simulation_interfaces for entities: spawn, delete, move and list them, by filters of their names."""
+"""The services of simulation_interfaces for entities: spawn, delete, move and list them, by filters of their names.
+
+An entity is described as in a world file: a mapping of one section with one entry, ``robots: {beta: {model:
+burger}}``. Each of its kinds is a tag, too.
+"""
 
 from __future__ import annotations
 
@@ -48,12 +52,6 @@ from flexbt_sim.world.robot import Robot
 from flexbt_sim.world.scenery import Entity, Zone
 
 from .services import SimulatorParts
-
-# What is in the world, by the standard services of simulators
-# (https://github.com/ros-simulation/simulation_interfaces).
-#
-# An entity is described as in a world file: a mapping of one section with one entry, ``robots: {beta: {model:
-# burger}}``. Each of its kinds is a tag, too.
 
 WORLD_FRAME: Final = 'world'
 """Frame of poses of which none is said, by the standard; here it is that of the map."""

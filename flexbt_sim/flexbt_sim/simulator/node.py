@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The node ``simulator``: steps a world in time, and has the topics of its robots and the standard services of
 simulators.
+
+Publishes /clock, and for each robot map, odom, pose, scan, tf, tf_static, amcl_pose, battery_state, bumper and
+robot_description; takes cmd_vel and initialpose. The robots of a world file are in namespaces of their names; as with
+Nav2, the topics of the transforms are there, too. The standard services of simulators (simulation_interfaces) are in
+the namespace of the node: add, move and remove what is in the world, pause, step and reset it.
 """
 
 from __future__ import annotations
@@ -42,14 +47,6 @@ from .parameters import SPEED_FACTOR, SimulatorParameters, declare_simulator_par
 from .robot_topics import Commands, Message, RobotTopics
 from .services import DoorServices, FaultService
 from .time_services import TimeServices
-
-# The node ``simulator``: a world with its robots, and the clock of everything that runs with it.
-#
-# Publishes /clock, and for each robot map, odom, pose, scan, tf, tf_static, amcl_pose, battery_state, bumper and
-# robot_description; takes cmd_vel and initialpose. The robots of a world file are in namespaces of their names; as with
-# Nav2, the topics of the transforms are there, too. The standard services of simulators (simulation_interfaces) are in
-# the namespace of the node: add, move and remove what is in the world, pause, step and reset it.
-
 
 class Simulator:
     """The simulator on a running node. The world moves on a thread of its own.

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random trees of scripted leaves by number: basic ones, with decisions and loops, and with scripts."""
+"""Random trees of scripted leaves by number: basic ones, with decisions and loops, and with scripts.
+
+The same seed always gives the same tree.
+
+Left out is what the library itself does not do the same way twice or in two of its versions (timers that fire, text
+that looks like a number on the ports of a sub-tree), and what this engine does differently on purpose.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +13,6 @@ import random
 from typing import Any
 
 from flexbt_core.values.text import xml_attribute
-
-# Random trees with scripted leaves (see ``scripted_nodes``), for the comparison with BehaviorTree.CPP.
-#
-# The same seed always gives the same tree.
-#
-# Left out is what the library itself does not do the same way twice or in two of its versions (timers that fire, text
-# that looks like a number on the ports of a sub-tree), and what this engine does differently on purpose.
 
 INTEGERS, REALS, TEXTS, BOOLEANS = ('a', 'b', 'c'), ('d', 'e'), ('s', 't'), ('k',)
 GROUPS = (INTEGERS, REALS, TEXTS, BOOLEANS)

@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bench for the state machine: scripted and counting states, and a host with a manual clock."""
+"""A bench for the state machine: scripted and counting states, and a host with a manual clock.
+
+As the executive does, the host steps the run after each wake-up and when it is due, and never otherwise: what is
+forgotten here hangs there.
+
+A trace is a list of callbacks in the order of their calls: ``on_enter``, with `` resumed`` when the run goes on
+there; ``on_exit`` with the name of the :class:`ExitReason`, as in ``on_exit PARENT_LEFT``; the others by their names
+alone. The common trace of a bench has the path of the state behind the name: ``on_exit /Outer/Inner OUTCOME``. Calls
+of ``halting`` and ``activity`` are not in it.
+"""
 
 from __future__ import annotations
 
@@ -21,16 +30,6 @@ from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import EventState, ExitReason
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_core.state_machine.model.userdata import UserData
-
-# A bench for the state machine: scripted states, and a host that runs a machine on a manual clock.
-#
-# As the executive does, the host steps the run after each wake-up and when it is due, and never otherwise: what is
-# forgotten here hangs there.
-#
-# A trace is a list of callbacks in the order of their calls: ``on_enter``, with `` resumed`` when the run goes on
-# there; ``on_exit`` with the name of the :class:`ExitReason`, as in ``on_exit PARENT_LEFT``; the others by their names
-# alone. The common trace of a bench has the path of the state behind the name: ``on_exit /Outer/Inner OUTCOME``. Calls
-# of ``halting`` and ``activity`` are not in it.
 
 Do = Callable[['Scripted', Any], Any]
 """What a callback of a scripted state does, with the state and its userdata (None where it gets none)."""

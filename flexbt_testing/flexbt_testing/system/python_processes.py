@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Processes of Python for tests, forked with their imports loaded, and the console in its line mode as one of them."""
+"""Processes of Python for tests, forked with their imports loaded, and the console in its line mode as one of them.
+
+Their command line is that of the interpreter: ``-c TEXT ...``, ``-m MODULE ...`` or ``FILE ...``; their standard
+input is empty. Each is a fork of a process that has imported what nodes share, and the modules ``preloaded``, where
+there are such (:data:`.fork_server.AVAILABLE`).
+"""
 
 from __future__ import annotations
 
@@ -18,12 +23,6 @@ from typing import Any, Final, TextIO
 
 from . import fork_server
 from .fork_server import ForkedProcess
-
-# Processes of Python that run a program of a test, without the time that it takes to load what the program imports.
-#
-# Their command line is that of the interpreter: ``-c TEXT ...``, ``-m MODULE ...`` or ``FILE ...``; their standard
-# input is empty. Each is a fork of a process that has imported what nodes share, and the modules ``preloaded``, where
-# there are such (:data:`.fork_server.AVAILABLE`).
 
 PROGRAM: Final = 'flexbt_testing.system.python_program'
 

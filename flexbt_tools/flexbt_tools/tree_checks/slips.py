@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likely slips: keys and texts that are mixed up, and leftovers of copies."""
+"""Likely slips: keys and texts that are mixed up, and leftovers of copies.
+
+An error code of a planner is a number, and so is one of a controller. The name of a planner is a text, and so is that
+of a controller. What sort of thing a port holds follows from its name, and from the leaf.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +19,6 @@ from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_tools.trees.key_usage import EntryUsage, NodePlace
 
 from .diagnostics import CROSSED, MISNAMED, TWICE, Diagnostic
-
-# Keys and texts that are mixed up: of the right type, and of the wrong sort.
-#
-# An error code of a planner is a number, and so is one of a controller. The name of a planner is a text, and so is that
-# of a controller. What sort of thing a port holds follows from its name, and from the leaf.
 
 _WRITERS_OF_CODES: Final[Mapping[str, tuple[str, ...]]] = {
     'WouldAPlannerRecoveryHelp': ('ComputePathToPose', 'ComputePathThroughPoses'),

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dialogs over the panes: a list of choices, the form of a behavior, a text, the list of robots. Escape leaves each."""
+"""Dialogs over the panes: a list of choices, the form of a behavior, a text, the list of robots. Escape leaves each.
+
+The keys that move or end one have priority, and its first field has the focus at once: so keys are dealt with in the
+order in which they were typed, however quickly, and none of them reaches what was there before or comes after.
+"""
 
 from __future__ import annotations
 
@@ -38,11 +42,6 @@ from .pane import TONES, Pane, styled
 
 if TYPE_CHECKING:
     from .textual_app import ImageWidget
-
-# What comes over the panes: a list to choose from, the form of a behavior, a text to read. Escape leaves each.
-#
-# The keys that move or end one have priority, and its first field has the focus at once: so keys are dealt with in the
-# order in which they were typed, however quickly, and none of them reaches what was there before or comes after.
 
 IMAGE_SECONDS: Final = 2.0
 """From one image of the map to the next: each is some ten kilobytes."""

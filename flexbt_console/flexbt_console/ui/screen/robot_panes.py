@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The panes of one robot: state machine, map and log."""
+"""The panes of one robot: state machine, map and log.
+
+The state machine of the run on the screen: every active path, time in each state, what each outcome leads to; and
+the trees that run.
+"""
 
 from __future__ import annotations
 
@@ -39,10 +43,6 @@ from flexbt_console.ui.keys import has_map
 from flexbt_core.values.text import one_line
 
 from .pane import drawn, styled
-
-# The state machine of the run on the screen: every active path, time in each state, what each outcome leads to; and
-# the trees that run.
-
 
 class _Rank(IntEnum):
     """What a line tells: where there is little room, the last ones are left out first."""

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Node classes in which a store of the status is not a call, also where it is logged."""
+"""Node classes in which a store of the status is not a call, also where it is logged.
+
+In the plain classes ``status`` is a property, which runs post-conditions and tells observers. A node for which it has
+nothing to do gets a class, derived from its own, in which ``status`` is the slot itself. In a tree that only writes a
+status log its methods are those of ``inlining``. Nothing else differs.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +21,6 @@ from flexbt_core.behavior_tree.engine.conditions import Conditions
 from flexbt_core.behavior_tree.engine.node import TreeNode, kept_by_class
 from flexbt_core.behavior_tree.engine.observers import PLACES, SHIFT, LogReader, StatusLog
 from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeKind, NodeStatus
-
-# Classes of nodes in which a store of the status is not a call.
-#
-# In the plain classes ``status`` is a property, which runs post-conditions and tells observers. A node for which it has
-# nothing to do gets a class, derived from its own, in which ``status`` is the slot itself. In a tree that only writes a
-# status log its methods are those of ``inlining``. Nothing else differs.
 
 Observers = Sequence[Callable[..., None]]
 

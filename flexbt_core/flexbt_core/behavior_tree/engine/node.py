@@ -1,5 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The base of all nodes: identity, status, ports, wake-ups and errors; how a parent ticks and halts a node."""
+"""The base of all nodes: identity, status, ports, wake-ups and errors; how a parent ticks and halts a node.
+
+A parent ticks a child through a callable that it fetched once, when the tree was built (``ticking.tick_function``).
+For most nodes that is :meth:`TreeNode.execute` itself, which *stores the status*; only what a node has of conditions
+and callbacks is wrapped around it. The rules that every ``execute`` keeps:
+
+* it stores the status that it returns, but never SKIPPED (so a node that was RUNNING stays so);
+* of the statuses of children it keeps what ``control`` and ``decorator`` say.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +26,6 @@ from flexbt_core.clock.clock import Clock
 from flexbt_core.values.text import short_repr
 
 from .context import Tick, TreeContext
-
-# The base of all nodes: identity, status, wake-ups, ports, errors.
-#
-# A parent ticks a child through a callable that it fetched once, when the tree was built (``ticking.tick_function``).
-# For most nodes that is :meth:`TreeNode.execute` itself, which *stores the status*; only what a node has of conditions
-# and callbacks is wrapped around it. The rules that every ``execute`` keeps:
-#
-# * it stores the status that it returns, but never SKIPPED (so a node that was RUNNING stays so);
-# * of the statuses of children it keeps what ``control`` and ``decorator`` say.
 
 StatusObserver = Callable[['TreeNode', NodeStatus, NodeStatus], None]
 """Hears of a change of a status: the node, the status before, and the one after. On the ticking thread, at once."""

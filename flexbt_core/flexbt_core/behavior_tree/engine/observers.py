@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observers of a tree: callbacks before and after a tick, and a log of status changes."""
+"""Observers of a tree: callbacks before and after a tick, and a log of status changes.
+
+A tree without callbacks pays nothing for them. With the first one, the parents of all nodes fetch other callables to
+tick their children by; with the last one gone they get the plain ones back. Each takes effect when the next tick of
+the tree begins; in between, a callback that is set or removed counts at once, also for the rest of a tick that
+another callback holds up::
+
+    tree.callbacks.set_pre_tick(node, lambda node: NodeStatus.SUCCESS)     # the node succeeds without being ticked
+    tree.callbacks.set_post_tick(node, lambda node, status: print(node.path, status) or status)
+"""
 
 from __future__ import annotations
 
@@ -13,16 +22,6 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCE
 
 from .context import Tick, TreeContext
 from .node import TreeNode
-
-# Pre- and post-tick callbacks of nodes, which may replace what their ticks give.
-#
-# A tree without callbacks pays nothing for them. With the first one, the parents of all nodes fetch other callables to
-# tick their children by; with the last one gone they get the plain ones back. Each takes effect when the next tick of
-# the tree begins; in between, a callback that is set or removed counts at once, also for the rest of a tick that
-# another callback holds up::
-#
-#     tree.callbacks.set_pre_tick(node, lambda node: NodeStatus.SUCCESS)     # the node succeeds without being ticked
-#     tree.callbacks.set_post_tick(node, lambda node, status: print(node.path, status) or status)
 
 PreTick = Callable[[TreeNode], NodeStatus]
 """Called after the pre-conditions of a node. SUCCESS or FAILURE replaces its tick; with anything else it is ticked."""

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Base classes of nodes with children: controls with several, decorators with one."""
+"""Base classes of nodes with children: controls with several, decorators with one.
+
+A control keeps the statuses of its completed children until it completes itself.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,6 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPP
 
 from .context import Tick
 from .node import NodeConfig, TreeNode, halt_child, tick_function
-
-# Nodes with several children, and the base of those of one's own.
-#
-# A control keeps the statuses of its completed children until it completes itself.
-
 
 class ControlNode(TreeNode):
     """A node with children. The nodes of the engine derive from it; others from :class:`Control`."""

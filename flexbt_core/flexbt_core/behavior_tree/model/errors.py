@@ -1,5 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Errors of the behavior-tree engine, and where they are: the place in a file, the nodes from the fault to the root."""
+"""Errors of the behavior-tree engine, and where they are: the place in a file, the nodes from the fault to the root.
+
+::
+
+    BehaviorTreeError
+    ├── RegistrationError      a node class that cannot be registered
+    ├── TreeLoadError          XML that is refused; carries every LoadError that was found
+    ├── ConversionError        a value that does not fit a type
+    ├── BlackboardError        an entry that is missing, empty, or of another type
+    ├── PortError              a port that cannot be read or written; names node, port and key
+    ├── ScriptError            a script that cannot be parsed, or that fails when it runs; has the place in it
+    └── NodeExecutionError     whatever went wrong inside a node while ticking or halting; names the node
+        └── TickAbandoned      a callback has ended the tick, because the tree is to be stopped
+"""
 
 from __future__ import annotations
 
@@ -10,21 +23,6 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, Protocol
 
 from flexbt_core.values.text import truncate_middle
-
-# The exceptions of the behavior-tree engine.
-#
-# ::
-#
-#     BehaviorTreeError
-#     ├── RegistrationError      a node class that cannot be registered
-#     ├── TreeLoadError          XML that is refused; carries every LoadError that was found
-#     ├── ConversionError        a value that does not fit a type
-#     ├── BlackboardError        an entry that is missing, empty, or of another type
-#     ├── PortError              a port that cannot be read or written; names node, port and key
-#     ├── ScriptError            a script that cannot be parsed, or that fails when it runs; has the place in it
-#     └── NodeExecutionError     whatever went wrong inside a node while ticking or halting; names the node
-#         └── TickAbandoned      a callback has ended the tick, because the tree is to be stopped
-
 
 class BehaviorTreeError(Exception):
     """Base of all errors of the engine.

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Declarations of a node class about its ticks: which statuses it can return, when, and an example."""
+"""Declarations of a node class about its ticks: which statuses it can return, when, and an example.
+
+A rule looks at one node and at what its children may give, not at what they do: all that a run can bring is within
+what it says, and ``bt_tool check`` warns of the children that are outside of it in every run, and of time limits that
+are over before anything can succeed.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +18,6 @@ from typing import Any, Final, NamedTuple
 
 from .ports import PortValue
 from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
-
-# What a tick of a node may give, when, and which of its children it may tick: the rule that a node class declares.
-#
-# A rule looks at one node and at what its children may give, not at what they do: all that a run can bring is within
-# what it says, and ``bt_tool check`` warns of the children that are outside of it in every run, and of time limits that
-# are over before anything can succeed.
 
 Results = frozenset[NodeStatus]
 """What ticks may give."""

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""IfThenElse, WhileDoElse and Switch2 to Switch6: a condition or a value decides which child is ticked."""
+"""IfThenElse, WhileDoElse and Switch2 to Switch6: a condition or a value decides which child is ticked.
+
+The first child is the condition, the second the branch for SUCCESS, the third (which may be absent) that for FAILURE.
+As in BehaviorTree.CPP the number of children is looked at when the node is ticked, so that a tree whose wrong node is
+never reached runs; and a condition that is skipped is an error, since it says neither.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +19,6 @@ from flexbt_core.behavior_tree.model.outcomes import Choice, Example
 from flexbt_core.behavior_tree.model.ports import STRING, cast, input_port, number_from_text
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 from flexbt_core.behavior_tree.script.values import SAME_NUMBER
-
-# IfThenElse and WhileDoElse: a condition decides which of two branches is ticked.
-#
-# The first child is the condition, the second the branch for SUCCESS, the third (which may be absent) that for FAILURE.
-# As in BehaviorTree.CPP the number of children is looked at when the node is ticked, so that a tree whose wrong node is
-# never reached runs; and a condition that is skipped is an error, since it says neither.
-
 
 class _Conditional(ControlNode):
     __slots__ = ('_has_else', '_incomplete')

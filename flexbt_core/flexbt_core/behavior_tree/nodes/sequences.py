@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sequence and Fallback, with memory, reactive and asynchronous; TryCatch, a sequence that cleans up after itself."""
+"""Sequence and Fallback, with memory, reactive and asynchronous; TryCatch, a sequence that cleans up after itself.
+
+A sequence ends with the first child that fails, a fallback with the first that succeeds; both go on with the next
+child otherwise, and begin a later tick with the child that was RUNNING. Skipped children count as passed; a node all
+of whose children were skipped is skipped.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +16,6 @@ from flexbt_core.behavior_tree.engine.parents import ControlNode
 from flexbt_core.behavior_tree.model.outcomes import Example, InOrder
 from flexbt_core.behavior_tree.model.ports import BOOL, input_port
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
-
-# Sequence and Fallback, and their variants that remember or that yield between children.
-#
-# A sequence ends with the first child that fails, a fallback with the first that succeeds; both go on with the next
-# child otherwise, and begin a later tick with the child that was RUNNING. Skipped children count as passed; a node all
-# of whose children were skipped is skipped.
-
 
 class _OrderedControl(ControlNode):
     """Position within the children, kept from tick to tick.

@@ -1,5 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lexer and parser of the scripting language of BehaviorTree.CPP 4.10: from text to a syntax tree."""
+"""Lexer and parser of the scripting language of BehaviorTree.CPP 4.10: from text to a syntax tree.
+
+A script is a list of expressions; the semicolons between them may be left out or repeated. Operators, from those that
+bind loosest to those that bind tightest::
+
+    := = += -= *= /=     assignment; the right side is any expression, so x := y := 3 assigns both
+    a ? b : c
+    ||
+    &&
+    == != < > <= >=      a < b < c means that both hold
+    | ^
+    &
+    + - ..
+    * /
+    - ~ !                before an operand
+"""
 
 from __future__ import annotations
 
@@ -9,22 +24,6 @@ from typing import Final, NamedTuple, TypeAlias
 
 from flexbt_core.behavior_tree.model.errors import ConversionError, ScriptError
 from flexbt_core.behavior_tree.model.ports import decimal
-
-# The scripting language of BehaviorTree.CPP 4.10: text to syntax tree.
-#
-# A script is a list of expressions; the semicolons between them may be left out or repeated. Operators, from those that
-# bind loosest to those that bind tightest::
-#
-#     := = += -= *= /=     assignment; the right side is any expression, so x := y := 3 assigns both
-#     a ? b : c
-#     ||
-#     &&
-#     == != < > <= >=      a < b < c means that both hold
-#     | ^
-#     &
-#     + - ..
-#     * /
-#     - ~ !                before an operand
 
 MAX_SCRIPT_DEPTH: Final = 200
 """Nesting of expressions. A script is evaluated by as many nested calls."""

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands to a run: queued on any thread, applied on the thread of the run, each answered exactly once."""
+"""Commands to a run: queued on any thread, applied on the thread of the run, each answered exactly once.
+
+A command that would change nothing is refused as well, so that each has exactly one effect or a reason.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,6 @@ from flexbt_core.state_machine.model.state_host import Severity
 from .engine import Engine
 from .leaf import LeafRun
 from .region import Region, RegionChild
-
-# What the operator's commands do to a run, on its thread. Each method gives why it refuses, or None.
-#
-# A command that would change nothing is refused as well, so that each has exactly one effect or a reason.
-
 
 class CommandedRun(Engine, Protocol):
     """What the commands need of a run."""

@@ -1,6 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Regions and containers in a run: the active child, transitions between children, userdata, and how a container
-ends."""
+ends.
+
+A machine is a container with one region, through which all of its children go. A concurrency container has a region
+for each of its children, so that any number of them is active at once.
+
+A transition has three steps: the outcome is wanted (and perhaps waits for the operator, or for a lock), the child is
+left (and perhaps has to halt), what follows is entered. A container that ends wants an outcome of its own, and the
+region that it is in takes the same three steps with it.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +22,6 @@ from flexbt_core.state_machine.model.userdata import Scope
 
 from .engine import Engine
 from .leaf import FAILED, LeafRun
-
-# A region of a container: the child that is active there, and the transitions from one to the next.
-#
-# A machine is a container with one region, through which all of its children go. A concurrency container has a region
-# for each of its children, so that any number of them is active at once.
-#
-# A transition has three steps: the outcome is wanted (and perhaps waits for the operator, or for a lock), the child is
-# left (and perhaps has to halt), what follows is entered. A container that ends wants an outcome of its own, and the
-# region that it is in takes the same three steps with it.
-
 
 class RegionChild(Protocol):
     """What can be active in a region: a leaf, or a container.

@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The base of all states, and the skill of a state."""
+"""The base of all states, and the skill of a state.
+
+A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
+once for each ``on_enter``, whatever becomes of the state in between, and ``exit_reason`` says why.
+
+What a callback raises is shown to the operator with its trace, and the callback is not repeated: a state that raises
+in on_enter, in execute, or in on_exit on its way out by an outcome of its own, is left by ``failed``; when it has no
+such outcome, the run ends by ``error``, as it does when on_start raises. Where somebody else decided that the state
+be left, that stands.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +23,6 @@ from flexbt_core.skills.skill import Outcome, Skill
 
 from .state_host import Progress, Severity, StateHost
 from .userdata import StateError, UserData
-
-# The base of all states.
-#
-# A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
-# once for each ``on_enter``, whatever becomes of the state in between, and ``exit_reason`` says why.
-#
-# What a callback raises is shown to the operator with its trace, and the callback is not repeated: a state that raises
-# in on_enter, in execute, or in on_exit on its way out by an outcome of its own, is left by ``failed``; when it has no
-# such outcome, the run ends by ``error``, as it does when on_start raises. Where somebody else decided that the state
-# be left, that stands.
 
 DEFAULT_RATE: Final = 10.0
 """Rate at which a state is executed while nothing wakes it, Hz (as in FlexBE)."""

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Userdata that the states of a machine pass to each other, and the errors of the state-machine engine."""
+"""Userdata that the states of a machine pass to each other, and the errors of the state-machine engine.
+
+StateMachineError
+├── MachineError     a machine that cannot be run; carries every problem that was found
+├── UserDataError    userdata that is not declared, or that nobody has written
+└── StateError       a state that is used against the rules
+"""
 
 from __future__ import annotations
 
@@ -11,14 +17,6 @@ from typing import Any, Final, Protocol
 from flexbt_core.values.text import short_repr, truncate_middle
 
 from .state_host import Severity
-
-# The errors of the state-machine engine.
-#
-# StateMachineError
-# ├── MachineError     a machine that cannot be run; carries every problem that was found
-# ├── UserDataError    userdata that is not declared, or that nobody has written
-# └── StateError       a state that is used against the rules
-
 
 class StateMachineError(Exception):
     """Base of the errors of the engine."""

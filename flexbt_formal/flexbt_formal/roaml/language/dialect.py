@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The elements of ASCXML for ROS and for behavior trees, and the events that they stand for."""
+"""The elements of ASCXML for ROS and for behavior trees, and the events that they stand for.
+
+The names are those of AS2FM, since properties use them: ``topic_pose_msg``, ``action_go_result``,
+``bt_1000_response``.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,6 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
-
-# The events by which automata talk: what they are called for topics, services, actions and ticks, what they carry.
-#
-# The names are those of AS2FM, since properties use them: ``topic_pose_msg``, ``action_go_result``,
-# ``bt_1000_response``.
 
 FIELD: Final = 'ros_fields__'
 """What precedes the name of a field of a ROS message among the parameters of an event."""

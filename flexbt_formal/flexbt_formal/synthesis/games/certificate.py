@@ -1,5 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check a strategy against its specification without the solver, by enumeration."""
+"""Check a strategy against its specification without the solver, by enumeration.
+
+Formulas are evaluated as they were parsed, and the moves of the world are enumerated one variable after the other.
+That each guarantee is met again and again follows from the ranks: a move that does not meet the guarantee of its node
+leads to a node of lower rank, or waits at the same rank while the assumption of the node does not hold, or (nodes of
+kind ``fair``) is one of several of which the world takes one that leads on at some time. If a guarantee were never
+met again, the rank could sink only so often; in the lowest nodes that are visited for ever, either the assumption
+would fail for ever or the world would never take a move that it has to take.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +16,6 @@ from typing import Any
 
 from .formula import Formula, Valuation, VariableName, names_in, value_of
 from .specification import GameVariable, Section, Specification
-
-# Whether a strategy fulfils its specification, found out without the solver: no diagrams, no fixpoints.
-#
-# Formulas are evaluated as they were parsed, and the moves of the world are enumerated one variable after the other.
-# That each guarantee is met again and again follows from the ranks: a move that does not meet the guarantee of its node
-# leads to a node of lower rank, or waits at the same rank while the assumption of the node does not hold, or (nodes of
-# kind ``fair``) is one of several of which the world takes one that leads on at some time. If a guarantee were never
-# met again, the rank could sink only so often; in the lowest nodes that are visited for ever, either the assumption
-# would fail for ever or the world would never take a move that it has to take.
-
 
 def check_certificate(specification: Specification, certificate: Mapping[str, Any]) -> list[str]:
     """Return what is wrong with a certificate (:meth:`Strategy.to_json`) of a specification; nothing when it holds."""

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The inner loops over beams and cells, and the function that has numba compile them where it is installed."""
+"""The inner loops over beams and cells, and the function that has numba compile them where it is installed.
+
+Each but :func:`covers` has an equivalent of whole-array operations, for where there is no numba: in
+:mod:`.ray_casting`, :mod:`.space` and :mod:`.occupancy_map`.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +16,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from types import FunctionType
 from typing import Any
-
-# The inner loops over beams and cells, written so that numba can compile them.
-#
-# Each but :func:`covers` has an equivalent of whole-array operations, for where there is no numba: in
-# :mod:`.ray_casting`, :mod:`.space` and :mod:`.occupancy_map`.
-
 
 def cast(
     free: Any, row: float, column: float, turned: float, resolution: float, x: float, y: float, heading: float,
