@@ -19,6 +19,7 @@ from typing import Final
 
 from flexbt_core.values.text import one_line
 
+
 class ExecutiveState(IntEnum):
     """ExecutiveStatus.state."""
 

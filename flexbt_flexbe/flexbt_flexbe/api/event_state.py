@@ -18,6 +18,7 @@ from flexbt_onboard.behaviors.run_context import current_run
 
 from .topic_proxies import ProxyPublisher, ProxySubscriberCached, lacks_of
 
+
 class _RunNode:
     """A class attribute that is the node of the current run: ``self._node`` and ``MyState._node``."""
 

@@ -26,6 +26,7 @@ from flexbt_core.state_machine.model.userdata import UserData
 
 from .model import EnvironmentChoices
 
+
 class StateModelKind(Enum):
     """What stands for a state. REAL: the state itself, which has to be free of ROS and quick to copy."""
 

@@ -30,6 +30,7 @@ from flexbt_core.values.yaml_data import YamlParts, line_of
 from .goal import parse_goal
 from .problem import Action, Leaf, PlanningError, PlanningProblem
 
+
 @dataclass(frozen=True, slots=True)
 class Mission:
     """What a file says. ``goal`` is '' where it says none. ``robots`` are those of several, each with its skills.

@@ -27,6 +27,7 @@ from flexbt_sim.world.plane.geometry import FARTHEST, Pose
 
 from .parameters import RobotParameters
 
+
 def bounded(value: float, name: str, most: float) -> float:
     """``value`` as it is.
 

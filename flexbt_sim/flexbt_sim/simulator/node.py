@@ -48,6 +48,7 @@ from .robot_topics import Commands, Message, RobotTopics
 from .services import DoorServices, FaultService
 from .time_services import TimeServices
 
+
 class Simulator:
     """The simulator on a running node. The world moves on a thread of its own.
 

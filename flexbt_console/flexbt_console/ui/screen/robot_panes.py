@@ -44,6 +44,7 @@ from flexbt_core.values.text import one_line
 
 from .pane import drawn, styled
 
+
 class _Rank(IntEnum):
     """What a line tells: where there is little room, the last ones are left out first."""
 

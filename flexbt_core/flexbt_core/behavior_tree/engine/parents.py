@@ -16,6 +16,7 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPP
 from .context import Tick
 from .node import NodeConfig, TreeNode, halt_child, tick_function
 
+
 class ControlNode(TreeNode):
     """A node with children. The nodes of the engine derive from it; others from :class:`Control`."""
 

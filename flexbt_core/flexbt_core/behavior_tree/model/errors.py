@@ -24,6 +24,7 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from flexbt_core.values.text import truncate_middle
 
+
 class BehaviorTreeError(Exception):
     """Base of all errors of the engine.
 

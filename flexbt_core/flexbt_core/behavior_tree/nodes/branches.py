@@ -20,6 +20,7 @@ from flexbt_core.behavior_tree.model.ports import STRING, cast, input_port, numb
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 from flexbt_core.behavior_tree.script.values import SAME_NUMBER
 
+
 class _Conditional(ControlNode):
     __slots__ = ('_has_else', '_incomplete')
 

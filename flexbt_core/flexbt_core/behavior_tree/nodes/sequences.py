@@ -17,6 +17,7 @@ from flexbt_core.behavior_tree.model.outcomes import Example, InOrder
 from flexbt_core.behavior_tree.model.ports import BOOL, input_port
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
+
 class _OrderedControl(ControlNode):
     """Position within the children, kept from tick to tick.
 

@@ -19,6 +19,7 @@ from .engine import Engine
 from .leaf import LeafRun
 from .region import Region, RegionChild
 
+
 class CommandedRun(Engine, Protocol):
     """What the commands need of a run."""
 

@@ -23,6 +23,7 @@ from flexbt_core.state_machine.model.userdata import Scope
 from .engine import Engine
 from .leaf import FAILED, LeafRun
 
+
 class RegionChild(Protocol):
     """What can be active in a region: a leaf, or a container.
 

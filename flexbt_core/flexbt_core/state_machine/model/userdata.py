@@ -18,6 +18,7 @@ from flexbt_core.values.text import short_repr, truncate_middle
 
 from .state_host import Severity
 
+
 class StateMachineError(Exception):
     """Base of the errors of the engine."""
 

@@ -17,6 +17,7 @@ from typing import Any
 from .formula import Formula, Valuation, VariableName, names_in, value_of
 from .specification import GameVariable, Section, Specification
 
+
 def check_certificate(specification: Specification, certificate: Mapping[str, Any]) -> list[str]:
     """Return what is wrong with a certificate (:meth:`Strategy.to_json`) of a specification; nothing when it holds."""
     try:

@@ -17,6 +17,7 @@ from contextlib import suppress
 from types import FunctionType
 from typing import Any
 
+
 def cast(
     free: Any, row: float, column: float, turned: float, resolution: float, x: float, y: float, heading: float,
     increment: float, range_max: float, owner: int, circles: Any, segments: Any, ranges: Any,
