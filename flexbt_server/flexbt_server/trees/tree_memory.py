@@ -42,7 +42,7 @@ def tree_size(document: TreeDocument, length: int) -> TreeSize:
     for tree in document.trees.values():
         for node in tree.nodes():
             count += 1
-            values += len(node.values) + len(node.offsets) + len(node.extra) + len(node.conditions)
+            values += len(node.values) + len(node.places) + len(node.extra) + len(node.conditions)
             scripts.update(script.text for script in node.conditions.values())
             scripts.update(one.literal.text for one in node.values.values() if isinstance(one.literal, CompiledScript))
             if node.tree_id is not None:

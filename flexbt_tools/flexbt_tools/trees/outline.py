@@ -62,7 +62,7 @@ class Item:
         shown = []
         arrows = _ASCII_ARROWS if ascii_only else _ARROWS
         for port, value in self.node.values.items():
-            if ports == 'all' or port in self.node.offsets:
+            if ports == 'all' or port in self.node.places:
                 shown.append(f'{one_line(port)}{arrows[self.direction(port)]}{_quoted(value.text)}')
         if self.node.autoremap:
             shown.append('_autoremap')
@@ -206,7 +206,7 @@ def _node_as_json(item: Item) -> dict[str, Any]:
                 'direction': direction.value if (direction := item.direction(port)) else None,
                 'text': value.text,
                 'key': value.key,
-                'given': port in item.node.offsets,
+                'given': port in item.node.places,
             }
             for port, value in item.node.values.items()
         },

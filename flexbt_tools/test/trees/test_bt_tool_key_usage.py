@@ -143,7 +143,7 @@ def test_what_is_said_of_keys_holds_in_a_run(seed: int) -> None:
         for node in tree.nodes():
             if node.name in done.reliable:
                 [port] = node.values
-                assert tree.source.position(node.offsets[port]) not in said
+                assert tree.source.position(node.offset + node.places[port]) not in said
     for one in found:
         if one.rule is UNUSED_PORT:
             line = text.split('\n')[one.place.line - 1]

@@ -92,7 +92,8 @@ class NodeDefinition(NamedTuple):
     """One node of the XML. ``tree_id`` is set for sub-trees, whose ``values`` are the ports of the tree, as given.
 
     ``extra`` are the attributes that mean nothing to the engine (they begin with ``_``). ``offset`` is the place in
-    the source, ``offsets`` those of the attributes. ``conditions`` are the pre- and post-conditions, by attribute.
+    the source, and ``places`` are those of the attributes, counted from there. ``conditions`` are the pre- and
+    post-conditions, by attribute.
     """
 
     manifest: NodeManifest
@@ -100,7 +101,7 @@ class NodeDefinition(NamedTuple):
     values: Mapping[str, PortValue]
     children: tuple[NodeDefinition, ...]
     offset: int
-    offsets: Mapping[str, int]
+    places: Mapping[str, int]
     extra: Mapping[str, str]
     tree_id: str | None = None
     autoremap: bool = False
@@ -131,7 +132,7 @@ class TreeDefinition(NamedTuple):
 
     def error(self, node: NodeDefinition, message: str, attribute: str | None = None) -> LoadError:
         """Return an error at the place of the node, or of one of its attributes."""
-        offset = node.offsets.get(attribute, node.offset) if attribute is not None else node.offset
+        offset = node.offset + (0 if attribute is None else node.places.get(attribute, 0))
         return self.source.error(offset, message, node.label)
 
 

@@ -51,6 +51,7 @@ def make_format_4(root: Element) -> None:
     for tree in root.children:
         if tree.tag == 'BehaviorTree':
             for element in list(_all(tree)):
+                element.attributes, element.places = element.attributes.copy(), element.places.copy()
                 _convert(element)
 
 
@@ -66,7 +67,7 @@ def _convert(element: Element) -> None:
         if id == 'Parallel' and 'threshold' in element.attributes:
             # Up to 3.5: it fails when it cannot succeed any more, and the number of failures has no limit of its own.
             element.attributes.setdefault('failure_threshold', '-1')
-            element.offsets.setdefault('failure_threshold', element.offsets['threshold'])
+            element.places.setdefault('failure_threshold', element.places['threshold'])
         _rename_attributes(element, _RENAMED_PORTS.get(id, {}))
 
 
@@ -82,7 +83,7 @@ def _convert_subtree(element: Element) -> None:
         internal, external = remap.attributes.get('internal'), remap.attributes.get('external')
         if internal is not None and external is not None:
             element.attributes.setdefault(internal, external)
-            element.offsets.setdefault(internal, remap.offset)
+            element.places.setdefault(internal, remap.offset - element.offset)
     for name, value in element.attributes.items():
         if name not in ('ID', 'name', '__shared_blackboard') and pointer_key(value, name) is None:
             element.attributes[name] = f'{{{value}}}'
@@ -118,7 +119,7 @@ def _rename_node(element: Element, id: str) -> None:
 def _rename_attributes(element: Element, names: Mapping[str, str]) -> None:
     if any(name in element.attributes for name in names):
         element.attributes = {names.get(name, name): value for name, value in element.attributes.items()}
-        element.offsets = {names.get(name, name): offset for name, offset in element.offsets.items()}
+        element.places = {names.get(name, name): place for name, place in element.places.items()}
 
 
 def _node_id(element: Element) -> str | None:

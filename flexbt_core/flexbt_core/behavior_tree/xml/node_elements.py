@@ -76,30 +76,48 @@ class NodeReader:
     def read(self, root: Element) -> NodeDefinition | None:
         """Return the definition of ``root`` and all below; None when something is wrong with it."""
         before = len(self._errors)
-        elements: list[tuple[Element, NodeManifest | None]] = []
+        read: list[tuple[Element, NodeDefinition | None]] = []
+        # Elements that are written alike share their attributes, and are read once.
+        known: dict[tuple[str, int, int], NodeDefinition] = {}
         stack = [root]
         while stack:
             element = stack.pop()
-            manifest = self._manifest(element)
-            if manifest is not None:
-                self._check_children(element, manifest)
-            elements.append((element, manifest))
-            stack.extend(reversed(element.children))
-        # Children are behind their parents in the list, so that from its end they are there when they are needed.
-        built: dict[int, NodeDefinition] = {}
-        ports: dict[int, NodeDefinition | None] = {}
-        for element, manifest in elements:
-            if manifest is not None:
-                ports[id(element)] = self._node(element, manifest)
+            children = element.children
+            key = element.tag, id(element.attributes), len(children)
+            node = known.get(key)
+            if node is None:
+                node = self._read_alone(element)
+                if node is not None and len(self._errors) == before and node.manifest.id != 'ReactiveSequence':
+                    known[key] = node
+            read.append((element, node))
+            if children:
+                stack += children[::-1]
         self._errors[before:] = sorted(self._errors[before:], key=lambda error: (error.line, error.column))
         if len(self._errors) > before:
             return None
-        for element, _ in reversed(elements):
-            definition = ports[id(element)]
-            assert definition is not None
-            children = tuple(built.pop(id(child)) for child in element.children)
-            built[id(element)] = definition._replace(children=children) if children else definition
-        return built[id(root)]
+        # From the end of the list: of the nodes that have no parent yet, the last ones are the children of the next.
+        built: list[NodeDefinition] = []
+        for element, node in reversed(read):
+            assert node is not None
+            count = len(element.children)
+            manifest, name, values, below, _, places, extra, tree_id, autoremap, conditions = node
+            if count:
+                below = tuple(built[: -count - 1 : -1])
+                del built[-count:]
+            built.append(
+                NodeDefinition(
+                    manifest, name, values, below, element.offset, places, extra, tree_id, autoremap, conditions
+                )
+            )
+        return built[0]
+
+    def _read_alone(self, element: Element) -> NodeDefinition | None:
+        """Return the definition of an element without its children; None when something is wrong with it."""
+        manifest = self._manifest(element)
+        if manifest is None:
+            return None
+        self._check_children(element, manifest)
+        return self._node(element, manifest)
 
     # -- node type and structure -------------------------------------------------------------------------------------
 
@@ -204,7 +222,7 @@ class NodeReader:
         if name is None:
             name = tree_id or manifest.id
         return NodeDefinition(
-            manifest, name, values, (), element.offset, element.offsets, extra, tree_id, autoremap, conditions
+            manifest, name, values, (), element.offset, element.places, extra, tree_id, autoremap, conditions
         )
 
     def _script(self, element: Element, attribute: str, text: str, *, may_be_empty: bool) -> ParsedScript | None:

@@ -20,7 +20,7 @@ MAX_DEPTH: Final = 256
 _NAME = r'[A-Za-z_:\u0080-\U0010ffff][\w:.\-\u00b7\u0080-\U0010ffff]*'
 _START = re.compile(rf'<({_NAME})')
 _ATTRIBUTE = re.compile(rf'\s*({_NAME})\s*=\s*(?:"([^"]*)"|\'([^\']*)\')')
-_TAG_END = re.compile(r'\s*(/?)>')
+_TAG = re.compile(rf'<({_NAME})((?:\s+{_NAME}\s*=\s*(?:"[^"]*"|\'[^\']*\'))*)\s*(/?)>')
 _END = re.compile(rf'</({_NAME})\s*>')
 _SPACE = re.compile(r'\s*')
 _BAD_CHARACTER = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\ufffe\uffff]')
@@ -30,16 +30,25 @@ _NAMED_ENTITIES = {'lt': '<', 'gt': '>', 'amp': '&', 'quot': '"', 'apos': "'"}
 
 
 class Element:
-    """An element: tag, attributes in document order, children, and offsets into the source."""
+    """An element: tag, attributes in document order, children, and offsets into the source.
 
-    __slots__ = ('attributes', 'children', 'offset', 'offsets', 'tag')
+    Elements that are written alike share their attributes: whoever changes them makes a copy first.
+    """
 
-    def __init__(self, tag: str, offset: int) -> None:
+    __slots__ = ('attributes', 'children', 'offset', 'places', 'tag')
+
+    def __init__(self, tag: str, offset: int, attributes: dict[str, str], places: dict[str, int]) -> None:
         self.tag = tag
         self.offset = offset
-        self.attributes: dict[str, str] = {}
-        self.offsets: dict[str, int] = {}
+        self.attributes = attributes
+        self.places = places
+        """Where each attribute is written, from the beginning of the element on."""
         self.children: list[Element] = []
+
+    @property
+    def offsets(self) -> dict[str, int]:
+        """Where each attribute is written."""
+        return {name: self.offset + place for name, place in self.places.items()}
 
     def __str__(self) -> str:
         name = self.attributes.get('name') or self.attributes.get('ID')
@@ -87,7 +96,8 @@ def parse(source: Source, *, max_bytes: int = MAX_BYTES, max_depth: int = MAX_DE
     if bad is not None:
         message = f'the character U+{ord(bad.group()):04X} is not allowed in XML; remove it'
         raise TreeLoadError([source.error(bad.start(), message)])
-    _check_size(len(text.encode()), source.file, max_bytes)
+    if not text.isascii():
+        _check_size(len(text.encode()), source.file, max_bytes)
     return _Parser(source, max_depth).parse()
 
 
@@ -97,12 +107,18 @@ def _check_size(size: int, file: str, max_bytes: int) -> None:
         raise TreeLoadError([LoadError(file, 1, 1, '', message)])
 
 
+_Tag = tuple[str, 'dict[str, str] | None', dict[str, int], bool]
+"""Name, attributes (None: it is an end tag), their places, and whether the element is empty."""
+
+
 class _Parser:
     def __init__(self, source: Source, max_depth: int) -> None:
         self._source = source
         self._text = source.text
         # <root> and <BehaviorTree> come on top of the nesting that is allowed below <BehaviorTree>.
-        self._max_open = max_depth + 2
+        self._most_open = max_depth + 2
+        # By how they are written: most tags of a file are written several times.
+        self._tags: dict[str, _Tag] = {}
 
     def _fail(self, offset: int, message: str, node: str = '') -> TreeLoadError:
         return TreeLoadError([self._source.error(min(offset, len(self._text)), message, node)])
@@ -112,6 +128,8 @@ class _Parser:
         position = 1 if text.startswith('\ufeff') else 0
         root: Element | None = None
         opened: list[Element] = []
+        tags = self._tags
+        most_open = self._most_open
         while True:
             start = text.find('<', position)
             if not opened:
@@ -122,65 +140,99 @@ class _Parser:
                     raise self._fail(match.end(), 'text outside of the root element')
             if start < 0:
                 break
-            if text.startswith('</', start):
-                position = self._close(start, opened)
-            elif text.startswith('<!--', start):
-                position = self._skip(start, '-->', 'comment')
-            elif text.startswith('<?', start):
-                position = self._skip(start, '?>', 'processing instruction')
-            elif text.startswith('<![CDATA[', start):
-                position = self._skip(start, ']]>', 'CDATA section')
-            elif text.startswith('<!', start):
+            position = text.find('>', start) + 1
+            tag = tags.get(text[start:position])
+            if tag is None:
+                match = _TAG.match(text, start) or _END.match(text, start)
+                if match is None:
+                    position = self._skip_other(start)
+                    continue
+                position = match.end()
+                tag = tags.get(match.group()) or self._read_tag(match)
+            name, attributes, places, is_empty = tag
+            if attributes is None:
+                if not opened:
+                    raise self._fail(start, f'</{name}> closes nothing')
+                element = opened.pop()
+                if element.tag != name:
+                    raise self._bad_end(start, name, element)
+                continue
+            element = Element(name, start, attributes, places)
+            if opened:
+                opened[-1].children.append(element)
+            elif root is None:
+                root = element
+            # Elements after the root are read, and ignored.
+            if len(opened) >= most_open:
                 raise self._fail(
-                    start, 'DOCTYPE and other declarations are refused, entities could expand without bound; remove it'
+                    start,
+                    f'elements are nested more than {most_open - 2} deep; move a part into a sub-tree',
+                    str(element),
                 )
-            else:
-                element, position, empty = self._open(start)
-                if opened:
-                    opened[-1].children.append(element)
-                elif root is None:
-                    root = element
-                # Elements after the root are read, and ignored.
-                if len(opened) >= self._max_open:
-                    raise self._fail(
-                        start,
-                        f'elements are nested more than {self._max_open - 2} deep; move a part into a sub-tree',
-                        str(element),
-                    )
-                if not empty:
-                    opened.append(element)
+            if not is_empty:
+                opened.append(element)
         if opened:
             raise self._fail(opened[-1].offset, f'<{opened[-1].tag}> is never closed', str(opened[-1]))
         if root is None:
             raise self._fail(0, 'the document has no element; a behavior tree begins with <root BTCPP_format="4">')
         return root
 
-    def _open(self, start: int) -> tuple[Element, int, bool]:
+    def _read_tag(self, tag: re.Match[str]) -> _Tag:
+        """Return what a tag says, from now on for all that are written just so."""
+        attributes: dict[str, str] | None = None
+        places: dict[str, int] = {}
+        if tag.re is _TAG:
+            attributes = {}
+            for match in _ATTRIBUTE.finditer(self._text, tag.start(2), tag.end(2)):
+                name, value, quoted = match.groups()
+                if name in attributes:
+                    raise self._bad_element(tag.start())
+                attributes[name] = _unescape(quoted if value is None else value)
+                places[name] = match.start(1) - tag.start()
+        read = tag.group(1), attributes, places, tag.group().endswith('/>')
+        self._tags[tag.group()] = read
+        return read
+
+    def _skip_other(self, start: int) -> int:
+        """Return the end of what begins at ``start`` and is no tag."""
+        text = self._text
+        for begin, end, what in (
+            ('<!--', '-->', 'comment'),
+            ('<?', '?>', 'processing instruction'),
+            ('<![CDATA[', ']]>', 'CDATA section'),
+        ):
+            if text.startswith(begin, start):
+                found = text.find(end, start + 2)
+                if found < 0:
+                    raise self._fail(start, f'this {what} is never closed')
+                return found + len(end)
+        if text.startswith('<!', start):
+            raise self._fail(
+                start, 'DOCTYPE and other declarations are refused, entities could expand without bound; remove it'
+            )
+        if text.startswith('</', start):
+            raise self._fail(start, 'this end tag is malformed')
+        raise self._bad_element(start)
+
+    def _bad_element(self, start: int) -> TreeLoadError:
+        """Return what is wrong with the element that begins at ``start``."""
         text = self._text
         match = _START.match(text, start)
         if match is None:
-            raise self._fail(start, "'<' is not followed by the name of an element; write &lt; in text")
-        element = Element(match.group(1), start)
+            return self._fail(start, "'<' is not followed by the name of an element; write &lt; in text")
+        element = Element(match.group(1), start, {}, {})
         position = match.end()
-        attributes = element.attributes
         while True:
             match = _ATTRIBUTE.match(text, position)
             if match is None:
-                break
-            if match.start(1) == position:
-                raise self._fail(position, f'space is missing before attribute [{match.group(1)}]', str(element))
+                return self._bad_tag(element, position)
             name, value, quoted = match.groups()
-            if value is None:
-                value = quoted
-            if name in attributes:
-                raise self._fail(match.start(1), f'attribute [{name}] is given twice', str(element))
-            attributes[name] = _unescape(value)
-            element.offsets[name] = match.start(1)
+            if match.start(1) == position:
+                return self._fail(position, f'space is missing before attribute [{name}]', str(element))
+            if name in element.attributes:
+                return self._fail(match.start(1), f'attribute [{name}] is given twice', str(element))
+            element.attributes[name] = _unescape(quoted if value is None else value)
             position = match.end()
-        match = _TAG_END.match(text, position)
-        if match is None:
-            raise self._bad_tag(element, position)
-        return element, match.end(), bool(match.group(1))
 
     def _bad_tag(self, element: Element, position: int) -> TreeLoadError:
         """Return what is wrong at ``position``, where neither an attribute nor the end of the tag follows."""
@@ -200,25 +252,9 @@ class _Parser:
             return self._fail(at, f'the value of attribute [{name}] is not quoted; write {name}="..."', str(element))
         return self._fail(at, f'the value of attribute [{name}] has no closing quote', str(element))
 
-    def _close(self, start: int, opened: list[Element]) -> int:
-        match = _END.match(self._text, start)
-        if match is None:
-            raise self._fail(start, 'this end tag is malformed')
-        if not opened:
-            raise self._fail(start, f'</{match.group(1)}> closes nothing')
-        element = opened.pop()
-        if match.group(1) != element.tag:
-            line, column = self._source.position(element.offset)
-            raise self._fail(
-                start, f'</{match.group(1)}> does not close <{element.tag}>, opened at line {line}, column {column}'
-            )
-        return match.end()
-
-    def _skip(self, start: int, end: str, what: str) -> int:
-        found = self._text.find(end, start + 2)
-        if found < 0:
-            raise self._fail(start, f'this {what} is never closed')
-        return found + len(end)
+    def _bad_end(self, start: int, tag: str, element: Element) -> TreeLoadError:
+        line, column = self._source.position(element.offset)
+        return self._fail(start, f'</{tag}> does not close <{element.tag}>, opened at line {line}, column {column}')
 
 
 def _unescape(value: str) -> str:
