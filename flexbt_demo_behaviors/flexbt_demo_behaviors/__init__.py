@@ -1,2 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The demonstrations of FlexBT, a folder each: behaviors, trees, worlds, places, launch files and scripts."""
+"""The demonstrations of FlexBT: behaviors, trees, worlds and launch files.
+
+Each has a folder of its own.
+"""

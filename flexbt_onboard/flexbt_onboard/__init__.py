@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The onboard executive runs supervised behaviors on the robot."""
+"""The FlexBT onboard executive: runs supervised behaviors on the robot."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The BT server loads behavior trees and runs them."""
+"""The FlexBT behavior-tree server and its leaves for ROS."""

@@ -41,7 +41,6 @@ FROM_PIP = {
     'zstandard',
 }  # synthesis, the recorder, pictures without Graphviz; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
-# What flexbt_testing depends on cannot declare it for its tests: colcon counts these too, and would see a circle.
 TESTING = 'flexbt_testing'
 TOOLING = 'workspace'  # in tools/, and no package
 NOT_SOURCES = {'package.xml', 'setup.py'}
@@ -80,8 +79,8 @@ class Manifest:
         """Rosdep keys of what the modules below the directories import from outside of the package."""
         files = [file for name in directories for file in (self.directory / name).rglob('*.py')]
         own = {self.name, TOOLING, *PEERS, *FROM_PIP, *(file.stem for file in (self.directory / 'test').rglob('*.py'))}
-        if self.name in BELOW_TESTING:
-            own.add(TESTING)
+        # colcon counts what tests need: a package cannot declare for its tests another one that needs it.
+        own |= {other.name for other in MANIFESTS if self.name in below(other.name)}
         modules = {module for file in files for module in imports(file)}
         return {ROSDEP_KEYS.get(module, module) for module in modules - sys.stdlib_module_names - own}
 
@@ -101,13 +100,13 @@ def imports(file: Path) -> frozenset[str]:
 MANIFESTS = [Manifest(path) for path in sorted(ROOT.glob('*/package.xml'))]
 
 
-def below(name: str) -> set[str]:
-    """Return the packages that a package needs, and what they need."""
-    direct = next((manifest.at_run_time for manifest in MANIFESTS if manifest.name == name), set())
+@cache
+def below(name: str) -> frozenset[str]:
+    """Return the packages that a package and its tests need, and what these need."""
+    direct = frozenset(next((manifest.of_python for manifest in MANIFESTS if manifest.name == name), ()))
     return direct.union(*map(below, direct))
 
 
-BELOW_TESTING = below(TESTING)
 each_package = pytest.mark.parametrize('manifest', MANIFESTS, ids=lambda manifest: manifest.name)
 
 
@@ -164,7 +163,7 @@ def test_the_packages_depend_on_each_other_as_agreed(manifest: Manifest) -> None
 
 @each_package
 def test_what_others_have_written_reaches_logs_and_terminals_escaped(manifest: Manifest) -> None:
-    """Log calls go through the logger of a node, which escapes; exceptions, which quote, are printed by ``lines``."""
+    """Log calls go through the logger of a node, which escapes; exceptions, which quote, by ``escape_lines``."""
     raw = [
         f'{file.relative_to(ROOT)}:{line}'
         for file in (manifest.directory / manifest.name).rglob('*.py')
@@ -192,4 +191,4 @@ def _names(node: ast.expr) -> set[str]:
 def _is_escaped(node: ast.expr) -> bool:
     called = node.value if isinstance(node, ast.Starred) else node
     function = called.func if isinstance(called, ast.Call) else None
-    return isinstance(function, ast.Name) and function.id in ('one_line', 'lines')
+    return isinstance(function, ast.Name) and function.id in ('one_line', 'escape_lines')
