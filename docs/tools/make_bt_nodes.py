@@ -16,7 +16,7 @@ from target import target
 from flexbt_core.behavior_tree.engine.registry import node_skill
 from flexbt_core.behavior_tree.model.definition import NodeManifest
 from flexbt_core.behavior_tree.model.outcomes import Example
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, PortDirection
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
 from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_core.skills.skill import Skill
 from flexbt_server.node_types import node_registry
@@ -44,10 +44,8 @@ blackboard, `{=}` to the one named like the port, and `{@key}` to an entry of th
 ## Overview
 
 Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2's branches jazzy and
-main. An arrow marks an output.
-
-| Node | Kind | Ports | Effect |
-|---|---|---|---|"""
+main.
+"""
 
 
 def page() -> str:
@@ -57,23 +55,21 @@ def page() -> str:
     assert not broken, broken
     ours = ('flexbt_core.', 'flexbt_server.', 'flexbt_formal.')
     manifests = [manifest for manifest in registry if manifest.node_class.__module__.startswith(ours)]
-    overview = sorted(manifests, key=lambda manifest: KINDS.index(manifest.kind))
-    lines = [HEAD, *(overview_row(manifest) for manifest in overview), '']
-    for kind in KINDS:
+    by_kind = {kind: [manifest for manifest in manifests if manifest.kind is kind] for kind in KINDS}
+    lines = [HEAD]
+    for kind, nodes in by_kind.items():
+        lines += [f'| {kind.value} | Effect |', '|---|---|', *map(overview_row, nodes), '']
+    for kind, nodes in by_kind.items():
         lines += [f'## {kind.value} nodes', '']
-        for manifest in manifests:
-            if manifest.kind is kind:
-                lines += [*section(manifest), '']
+        for manifest in nodes:
+            lines += [*section(manifest), '']
     return '\n'.join(lines).rstrip('\n') + '\n'
 
 
 def overview_row(manifest: NodeManifest) -> str:
     """Return the row of a node type in the overview."""
-    ports = ', '.join(
-        f'→`{name}`' if port.direction is PortDirection.OUTPUT else f'`{name}`' for name, port in manifest.ports.items()
-    )
     summary = ' '.join(manifest.documentation.partition('\n\n')[0].replace('``', '`').split())
-    return f'| [{manifest.id}](#{manifest.id.lower()}) | {manifest.kind.value} | {ports} | {summary} |'
+    return f'| [{manifest.id}](#{manifest.id.lower()}) | {summary} |'
 
 
 def section(manifest: NodeManifest) -> Iterator[str]:
