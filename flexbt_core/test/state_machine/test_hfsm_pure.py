@@ -22,8 +22,8 @@ class Guard:
 
 sys.meta_path.insert(0, Guard())
 import importlib, pkgutil
-import flexbt_core.state_machine as engine
-for module in pkgutil.walk_packages(engine.__path__, engine.__name__ + '.'):
+import flexbt_core as engine, flexbt_core.state_machine as package
+for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
     importlib.import_module(module.name)
 imported = {name for name in sys.modules if name.startswith('flexbt_')}
 others = {name for name in imported if not name.startswith('flexbt_core.state_machine')}

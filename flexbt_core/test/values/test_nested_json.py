@@ -47,7 +47,7 @@ def test_what_is_no_json_is_refused_as_ever(text: str) -> None:
 
 def test_brackets_do_not_end_a_process_that_may_recurse_deep() -> None:
     code = (
-        'import sys; sys.setrecursionlimit(10**6); from flexbt_core.values import load_json\n'
+        'import sys; sys.setrecursionlimit(10**6); from flexbt_core.values.json_data import load_json\n'
         'try: load_json("[" * 10**6)\n'
         'except RecursionError as error: print(error)'
     )

@@ -71,7 +71,7 @@ def test_what_is_meant_to_do_harm_is_refused_in_time(text: str, aliases: bool) -
 
 def test_brackets_do_not_end_a_process_that_may_recurse_deep() -> None:
     code = (
-        'import sys; sys.setrecursionlimit(10**6); from flexbt_core.values import load_yaml\n'
+        'import sys; sys.setrecursionlimit(10**6); from flexbt_core.values.yaml_data import load_yaml\n'
         'try: load_yaml("[" * 10**6, aliases=True)\n'
         'except ValueError as error: print(error)'
     )

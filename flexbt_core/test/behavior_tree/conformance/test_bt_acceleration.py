@@ -75,7 +75,11 @@ def test_the_engine_works_without_it() -> None:
     program = (
         """
 import sys
-sys.modules['flexbt_core.behavior_tree.acceleration.installation'] = None
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name == 'flexbt_core.behavior_tree.acceleration':
+            raise ModuleNotFoundError(name=name)
+sys.meta_path.insert(0, Absent())
 from flexbt_core.behavior_tree.engine.observers import StatusLog, log_reader
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import TreeLibrary

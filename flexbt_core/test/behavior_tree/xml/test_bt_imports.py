@@ -17,15 +17,15 @@ class Guard:
 
 sys.meta_path.insert(0, Guard())
 import importlib, pkgutil
-import flexbt_core.behavior_tree as engine
-for module in pkgutil.walk_packages(engine.__path__, engine.__name__ + '.'):
+import flexbt_core, flexbt_core.behavior_tree as package
+for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
     importlib.import_module(module.name)
 imported = {'.'.join(name.split('.')[:2]) for name in sys.modules if name.startswith('flexbt_')}
 below = {f'flexbt_core.{name}' for name in ('behavior_tree', 'clock', 'errors', 'skills', 'values')}
 assert imported <= {'flexbt_core', *below}, imported
-registry = engine.builtin_registry()
+registry = flexbt_core.builtin_registry()
 text = '<root BTCPP_format="4"><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
-tree = engine.Tree(engine.TreeLibrary([engine.load_xml(text, 'f', registry)]), 'M')
+tree = flexbt_core.Tree(flexbt_core.TreeLibrary([flexbt_core.load_xml(text, 'f', registry)]), 'M')
 print(tree.tick_once().name)
 """
 
