@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes docs/images/operator_page.png, and the same in dark: the operator's page in a browser while a robot drives.
+"""Make docs/images/operator_page.png, and its dark form: the operator's page in a browser while a robot drives.
 
-The second demonstration runs in tmux and serves the page, in which a goal is given and the plan is confirmed. What
-headless Chromium shows when the robot is on its way is the picture.
+The second demonstration runs in tmux and serves the page. The program gives a goal and confirms the plan there, and
+takes the picture in headless Chromium when the robot is on its way.
 
 It needs tmux, selenium, Chromium and its driver.
 """
@@ -24,7 +24,7 @@ from target import target
 IMAGES: Final = Path(__file__).parents[1] / 'images'
 PICTURES: Final = {'light': 'operator_page.png', 'dark': 'operator_page_dark.png'}
 SIZE: Final = (1400, 950)
-DEADLINE: Final = 180.0  # seconds for each thing that is to be there
+DEADLINE: Final = 180.0  # seconds for each awaited event
 TMUX: Final = ['tmux', '-L', 'flexbt-operator-page', '-f', '/dev/null']
 FLAGS: Final = (
     'headless no-sandbox disable-gpu no-first-run disable-background-networking disable-dev-shm-usage '
@@ -33,7 +33,7 @@ FLAGS: Final = (
 
 
 def wait_for(found: Callable[[], Any], what: str) -> Any:
-    """Wait until there is something, and give it. Raises TimeoutError."""
+    """Wait until ``found`` returns something, and return it. Raises TimeoutError."""
     end = time.monotonic() + DEADLINE
     while not (value := found()):
         if time.monotonic() > end:
@@ -68,12 +68,12 @@ class Page:
         return self.driver.execute_script(script, *words)
 
     def wait_text(self, id: str, pattern: str) -> None:
-        """Wait until an element has a text that matches."""
+        """Wait until the text of an element matches."""
         script = 'return document.getElementById(arguments[0]).innerText'
         wait_for(lambda: re.search(pattern, self.run(script, id)), f'{pattern!r} in {id!r}')
 
     def answer(self, text: str) -> None:
-        """Give a command line, as an operator types it."""
+        """Enter a command line, as an operator types it."""
         self.run(
             'const line = document.getElementById("line"); line.value = arguments[0];'
             'document.getElementById("line-form").requestSubmit()',
@@ -81,7 +81,7 @@ class Page:
         )
 
     def picture(self, scheme: str, file: Path) -> None:
-        """What is shown in a colour scheme, light or dark."""
+        """Save a picture in a colour scheme, light or dark."""
         media = {'features': [{'name': 'prefers-color-scheme', 'value': scheme}]}
         self.driver.execute_cdp_cmd('Emulation.setEmulatedMedia', media)
         self.run('return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))')
@@ -89,7 +89,7 @@ class Page:
 
 
 def main(directory: Path) -> None:
-    """Operate the demonstration, and write the pictures."""
+    """Operate the demonstration and write the pictures."""
     tmux('new-session', '-d', '-x', '120', '-y', '40', 'demo --demo 2 --speed 0.5')
     try:
         page = Page(address())
@@ -99,7 +99,7 @@ def main(directory: Path) -> None:
             page.wait_text('decision-line', 'Is the path good')
             wait_for(lambda: page.run('return document.querySelector("#machine svg") !== null'), 'the machine')
             wait_for(lambda: page.run('return !document.querySelector("[data-choice=done]").disabled'), 'the answer')
-            time.sleep(1.0)  # an answer that comes at once is not taken for one
+            time.sleep(1.0)  # an answer that comes at once is ignored
             page.run('document.querySelector("[data-choice=done]").click()')
             wait_for(lambda: page.run('return document.querySelector("#trees svg") !== null'), 'the tree')
             page.wait_text('pose', r'x [2-9]\.\d+ m')

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes docs/images/operator_screen.svg: the operator's screen while a robot drives, as it is in a terminal.
+"""Make docs/images/operator_screen.svg: the operator's screen in a terminal while a robot drives.
 
-The second demonstration runs in tmux; a goal is given, and the plan is confirmed. What the terminal shows while the
-robot drives is the picture.
+The second demonstration runs in tmux. The program gives a goal, confirms the plan, and draws what the terminal shows
+while the robot drives.
 
 It needs tmux: python3 docs/tools/build.py --tool make_operator_screen.py
 """
@@ -26,8 +26,8 @@ from target import target
 PICTURE: Final = Path(__file__).parents[1] / 'images' / 'operator_screen.svg'
 COLUMNS: Final = 120
 ROWS: Final = 32
-DEADLINE: Final = 120.0  # seconds for each thing that the terminal is to show
-CELL_WIDTH: Final = 12.2  # of Rich's SVG, as the next three
+DEADLINE: Final = 120.0  # seconds for each text that the terminal must show
+CELL_WIDTH: Final = 12.2  # of Rich's SVG, like the next three
 CELL_HEIGHT: Final = 24.4
 BASELINE: Final = 18.5
 TEXT: Final = r'<text (class="[^"]+" )x="([\d.]+)" y="([\d.]+)" textLength="[\d.]+"( clip-path="[^"]+")>([^<]*)</text>'
@@ -42,7 +42,7 @@ def tmux(*words: str) -> str:
 
 
 def wait_for(pattern: str) -> None:
-    """Wait until the terminal shows what matches. Raises TimeoutError with what it shows instead."""
+    """Wait until the terminal shows a match. Raises TimeoutError with its text."""
     end = time.monotonic() + DEADLINE
     while not re.search(pattern, shown := tmux('capture-pane', '-p')):
         if time.monotonic() > end:
@@ -51,7 +51,7 @@ def wait_for(pattern: str) -> None:
 
 
 def operate() -> str:
-    """Run the demonstration up to the moment of the picture; what the terminal shows then, with escape sequences."""
+    """Run the demonstration up to the picture, and return the terminal's text with its escape sequences."""
     tmux('new-session', '-d', '-x', str(COLUMNS), '-y', str(ROWS), 'demo --demo 2 --speed 3')
     try:
         wait_for(r'Where shall the robot go\?')
@@ -59,7 +59,7 @@ def operate() -> str:
         wait_for('Tab completes, Esc leaves')
         tmux('send-keys', 'kitchen', 'Enter')
         wait_for(r'Is the path good\?')
-        time.sleep(1.0)  # a key that comes at once is not taken for an answer
+        time.sleep(1.0)  # a key that comes at once is not an answer
         tmux('send-keys', '1')
         tmux('send-keys', 'Enter')
         wait_for(r'x [3-9]\.\d+ y .*plan')
