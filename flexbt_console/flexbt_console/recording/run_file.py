@@ -12,7 +12,7 @@ import contextlib
 import itertools
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, Final, cast
@@ -106,6 +106,21 @@ class RunWriter:
         """Write what is left, and the index."""
         with self._lock, contextlib.closing(self._stream):
             self._writer.finish()  # type: ignore[no-untyped-call]
+
+
+def write_recording(file: Path, messages: Iterable[tuple[int, str, Any]]) -> None:
+    """Write a recording of messages, each with its time (ns since the epoch) and the name of its topic.
+
+    Raises OSError when the file exists or cannot be written.
+    """
+    from rclpy.serialization import serialize_message  # reading a recording does not need ROS
+
+    from .topics import TOPICS, full_definition
+
+    with contextlib.closing(RunWriter(file)) as writer:
+        for now, name, message in messages:
+            writer.add_topic(name, f'/{name}', TOPICS[name].type, full_definition(TOPICS[name].type))
+            writer.add(name, serialize_message(message), now, now)
 
 
 class _WholeWrites:

@@ -34,10 +34,10 @@ from flexbt_console.link.scan_link import MESSAGE_BYTES
 from flexbt_console.mirror.command_tracker import CommandState
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.present.rendering import behavior_line
-from flexbt_console.recording import player, replay, write_recording
+from flexbt_console.recording import player, replay
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.recorder import Recorder
-from flexbt_console.recording.run_file import RELATIVE_NAME, Recorded, RunWriter, read_run
+from flexbt_console.recording.run_file import RELATIVE_NAME, Recorded, RunWriter, read_run, write_recording
 from flexbt_console.recording.topics import TOPICS, full_definition
 from flexbt_msgs.msg import ExecutiveLog, PlaceList
 from flexbt_testing.system.fork_server import ForkedProcess

@@ -135,7 +135,7 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
     fleet.add('/early', Mirror(clock))
     fleet.mirror('/early').receive_snapshot(RUNS)
     fleet.add('/late', late)
-    monkeypatch.setattr(line_mode, 'QUIET_SECONDS', 0.0)
+    monkeypatch.setattr(line_mode, 'ROBOTS_QUIET_SECONDS', 0.0)
     monkeypatch.setattr(line_mode, 'HEAR_SECONDS', 60.0)
     look = fleet.overview
 
@@ -162,7 +162,7 @@ def test_robots_that_are_not_listed_are_counted_and_those_still_to_be_joined_are
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock, fleet = SteadyClock(), Fleet()
-    monkeypatch.setattr(line_mode, 'QUIET_SECONDS', 0.0)
+    monkeypatch.setattr(line_mode, 'ROBOTS_QUIET_SECONDS', 0.0)
 
     def join(number: int) -> None:
         fleet.add(f'/r{number}', Mirror(clock))

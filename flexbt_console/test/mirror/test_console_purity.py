@@ -3,12 +3,28 @@
 
 from __future__ import annotations
 
+import pkgutil
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
 
+import flexbt_console.commands
+import flexbt_console.mirror
+import flexbt_console.present
+
 LISTING = 'import sys; print(" ".join(sorted(name.partition(".")[0] for name in sys.modules)))'
+
+
+PICTURES = {'flexbt_console.present.cells', 'flexbt_console.present.maps', 'flexbt_console.present.tree_lines'}
+"""Modules that a command imports only to draw: they need rich."""
+
+
+def import_all(*folders: ModuleType) -> str:
+    """Return the statement that imports every module of the folders."""
+    found = {one.name for folder in folders for one in pkgutil.iter_modules(folder.__path__, f'{folder.__name__}.')}
+    return f'import {", ".join(sorted(found - PICTURES))}'
 
 
 def modules_after(statement: str) -> set[str]:
@@ -21,8 +37,9 @@ def modules_after(statement: str) -> set[str]:
 @pytest.mark.parametrize(
     'statement',
     [
-        'import flexbt_console.mirror',
-        'import flexbt_console.commands, flexbt_console.present',
+        import_all(flexbt_console.mirror),
+        import_all(flexbt_console.commands, flexbt_console.present),
+        'import flexbt_console.ui.station',
         'from flexbt_console.ui.console import main; main(["--help"])',
         'from flexbt_console.ui.console import main; main(["start"])',
     ],

@@ -272,7 +272,7 @@ def test_what_a_tree_tells_reaches_its_run() -> None:
     (run,) = known.view().trees
     forgotten = [name for name, value in values(run) if value in (None, '', (), 0, False)]
     # All nodes are known, and the server is there.
-    assert forgotten == ['TreeNode.parent', 'TreeRun.left_out', 'TreeRun.gone_at']
+    assert forgotten == ['MirroredNode.parent', 'MirroredTree.left_out', 'MirroredTree.gone_at']
 
 
 def test_the_places_of_the_robot_are_known_by_name() -> None:

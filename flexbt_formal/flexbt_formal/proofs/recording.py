@@ -16,7 +16,7 @@ from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.time import Time
 
 from flexbt_common import names
-from flexbt_console.recording import write_recording
+from flexbt_console.recording.run_file import write_recording
 from flexbt_core.state_machine.model.autonomy import Autonomy, Decision
 from flexbt_formal.exploration.explorer import walk
 from flexbt_formal.exploration.machine_system import MachineSystem

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from flexbt_console.mirror.trees import MirroredStatus
-from flexbt_console.recording import open_recording
+from flexbt_console.recording.player import RunPlayer
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
 from flexbt_formal.exploration import explorer
@@ -254,7 +254,7 @@ def test_what_is_wrong_is_drawn_and_is_shown_by_the_replay_of_the_console(tmp_pa
     assert tool(*words).code == 1
     texts = [one.text or '' for one in ElementTree.parse(picture).iter('{http://www.w3.org/2000/svg}text')]  # noqa: S314
     assert {'operator', 'tree', 'Wait::4', '1. start', '2. result: SUCCESS'} <= set(texts)
-    player = open_recording(recording)
+    player = RunPlayer(recording)
     seen = []
     while player.time < player.duration:
         seen.append([node for node, status in _statuses(player) if status is MirroredStatus.RUNNING])
@@ -276,7 +276,7 @@ def test_what_is_wrong_in_a_machine_is_shown_with_what_the_operator_is_asked(tmp
     )
     code, _, err = behavior('prove', str(machine), '--save-recording', str(recording))
     assert code == 1, err
-    player = open_recording(recording)
+    player = RunPlayer(recording)
     player.go_to(player.find('1. start'))
     view = player.mirror.view()
     assert view.structure is not None and [state.path for state in view.structure.states] == ['/', '/Go', '/Stay']
