@@ -39,10 +39,6 @@ def main(args: list[str] | None = None) -> int:
     )
 
 
-if __name__ == '__main__':
-    sys.exit(main())
-
-
 # What consoles see of an executive that is not configured: that it is there, and why it does nothing.
 
 
@@ -82,3 +78,7 @@ class UnconfiguredExecutive:
         self._link.publish_status(
             ExecutiveStatus(state=ExecutiveStatus.IDLE, message=self._refusal, results=self._ledger.results())
         )
+
+
+if __name__ == '__main__':
+    sys.exit(main())

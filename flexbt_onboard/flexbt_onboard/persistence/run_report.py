@@ -148,10 +148,6 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-if __name__ == '__main__':
-    sys.exit(main())
-
-
 # The picture of a run: a row for each state and machine, a bar for each visit, waiting for the operator marked.
 
 _ROW: Final = 22
@@ -271,3 +267,7 @@ def _ticks(duration: float) -> list[float]:
 def _plain(text: str) -> str:
     """Without characters that XML does not allow."""
     return ''.join(character if character.isprintable() else ' ' for character in text)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

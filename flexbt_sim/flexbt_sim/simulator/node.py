@@ -79,7 +79,7 @@ class Simulator:
         self._map_servers: dict[str, MapServer] = {}
         self._token = LivelinessToken(runtime)
         runtime.call(self._connect)
-        self._can_scan = False
+        self._can_cast = False
         threading.Thread(target=self._compile, name='compile', daemon=True).start()
         self._thread = threading.Thread(target=self._run, name='world', daemon=True)
         runtime.on_close(self._close)
@@ -101,7 +101,7 @@ class Simulator:
     def _compile(self) -> None:
         """In a thread of its own: the world would stand still for seconds."""
         prepare_world()
-        self._can_scan = True
+        self._can_cast = True
 
     def _described(self) -> str:
         world = self.world
@@ -355,8 +355,7 @@ class Simulator:
         """See who listens, and so how many steps it is from one message of /clock to the next."""
         with self.lock:
             for topics in self._robots.values():
-                topics.look_round(self.world.time)
-                topics.robot.is_scanning = self._can_scan and topics.listens_to_scans
+                topics.look_round(self.world.time, can_cast=self._can_cast)
             return self._steps_per_clock[any(topics.is_busy for topics in self._robots.values())]
 
     def _step(self, is_single: bool, per_clock: int) -> bool:
@@ -395,10 +394,6 @@ class Simulator:
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``simulator``."""
     return run_node(names.SIMULATOR, Simulator, args, about=__doc__)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
 
 
 # Who computes something that a robot waits for: goals of the actions of Nav2 whose servers compute, or are to drive.
@@ -452,3 +447,7 @@ class Computations:
 
     def _tell(self, action: str, message: Any) -> None:
         self._pacer.set_computing(action, any(one.status in _WORKING for one in message.status_list))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
