@@ -154,15 +154,17 @@ def compare(shape: str, count: int, rounds: int, nodes: Any, stream: Any, wheel:
     from flexbt_core.behavior_tree.engine.tree import Tree
     from flexbt_core.behavior_tree.model.definition import TreeLibrary
     from flexbt_core.behavior_tree.xml.reader import load_xml
+    from flexbt_server.runs.run_events import RoundEnded, RunEnded, RunEvents, RunOutcome, RunStarted
 
     xml = SHAPES[shape][1](count)
     library = TreeLibrary().stage([load_xml(xml, 'bench.xml', nodes)])
-    run = stream.open(f'{shape}{count}', '')
+    round_ended = RoundEnded()
+    run = stream.open(RunEvents(f'{shape}{count}', ''))
     never, before = Tree(library, 'T0'), Tree(library, 'T0', observers=[StatusLog([])])
-    watched = Tree(library, 'T0', observers=[StatusLog(run.log)], after_round=run.ticked)
+    watched = Tree(library, 'T0', observers=[StatusLog(run.log)], after_round=lambda: run.read(round_ended))
     before.tick_exactly_once()
     before.observe()
-    run.started(watched)
+    run.read(RunStarted(watched))
     size = len(never.nodes)
     with bt_tick.plain():
         document = load_xml(xml, 'bench.xml', registry())
@@ -187,7 +189,7 @@ def compare(shape: str, count: int, rounds: int, nodes: Any, stream: Any, wheel:
     before_log = len(run.log)
     watched.tick_exactly_once()
     row: dict[str, Any] = {'shape': shape, 'nodes': size, 'entries of the log for a tick': len(run.log) - before_log}
-    run.ended()
+    run.read(RunEnded(RunOutcome(0)))
     row |= {name: statistics.median(sample.ticks) for name, sample in samples.items()}
     off, on = samples['off'], samples['on']
     row['ratio watched before'] = bt_tick.median_ratio(samples['watched before'].ticks, off.ticks)

@@ -31,16 +31,16 @@ from flexbt_server.leaves.leaf_services import EndingGoals, LeafServices, RobotF
 from flexbt_server.leaves.topic_cache import SubscribedTopic, TopicCaches
 from flexbt_server.navigators.activation import subscribed_topics
 from flexbt_server.navigators.bt_navigator import Navigators
-from flexbt_server.navigators.parameters import DEFAULT_TREES, NavigatorParameters
+from flexbt_server.runs.run_events import RunWatcher
 from flexbt_server.runs.run_logs import Groot2Runs, RunLogs, TreeLogs
-from flexbt_server.runs.run_watchers import RunWatcher
+from flexbt_server.runs.tree_stream import TreeStream
 from flexbt_server.trees.blackboards import Blackboards
 from flexbt_server.trees.ros_ports import RosJsonTypes
 from flexbt_server.trees.tree_store import FoundTree, TreeStore
 
 from .errors import BtServerError, ServerParameterError, UnknownTreeError
 from .node_types import node_registry
-from .parameters import ServerParameters, declare_parameters
+from .parameters import DEFAULT_TREES, NavigatorParameters, ServerParameters, declare_parameters
 
 _END_SECONDS = 1.1
 """How long the end of the process waits for running trees to come to rest, s."""
@@ -107,7 +107,8 @@ class BtServer:
         reader = self._reader = runtime.call(lambda: tree_reader(runtime))
         admission = self._admission = GoalAdmission('the BT server', refusal)
 
-        watchers = self._watchers(runtime, parameters, RosJsonTypes(registry.json_types))
+        types = RosJsonTypes(registry.json_types)
+        watchers = runtime.call(lambda: self._watchers(runtime, parameters, types))
         goals = self.goals = runtime.call(
             lambda: TreeGoals(runtime, parameters, store, boards, services, reader, watchers)
         )
@@ -166,6 +167,8 @@ class BtServer:
             watchers.append(RunLogs(runtime, parameters.btlog_directory, parameters.btlog_keep))
         if parameters.navigators.navigators:
             watchers.append(TreeLogs(runtime))
+        if parameters.publish_statuses:
+            watchers.append(TreeStream(runtime))
         return watchers
 
     def _preload(self, store: TreeStore, files: tuple[str, ...]) -> None:
@@ -187,10 +190,6 @@ class BtServer:
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``bt_server``."""
     return run_managed_node(names.BT_SERVER, BtServer, args, parameters=declare_parameters, about=__doc__)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
 
 
 # The thread that reads the files of trees and the values of blackboards, in the order of the goals.
@@ -252,3 +251,7 @@ def _reason(work: LateWork | None) -> str:
     if not work.uses_processor:
         return 'does the disk answer?'
     return _SLOW if work.seconds < SLOW_SECONDS else 'it is still being read, and may never end'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

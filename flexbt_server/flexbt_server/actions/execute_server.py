@@ -23,7 +23,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
-from flexbt_server.runs.tree_run import RunOutcome
+from flexbt_server.runs.run_events import RunOutcome
 from flexbt_server.trees.blackboards import Blackboards, Value, entries_of
 from flexbt_server.trees.ros_ports import POSE_STAMPED, POSES
 

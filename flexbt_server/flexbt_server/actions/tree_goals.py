@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 
@@ -25,15 +25,25 @@ from flexbt_core.behavior_tree.model.definition import TreeKey
 from flexbt_core.clock.clock import Timer
 from flexbt_core.clock.work_thread import WorkThread
 from flexbt_core.errors import FlexbtError
-from flexbt_core.monitors.monitoring import Monitoring
 from flexbt_core.values.text import sanitize_for_message, short_repr
 from flexbt_msgs.action import BtExecute
 from flexbt_server.errors import UnknownRunError
 from flexbt_server.leaves.leaf_services import LeafServices
 from flexbt_server.leaves.topic_cache import SubscribedTopic
-from flexbt_server.runs.run_watchers import RunWatcher, watched_by
-from flexbt_server.runs.tree_run import RunOutcome, TreeRun
-from flexbt_server.runs.tree_stream import NoStream, TreeStream
+from flexbt_server.parameters import ServerParameters
+from flexbt_server.runs.run_events import (
+    OfferRefused,
+    PropertyViolated,
+    RunAdopted,
+    RunEnded,
+    RunEvent,
+    RunEvents,
+    RunOutcome,
+    RunReader,
+    RunWarning,
+    RunWatcher,
+)
+from flexbt_server.runs.tree_run import TreeRun
 from flexbt_server.trees.blackboards import Blackboards, Value
 from flexbt_server.trees.tree_store import FoundTree, TreeStore
 
@@ -57,41 +67,13 @@ MOST_PAUSING: Final = 20
 _BY_CLIENT: Final = 'canceled by the client'
 
 
-class RunParameters(Protocol):
-    """The parameters of the server that runs need; :class:`flexbt_server.ServerParameters` tells what they are."""
-
-    @property
-    def tick_rate(self) -> float: ...
-
-    @property
-    def feedback_rate(self) -> float: ...
-
-    @property
-    def cancel_timeout(self) -> float: ...
-
-    @property
-    def peer_timeout(self) -> float: ...
-
-    @property
-    def pose_topic(self) -> str: ...
-
-    @property
-    def error_code_names(self) -> tuple[str, ...]: ...
-
-    @property
-    def publish_statuses(self) -> bool: ...
-
-    @property
-    def monitoring(self) -> Monitoring: ...
-
-
 class TreeGoals:
     """The goals of a server, by whatever action they came, and the trees that run for them."""
 
     def __init__(
         self,
         runtime: NodeRuntime,
-        parameters: RunParameters,
+        parameters: ServerParameters,
         store: TreeStore,
         boards: Blackboards,
         services: LeafServices,
@@ -105,7 +87,6 @@ class TreeGoals:
         self._services = services
         self._reader = reader
         self._watchers = watchers
-        self._stream = TreeStream(runtime) if parameters.publish_statuses else NoStream()
         self._pose = services.topics.cache(SubscribedTopic(PoseStamped, parameters.pose_topic))  # as the leaves do
         self.running = RunningTrees()
         self.owners = GoalOwners(runtime, parameters.peer_timeout)
@@ -269,38 +250,29 @@ class TreeGoals:
     def _run(self, goal: TreeGoal, found: FoundTree) -> None:
         name = goal.blackboard
         board = self._boards.get(name)
-        run_id = goal.served.id.hex()
-        run: TreeRun[TreeGoal] = TreeRun(
-            found.library,
-            found.key,
-            board,
-            goal,
-            [*goal.fresh_values(), *goal.values],
-            clock=self._runtime.clock,
-            steady=self._runtime.steady,
-            health=self._runtime.health,
-            services=self._services,
-            observer=watched_by(self._stream.open(run_id, name), run_id, self._watchers),
-            error_code_names=self._parameters.error_code_names,
-            tick_rate=self._parameters.tick_rate,
-            cancel_timeout=self._parameters.cancel_timeout,
-            on_adopted=lambda newer: self._runtime.post(lambda: self._on_adopted(running, newer)),
-            on_refused=lambda newer, reason: self._runtime.post(
-                lambda: self.end(
-                    newer, RunOutcome(ExecuteResult.ERROR, f'the running tree does not take the new inputs: {reason}')
-                )
-            ),
-            on_end=lambda outcome: self._runtime.post(lambda: self._on_end(running, outcome)),
-            on_warning=self._runtime.node.get_logger().warning,
-            monitoring=self._parameters.monitoring,
-            on_violation=self._runtime.node.get_logger().error,
-        )
-        running = goal.running = RunningTree(run_id, found.key, name, board, run, goal)
+        events = RunEvents(goal.served.id.hex(), name)
+        for watcher in self._watchers:
+            events.add(watcher.open(events))
+        values = [*goal.fresh_values(), *goal.values]
+        run = TreeRun(self._runtime, self._parameters, self._services, found, board, goal, values, events)
+        running = goal.running = RunningTree(events.run_id, found.key, name, board, run, goal)
+        events.add(_GoalReader(self._runtime, self, running))  # the last: its client has seen all before the result
         run.hold(self._reason_to_hold(goal))
         self._runtime.default_context.open()  # a leaf may have shut it down
         run.start()
         self.running.add(running)
         self._schedule_feedback(running)
+
+    def note(self, running: RunningTree, event: RunAdopted | OfferRefused | RunEnded) -> None:
+        """Handle what has become of a run, or of the client that it was offered."""
+        match event:
+            case RunAdopted(client):
+                self._on_adopted(running, client)
+            case OfferRefused(client, reason):
+                why = f'the running tree does not take the new inputs: {reason}'
+                self.end(client, RunOutcome(ExecuteResult.ERROR, why))
+            case RunEnded(outcome):
+                self._on_end(running, outcome)
 
     def _on_adopted(self, running: RunningTree, newer: TreeGoal) -> None:
         older = running.goal
@@ -316,7 +288,7 @@ class TreeGoals:
         if running.feedback is not None:
             running.feedback.cancel()
         self.end(running.goal, outcome)
-        offered = running.run.take_offer()
+        offered = running.run.accept_offer()
         if offered is not None and offered.found is not None and offered.served.active:
             # It came while the tree was ending. It gets a run of its own, and at once: before goals that came later.
             found = offered.found
@@ -336,7 +308,7 @@ class TreeGoals:
             self.end(goal, RunOutcome(ExecuteResult.CANCELED, reason))
         elif goal.running.goal is goal:
             goal.running.run.stop(goal, reason, within)
-        elif goal.running.run.withdraw(goal):
+        elif goal.running.run.remove_client(goal):
             self.end(goal, RunOutcome(ExecuteResult.CANCELED, reason))
 
     def _hold(self, goal: TreeGoal) -> None:
@@ -482,6 +454,24 @@ class RunningTree:
         """Tree and blackboard, for people."""
         where = f'blackboard {self.blackboard!r}' if self.blackboard else 'the shared blackboard'
         return f'tree {self.key.id!r} on {where}'
+
+
+class _GoalReader(RunReader):
+    """The reader that brings what concerns goals to the executor thread, and logs what a person should know."""
+
+    def __init__(self, runtime: NodeRuntime, goals: TreeGoals, running: RunningTree) -> None:
+        self._runtime = runtime
+        self._goals = goals
+        self._running = running
+
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case RunAdopted() | OfferRefused() | RunEnded():
+                self._runtime.post(lambda: self._goals.note(self._running, event))
+            case RunWarning(text):
+                self._runtime.node.get_logger().warning(text)
+            case PropertyViolated(text):
+                self._runtime.node.get_logger().error(text)
 
 
 class RunningTrees:

@@ -39,13 +39,13 @@ from flexbt_server.actions.progress import MOST_COUNTED, Speed, distance_left, r
 from flexbt_server.actions.tree_goals import MESSAGE_LIMIT, RunningTree, TreeGoal, TreeGoals
 from flexbt_server.leaves.leaf_services import LeafServices
 from flexbt_server.nav2.branches import concluded, pending
-from flexbt_server.runs.tree_run import RunOutcome
+from flexbt_server.parameters import NavigatorParameters
+from flexbt_server.runs.run_events import RunOutcome
 from flexbt_server.trees.blackboards import Blackboards, Value
 from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, WAYPOINT_STATUSES, TrackingFeedback
 from flexbt_server.trees.tree_store import FoundTree
 
 from .activation import Activation, called_servers
-from .parameters import NavigatorParameters
 from .waypoint_follower import InputAtWaypoint, WaitAtWaypoint, WaypointFollower, WaypointTask
 
 ExecuteResult = BtExecute.Result

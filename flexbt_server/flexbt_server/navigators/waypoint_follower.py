@@ -23,8 +23,7 @@ from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoa
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.clock.clock import Timer
 from flexbt_server.nav2.branches import missed
-
-from .parameters import InputParameters
+from flexbt_server.parameters import InputParameters
 
 FollowWaypointsResult = FollowWaypoints.Result
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Watchers of runs: log files for Groot2 (``.btlog``), Nav2's topic ``behavior_tree_log``, and live views in Groot2.
+"""Readers of runs: log files for Groot2 (``.btlog``), Nav2's topic ``behavior_tree_log``, and live views in Groot2.
 
 A file has the nodes with which it begins: a run that gets others goes on in another file.
 """
@@ -17,7 +17,7 @@ from nav2_msgs.msg import BehaviorTreeLog, BehaviorTreeStatusChange
 
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core.behavior_tree.engine.observers import log_reader
+from flexbt_core.behavior_tree.engine.observers import LogReader, log_reader
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_core.behavior_tree.model.status import NodeStatus
@@ -25,7 +25,7 @@ from flexbt_core.clock.work_thread import LateWork, WorkThread
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2.log_file import SUFFIX, LogBuffer, LogWriter
 
-from .run_watchers import RunWatch, TreeObserver
+from .run_events import RoundEnded, RunEnded, RunEvent, RunEvents, RunPaused, RunReader, RunStarted, TreeExpanded
 
 if TYPE_CHECKING:
     from flexbt_server.groot2.server import Groot2Server
@@ -69,11 +69,12 @@ class RunLogs:
         )
         runtime.on_close(self._close)
 
-    def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
-        """Watch one run."""
-        return _RunLog(self._begin, run_id)
+    def open(self, events: RunEvents) -> RunReader:
+        """Return the reader that writes the log of one run."""
+        return _RunLog(self, events.run_id)
 
-    def _begin(self, tree: Tree, run_id: str, marks: LogBuffer) -> LogWriter:
+    def begin(self, tree: Tree, run_id: str, marks: LogBuffer) -> LogWriter:
+        """Begin a file, for the nodes that the tree has now."""
         start = time.perf_counter_ns()
         epoch = time.time()
         started = datetime.fromtimestamp(epoch, UTC)
@@ -119,26 +120,18 @@ class RunLogs:
             self._error(f'{self._directory}: old log files cannot be removed: {error}')
 
 
-class _RunLog:
-    def __init__(self, begin: Callable[[Tree, str, LogBuffer], LogWriter], run_id: str) -> None:
-        self.log = LogBuffer(time.perf_counter_ns, timed=True)
-        self._begin = begin
+class _RunLog(RunReader):
+    def __init__(self, logs: RunLogs, run_id: str) -> None:
+        self.log = self._marks = LogBuffer(time.perf_counter_ns, timed=True)
+        self._logs = logs
         self._run_id = run_id
         self._writer: LogWriter | None = None
 
-    def started(self, tree: Tree) -> None:
-        self._writer = self._begin(tree, self._run_id, self.log)
-
-    def expanded(self, tree: Tree) -> None:
-        self.ticked()
-        self.started(tree)
-
-    def ticked(self) -> None:
-        if self._writer is not None:
+    def read(self, event: RunEvent) -> None:
+        if self._writer is not None and isinstance(event, RoundEnded | TreeExpanded | RunEnded):
             self._writer.flush()
-
-    def ended(self) -> None:
-        self.ticked()
+        if isinstance(event, RunStarted | TreeExpanded):
+            self._writer = self._logs.begin(event.tree, self._run_id, self._marks)
 
 
 # The topic ``behavior_tree_log`` of Nav2: the changes of statuses in each round of a tick.
@@ -158,12 +151,10 @@ class TreeLogs:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
-        self._publisher: Any = runtime.call(
-            lambda: runtime.node.create_publisher(BehaviorTreeLog, names.BEHAVIOR_TREE_LOG, 10)
-        )
+        self._publisher: Any = runtime.node.create_publisher(BehaviorTreeLog, names.BEHAVIOR_TREE_LOG, 10)
 
-    def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
-        """Watch one run."""
+    def open(self, events: RunEvents) -> RunReader:
+        """Return the reader that publishes the log of one run."""
         return _TreeLog(self)
 
     def publish(self, names_of: dict[int, str], changes: list[LoggedChange]) -> None:
@@ -188,28 +179,19 @@ class TreeLogs:
             self._runtime.report_fault(error, f'the topic {names.BEHAVIOR_TREE_LOG}')
 
 
-class _TreeLog:
-    """The log of one run."""
-
+class _TreeLog(RunReader):
     def __init__(self, logs: TreeLogs) -> None:
-        self.log = LogBuffer(time.monotonic_ns)
+        self.log = self._marks = LogBuffer(time.monotonic_ns)
         self._logs = logs
+        self._names: dict[int, str] = {}
+        self._changes: LogReader[LoggedChange]
 
-    def started(self, tree: Tree) -> None:
-        self._names = {node.uid: node.name for node in tree.nodes}
-        self._reader = log_reader(tree.nodes, lambda uid, before, after: (uid, before, after))
-
-    def expanded(self, tree: Tree) -> None:
-        self.ticked()
-        self.started(tree)
-
-    def ticked(self) -> None:
-        marks = self.log.take()
-        if marks:
-            self._logs.publish(self._names, self._reader.read(marks))
-
-    def ended(self) -> None:
-        self.ticked()
+    def read(self, event: RunEvent) -> None:
+        if isinstance(event, RoundEnded | TreeExpanded | RunEnded) and (marks := self._marks.take()):
+            self._logs.publish(self._names, self._changes.read(marks))
+        if isinstance(event, RunStarted | TreeExpanded):
+            self._names = {node.uid: node.name for node in event.tree.nodes}
+            self._changes = log_reader(event.tree.nodes, lambda uid, before, after: (uid, before, after))
 
 
 # Shows the runs of the server to Groot2; see :class:`Groot2Server`.
@@ -237,31 +219,31 @@ class Groot2Runs:
             raise ServerParameterError(f"parameter 'groot2_port': {error.strerror}") from error
         runtime.on_close(self._server.close)
 
-    def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
-        """Watch one run."""
-        return _Groot2Run(self._server, shown)
+    def open(self, events: RunEvents) -> RunReader:
+        """Return the reader that shows one run. A breakpoint that holds it up is a pause to all readers."""
+        return _Groot2Run(self._server, events)
 
 
-class _Groot2Run:
-    def __init__(self, server: Groot2Server, shown: TreeObserver) -> None:
-        self.log = LogBuffer(time.perf_counter_ns)
+class _Groot2Run(RunReader):
+    def __init__(self, server: Groot2Server, events: RunEvents) -> None:
+        self.log = self._marks = LogBuffer(time.perf_counter_ns)
         self._server = server
-        self._shown = shown
+        self._events = events
         self._watched: WatchedTree | None = None
 
-    def started(self, tree: Tree) -> None:
-        self._watched = self._server.add(tree, self.log, self._shown.paused)
+    def read(self, event: RunEvent) -> None:
+        watched = self._watched
+        match event:
+            case RunStarted(tree):
+                self._watched = self._server.add(tree, self._marks, self._pause)
+            case RoundEnded() if watched is None:
+                self._marks.take()
+            case RoundEnded() if watched is not None:
+                watched.settle()
+            case TreeExpanded() if watched is not None:
+                self._watched = self._server.expanded(watched, self._pause)
+            case RunEnded() if watched is not None:
+                self._server.remove(watched)
 
-    def expanded(self, tree: Tree) -> None:
-        if self._watched is not None:
-            self._watched = self._server.expanded(self._watched, self._shown.paused)
-
-    def ticked(self) -> None:
-        if self._watched is not None:
-            self._watched.settle()
-        else:
-            self.log.take()
-
-    def ended(self) -> None:
-        if self._watched is not None:
-            self._server.remove(self._watched)
+    def _pause(self, is_held: bool) -> None:
+        self._events.emit(RunPaused(is_held))

@@ -13,44 +13,55 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final, Generic, TypeVar
 
-from flexbt_common.runtime.health import Health
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.observers import StatusLog
 from flexbt_core.behavior_tree.engine.tick_control import TickCommand, TickControl
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
-from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.definition import TreeKey
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, TickAbandoned
 from flexbt_core.behavior_tree.model.status import NodeStatus
-from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.waiting import WakeEvent
-from flexbt_core.monitors.monitoring import Findings, Monitoring, violation_text
+from flexbt_core.monitors.monitoring import Findings, violation_text
 from flexbt_core.monitors.properties import Violation
 from flexbt_core.monitors.tree_monitor import TreeMonitor
 from flexbt_msgs.action import BtExecute
+from flexbt_server.parameters import ServerParameters
 from flexbt_server.trees.blackboards import NO_RECOVERIES, RECOVERIES_KEY, Value, write_all
+from flexbt_server.trees.tree_store import FoundTree
 
-from .run_watchers import TreeObserver
+from .run_events import (
+    OfferRefused,
+    PropertyViolated,
+    RoundEnded,
+    RunAdopted,
+    RunEvents,
+    RunOutcome,
+    RunPaused,
+    RunStarted,
+    RunWarning,
+    TreeExpanded,
+)
 
 _GRACE: Final = 0.2
 """How much longer than its time to halt a run has to say itself what has not halted, s."""
 
 _HAS_ENDED: Final = 'the run has ended'
 _NOT_HALTED: Final = 'not halted in time'
-
+_ROUND_ENDED: Final = RoundEnded()
 
 Client = TypeVar('Client')
 
 
 class TreeRun(Generic[Client]):
-    """Runs a tree for a client, until it completes or is stopped; another client may take it over meanwhile.
+    """A run of a tree for a client, until it completes or is stopped; another client may take it over meanwhile.
 
-    The callbacks are called on the thread of the run: ``on_adopted(client)`` when the run works for another client,
-    ``on_refused(client, reason)`` when it cannot because its values do not fit (the run goes on as before), and
-    ``on_end(outcome)``. A client that was offered too late to be adopted is left to :meth:`take_offer`.
+    What happens is emitted to ``events``. A client that was offered too late to be adopted is left to
+    :meth:`accept_offer`.
 
     While the tree is paused it is not ticked, so it cannot end by itself; it can be stopped and taken over as ever.
 
@@ -63,68 +74,45 @@ class TreeRun(Generic[Client]):
 
     Its thread is part of the ``health`` of the process, as long as the run is, and unless a callback of the tree holds
     it up (a breakpoint).
-
-    ``on_warning(message)`` is told of ticks that take longer than the period of ``tick_rate``, and of a tree that keeps
-    waking itself, of each once a second at most; ``on_violation(message)`` of what the monitors find that
-    ``monitoring`` asks for, which the outcome has, too.
     """
 
     def __init__(
         self,
-        library: TreeLibrary,
-        key: TreeKey,
+        runtime: NodeRuntime,
+        parameters: ServerParameters,
+        services: Any,
+        found: FoundTree,
         board: Blackboard,
         client: Client,
         values: Sequence[Value],
-        *,
-        clock: Clock,
-        steady: Clock,
-        health: Health,
-        services: Any,
-        observer: TreeObserver,
-        error_code_names: Sequence[str],
-        tick_rate: float,
-        cancel_timeout: float,
-        on_adopted: Callable[[Client], None],
-        on_refused: Callable[[Client, str], None],
-        on_end: Callable[[RunOutcome], None],
-        on_warning: Callable[[str], None],
-        monitoring: Monitoring,
-        on_violation: Callable[[str], None],
+        events: RunEvents,
     ) -> None:
-        self.key = key
+        self.key = found.key
         self.tree: Tree | None = None
-        self.board = board.with_own([RECOVERIES_KEY, *error_code_names])
-        self._error_code_names = error_code_names
-        self._library = library
+        self.board = board.with_own([RECOVERIES_KEY, *parameters.error_code_names])
+        self._parameters = parameters
+        self._library = found.library
         self._client = client
         self._values = values
-        self._clock = clock
-        self._steady = steady
+        self._clock = runtime.clock
+        self._steady = runtime.steady
         self._services = services
-        self._observer = observer
-        self._tick_period = 1.0 / tick_rate
-        self._cancel_timeout = cancel_timeout
-        self._on_adopted = on_adopted
-        self._on_refused = on_refused
-        self._on_end = on_end
-        self._on_warning = on_warning
+        self._events = events
+        self._tick_period = 1.0 / parameters.tick_rate
         self._silent_until = -math.inf
-        self._overruns = TickOverrunWarner(key, self._tick_period, on_warning)
+        self._overruns = TickOverrunWarner(self.key, self._tick_period)
         self._waited = 0.0
-        self._monitoring = monitoring
-        self._on_violation = on_violation
-        self._findings = Findings(self._tell_finding)
+        self._findings = Findings(self._report_finding)
         self._monitor: TreeMonitor | None = None
         self._wake_event = WakeEvent()
-        self._control = TickControl(self._wake_event.set, self._tell_of_pause)
-        self._loop = health.loop(f'the thread of tree {key.id!r}', self._is_where, self._has_callbacks)
+        self._control = TickControl(self._wake_event.set, self._report_pause)
+        self._loop = runtime.health.loop(f'the thread of tree {self.key.id!r}', self._is_where, self._has_callbacks)
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._rest_by = math.inf
         self._ended = False
         self._offer: tuple[Client, Sequence[Value]] | None = None
-        self._thread = threading.Thread(target=self._run, name=f'tree {key.id}', daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f'tree {self.key.id}', daemon=True)
 
     def start(self) -> None:
         """Begin to tick."""
@@ -141,7 +129,7 @@ class TreeRun(Generic[Client]):
                 return
             if self._stop_reason is None:
                 self._stop_reason = reason
-            rest_by = self._steady.now() + (self._cancel_timeout if within is None else within)
+            rest_by = self._steady.now() + (self._parameters.cancel_timeout if within is None else within)
             sooner = rest_by < self._rest_by
             if sooner:
                 self._rest_by = rest_by
@@ -159,7 +147,7 @@ class TreeRun(Generic[Client]):
         self._wake_event.set()
         return replaced[0] if replaced is not None else None
 
-    def withdraw(self, client: Client) -> bool:
+    def remove_client(self, client: Client) -> bool:
         """Take an offer back; False when it is not open any more."""
         with self._lock:
             if self._offer is None or self._offer[0] is not client:
@@ -167,7 +155,7 @@ class TreeRun(Generic[Client]):
             self._offer = None
             return True
 
-    def take_offer(self) -> Client | None:
+    def accept_offer(self) -> Client | None:
         """Return the client whose offer is open, which is not any more."""
         with self._lock:
             offer, self._offer = self._offer, None
@@ -224,16 +212,13 @@ class TreeRun(Generic[Client]):
                 return
             self._ended = True
         self._control.close(_HAS_ENDED)
-        try:
-            self._observer.ended()
-        finally:
-            wrong = '' if self._findings.first is None else violation_text(self._findings.first)
-            if wrong not in outcome.message:
-                outcome = replace(outcome, message='; '.join(filter(None, [outcome.message, wrong])))
-            self._on_end(replace(outcome, error_code=self._error_code()))
+        wrong = '' if self._findings.first is None else violation_text(self._findings.first)
+        if wrong not in outcome.message:
+            outcome = replace(outcome, message='; '.join(filter(None, [outcome.message, wrong])))
+        self._events.end(replace(outcome, error_code=self._error_code()))
 
     def _error_code(self) -> int:
-        codes = (self.board.get_or(name, 0) for name in self._error_code_names)
+        codes = (self.board.get_or(name, 0) for name in self._parameters.error_code_names)
         return min((code for code in codes if isinstance(code, int) and code > 0), default=0)
 
     # -- on the thread of the run ------------------------------------------------------------------------------------
@@ -245,7 +230,7 @@ class TreeRun(Generic[Client]):
 
     def _execute(self) -> RunOutcome:
         write_all(self.board, [*self._values, NO_RECOVERIES])
-        log = self._observer.log
+        log = self._events.log
         monitor = self._monitor = self._new_monitor()
         tree = self.tree = Tree(
             self._library,
@@ -256,19 +241,19 @@ class TreeRun(Generic[Client]):
             services=self._services,
             on_wake=self.wake,
             observers=() if log is None else [StatusLog(log)],
-            after_round=self._tell_of_round,
-            on_expanded=self._tell_of_expansion,
-            on_livelock=self._tell_of_livelock,
+            after_round=self._report_round,
+            on_expanded=self._report_expansion,
+            on_livelock=self._report_livelock,
             substitute=None if monitor is None else monitor.watched,
         )
         if monitor is not None:
             monitor.begins(tree)
-            for problem in self._monitoring.problems_of(self.key.id, monitor.vocabulary):
-                self._on_violation(problem)
+            for problem in self._parameters.monitoring.problems_of(self.key.id, monitor.vocabulary):
+                self._events.emit(PropertyViolated(problem))
             monitor.check_parts()
         tree.context.resting = self._waiting_in_tick
         tree.empty_outputs({key.removeprefix('@') for key, *_ in self._values})
-        self._observer.started(tree)
+        self._events.emit(RunStarted(tree))
         due = -math.inf
         while True:
             self._adopt()
@@ -286,21 +271,22 @@ class TreeRun(Generic[Client]):
             if monitor is not None and status is not None:
                 monitor.ticked(status)
             if not tree.callbacks.active:  # breakpoints are not to be blamed on leaves
-                self._overruns.note(began + self._waited, self._steady.now())
+                self._warn(self._overruns.note(began + self._waited, self._steady.now()))
             if status is not None and status is not NodeStatus.RUNNING:
                 return outcome_of_tree(tree, status)
             if not self._control.pending:
                 self._wait(tree, due)
 
     def _new_monitor(self) -> TreeMonitor | None:
-        if not self._monitoring.is_on:
+        monitoring = self._parameters.monitoring
+        if not monitoring.is_on:
             return None
-        return TreeMonitor(self._findings.add, self._monitoring.requirements_of(self.key.id), is_woken_only=True)
+        return TreeMonitor(self._findings.add, monitoring.requirements_of(self.key.id), is_woken_only=True)
 
-    def _tell_finding(self, violation: Violation) -> None:
+    def _report_finding(self, violation: Violation) -> None:
         text = violation_text(violation)
-        self._on_violation(f'tree [{self.key.id}]: {text}')
-        if self._monitoring.stops:
+        self._events.emit(PropertyViolated(f'tree [{self.key.id}]: {text}'))
+        if self._parameters.monitoring.stops:
             self.stop(self._client, text)
 
     def _next_due(self, due: float) -> float:
@@ -309,24 +295,28 @@ class TreeRun(Generic[Client]):
         period = self._tick_period
         return due + period if due <= now < due + period else now + period
 
-    def _tell_of_round(self) -> None:
+    def _report_round(self) -> None:
         if not self._ended:  # it may have been aborted during the tick
-            self._observer.ticked()
+            self._events.emit(_ROUND_ENDED)
 
-    def _tell_of_pause(self, is_paused: bool) -> None:
+    def _report_pause(self, is_paused: bool) -> None:
         if self._monitor is not None:
             self._monitor.paused(is_paused)
-        self._observer.paused(is_paused)
+        self._events.emit(RunPaused(is_paused))
 
-    def _tell_of_expansion(self) -> None:
+    def _report_expansion(self) -> None:
         if self.tree is not None and not self._ended:
-            self._observer.expanded(self.tree)
+            self._events.emit(TreeExpanded(self.tree))
 
-    def _tell_of_livelock(self, message: str) -> None:
+    def _report_livelock(self, message: str) -> None:
         now = self._steady.now()
         if now >= self._silent_until:
             self._silent_until = now + 1.0
-            self._on_warning(message)
+            self._warn(message)
+
+    def _warn(self, text: str) -> None:
+        if text:
+            self._events.emit(RunWarning(text))
 
     def _adopt(self) -> None:
         with self._lock:
@@ -340,14 +330,11 @@ class TreeRun(Generic[Client]):
             else:
                 refusal = ''
                 self._client = client
-        if refusal:
-            self._on_refused(client, refusal)
-        else:
-            self._on_adopted(client)
+        self._events.emit(OfferRefused(client, refusal) if refusal else RunAdopted(client))
 
     @contextmanager
     def _waiting_in_tick(self) -> Iterator[None]:
-        """Provide a leaf waits for somebody else: the thread of the run does not hang, and the leaf does not block."""
+        """Let a leaf wait for another thread: meanwhile the run does not count as stuck, nor the leaf as blocking."""
         began = self._steady.now()
         with self._loop.resting():
             yield
@@ -368,7 +355,7 @@ class TreeRun(Generic[Client]):
         outcome = outcome_after(tree.halt, outcome)
         if self._monitor is not None:
             self._monitor.halted()
-        deadline = self._steady.now() + self._cancel_timeout
+        deadline = self._steady.now() + self._parameters.cancel_timeout
         while tree.unfinished and self._steady.now() < min(deadline, self._rest_by):
             with self._loop.resting():
                 self._wake_event.wait(
@@ -390,21 +377,6 @@ def _where(path: str) -> str:
 
 
 # How a run has ended: what the client is told, whatever a tree or a leaf does.
-
-
-@dataclass(frozen=True)
-class RunOutcome:
-    """How a run has ended; ``code`` is a constant of BtExecute.Result.
-
-    ``message`` names ``failed_node``, where there is one, as ``PATH: reason`` or ``[PATH]``.
-    ``error_code`` is the lowest that a leaf of the run has left, as in Nav2; 0 for none.
-    """
-
-    code: int
-    message: str = ''
-    failed_node: str = ''
-    reasons: tuple[str, ...] = ()
-    error_code: int = 0
 
 
 def outcome_of_tree(tree: Tree, status: NodeStatus) -> RunOutcome:
@@ -455,30 +427,30 @@ def outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
 
 
 class TickOverrunWarner:
-    """Tells of ticks that take too long, once a second at most."""
+    """A warning of ticks that take too long, once a second at most."""
 
-    def __init__(self, key: TreeKey, period: float, tell: Callable[[str], None]) -> None:
+    def __init__(self, key: TreeKey, period: float) -> None:
         self._tree = key.id
         self._period = period
-        self._tell = tell
         self._count = 0
         self._longest = 0.0
         self._silent_until = -math.inf
 
-    def note(self, began: float, ended: float) -> None:
-        """A tick took from ``began`` to ``ended``, s."""
+    def note(self, began: float, ended: float) -> str:
+        """Take in a tick from ``began`` to ``ended``, s; return a warning, or '' when none is due."""
         took = ended - began
         if took <= self._period:
-            return
+            return ''
         self._count += 1
         self._longest = max(self._longest, took)
         if ended < self._silent_until:
-            return
-        self._tell(
+            return ''
+        warning = (
             f'tree [{self._tree}]: {self._count} ticks took longer than the period of {self._period:.3f} s '
             f'(parameter tick_rate), the longest {self._longest:.3f} s; no leaf should block'
         )
         self._count, self._longest, self._silent_until = 0, 0.0, ended + 1.0
+        return warning
 
 
 # Where a thread that ticks a tree is: in the code of which node.

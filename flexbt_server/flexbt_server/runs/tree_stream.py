@@ -35,6 +35,8 @@ from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_core.clock.clock import Clock, Timer
 from flexbt_msgs import msg
 
+from .run_events import RoundEnded, RunEnded, RunEvent, RunEvents, RunPaused, RunReader, RunStarted, TreeExpanded
+
 BATCH_SECONDS: Final = 0.05
 """Least time between two messages of a run, wall time, unless more than MAX_MARKS wait."""
 
@@ -67,9 +69,9 @@ class TreeStream:
         self._structures = self._publisher(msg.TreeStructure, names.TREE_STRUCTURE, RunStream.show_structure)
         self._statuses = self._publisher(msg.TreeStatus, names.TREE_STATUS, RunStream.show_statuses)
 
-    def open(self, run_id: str, blackboard: str) -> RunStream:
-        """Return the stream of one run."""
-        return RunStream(self, self._runtime.steady, run_id, blackboard)
+    def open(self, events: RunEvents) -> RunStream:
+        """Return the reader that publishes the events of one run."""
+        return RunStream(self, self._runtime.steady, events)
 
     def now(self) -> Time:
         """Time of the node."""
@@ -113,39 +115,15 @@ class TreeStream:
         )
 
 
-class NoStream:
-    """Publishes nothing."""
+class RunStream(RunReader):
+    """Publishes the events of one run."""
 
-    def open(self, run_id: str, blackboard: str) -> Unwatched:
-        """As that of a TreeStream."""
-        return Unwatched()
-
-
-class Unwatched:
-    """Observes nothing of a run."""
-
-    log = None
-
-    def started(self, tree: Tree) -> None: ...
-
-    def ticked(self) -> None: ...
-
-    def expanded(self, tree: Tree) -> None: ...
-
-    def paused(self, is_paused: bool) -> None: ...
-
-    def ended(self) -> None: ...
-
-
-class RunStream:
-    """Observes one run (:class:`TreeObserver`)."""
-
-    def __init__(self, stream: TreeStream, clock: Clock, run_id: str, blackboard: str) -> None:
+    def __init__(self, stream: TreeStream, clock: Clock, events: RunEvents) -> None:
         self.log: list[int] = []
         self._stream = stream
         self._clock = clock
-        self._run_id = run_id
-        self._blackboard = blackboard
+        self._run_id = events.run_id
+        self._blackboard = events.blackboard
         self._sequence = 0
         self._number = 0
         self._next = 0
@@ -155,18 +133,28 @@ class RunStream:
         self._open = False
         self._lock = threading.Lock()
 
-    def started(self, tree: Tree) -> None:
-        if self._take_nodes(tree):
-            self._open = True
-            self._stream.begin(self)
-
-    def expanded(self, tree: Tree) -> None:
-        self._flush()  # what was logged is of the nodes before
-        if self._open and self._take_nodes(tree):
-            self._flush(always=True)
+    def read(self, event: RunEvent) -> None:
+        """See :class:`RunReader`."""
+        match event:
+            case RoundEnded():
+                self._end_round()
+            case RunStarted(tree):
+                if self._take_nodes(tree):
+                    self._open = True
+                    self._stream.begin(self)
+            case TreeExpanded(tree):
+                self._flush()  # what was logged is of the nodes before
+                if self._open and self._take_nodes(tree):
+                    self._flush(always=True)
+            case RunPaused(is_paused):
+                self._paused = is_paused
+                self._flush(always=True)
+            case RunEnded():
+                self._stream.end(self)
+                self._flush(always=True, finished=True)
 
     def _take_nodes(self, tree: Tree) -> bool:
-        """Has what follows be about the nodes that the tree has now, and sends them; False when they cannot be sent."""
+        """Send the nodes that the tree has now; what follows is about these. Return False if they cannot be sent."""
         try:
             with self._lock:
                 self._number += 1
@@ -179,7 +167,7 @@ class RunStream:
             return False
         return True
 
-    def ticked(self) -> None:
+    def _end_round(self) -> None:
         log = self.log
         last = log[-1:]
         if not last or last[0] < 0:  # nothing has changed since the last stamp
@@ -191,14 +179,6 @@ class RunStream:
         elif self._timer is None:
             with self._lock:  # it may be due before it is known here
                 self._timer = self._clock.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
-
-    def paused(self, is_paused: bool) -> None:
-        self._paused = is_paused
-        self._flush(always=True)
-
-    def ended(self) -> None:
-        self._stream.end(self)
-        self._flush(always=True, finished=True)
 
     def show_structure(self) -> None:
         """Send the structure; again, to those who have come late."""

@@ -164,7 +164,7 @@ def test_a_goal_is_not_held_back_for_ever_by_a_thread_that_does_not_return(world
 
 
 def test_servers_that_start_with_this_one_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_common.lifecycle.liveliness.STARTED', time.monotonic())
+    monkeypatch.setattr('flexbt_server.leaves.leaf_services.STARTED', time.monotonic())
     parameters = {'server_timeout': 1.0, 'start_timeout': DEADLINE}
     with NodeRuntime.open('bt_server', parameters=parameters) as server, NodeRuntime.open('client') as client_runtime:
         BtServer(server)
@@ -382,10 +382,9 @@ def test_a_tree_that_keeps_waking_itself_is_told_of(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_report_of_ticks_that_take_too_long_is_of_those_since_the_last_one() -> None:
-    told: list[str] = []
-    overruns = TickOverrunWarner(TreeKey('', 'Main'), 0.010, told.append)
-    for began, ended in [(0.0, 0.010), (0.01, 0.03), (0.03, 0.09), (0.09, 0.11), (0.11, 0.115), (1.02, 1.06)]:
-        overruns.note(began, ended)
+    overruns = TickOverrunWarner(TreeKey('', 'Main'), 0.010)
+    ticks = [(0.0, 0.010), (0.01, 0.03), (0.03, 0.09), (0.09, 0.11), (0.11, 0.115), (1.02, 1.06)]
+    told = [warning for began, ended in ticks if (warning := overruns.note(began, ended))]
     assert [message.split(': ')[1].split(' took')[0] for message in told] == ['1 ticks', '3 ticks']
     assert ['the longest 0.020 s' in told[0], 'the longest 0.060 s' in told[1]] == [True, True]
 

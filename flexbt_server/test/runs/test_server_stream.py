@@ -28,6 +28,7 @@ from flexbt_core.behavior_tree.model.errors import NodeExecutionError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.clock.clock import Timer
 from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStatusChange, TreeStructure
+from flexbt_server.runs.run_events import RoundEnded, RunEnded, RunEvents, RunOutcome, RunPaused, RunStarted
 from flexbt_server.runs.tree_stream import (
     BATCH_SECONDS,
     MAX_CHANGES,
@@ -52,7 +53,7 @@ class Watched:
     def __init__(self, stream: TreeStream, run_id: str, body: str) -> None:
         board = Blackboard()
         board.set('n', 1)
-        self.run: RunStream = stream.open(run_id, 'board')
+        self.run: RunStream = stream.open(RunEvents(run_id, 'board'))
         self.heard: Changes = []
         self.tree: Tree = make(
             body,
@@ -61,14 +62,14 @@ class Watched:
                 StatusLog(self.run.log),
                 lambda node, before, after: self.heard.append((node.uid, before, after)),
             ],
-            after_round=self.run.ticked,
+            after_round=lambda: self.run.read(RoundEnded()),
         )
-        self.run.started(self.tree)
+        self.run.read(RunStarted(self.tree))
 
     def end(self) -> None:
         with contextlib.suppress(NodeExecutionError):
             self.tree.halt()
-        self.run.ended()
+        self.run.read(RunEnded(RunOutcome(0)))
 
 
 class Subscriber:
@@ -218,7 +219,7 @@ def test_who_comes_late_sees_every_open_run_at_once(server: NodeRuntime, monitor
     stream = TreeStream(server)
     quiet = Watched(stream, 'quiet', f'<Sequence><AlwaysSuccess/>{SLEEP}</Sequence>')
     quiet.tree.tick_once()
-    quiet.run.paused(True)
+    quiet.run.read(RunPaused(True))
     for number in range(MESSAGES_KEPT + 1):
         other = Watched(stream, f'other {number}', SLEEP)
         other.tree.tick_once()
@@ -299,11 +300,10 @@ def test_a_tree_that_changes_all_the_time_is_sent_whole_and_little_waits(
     leaves = '<AlwaysSuccess/>' * 300
     watched = Watched(stream, 'run', f'<Repeat num_cycles="120"><Sequence>{leaves}</Sequence></Repeat>')
     waiting: list[int] = []
-    ticked = watched.run.ticked
 
     def round_is_over() -> None:
         waiting.append(len(watched.run.log))
-        ticked()
+        watched.run.read(RoundEnded())
 
     # Another observer takes longer than all the rest.
     watched.tree.observe(StatusLog(watched.run.log), after_round=round_is_over)
@@ -380,7 +380,7 @@ def test_a_round_that_ends_while_its_first_marks_are_sent_is_stamped_in_order(
     monkeypatch.setattr(stream, 'now', late)
     sender = threading.Thread(target=watched.run._flush)
     log, hear = watched.tree.observers
-    watched.tree.observe(log, hear, send, after_round=watched.run.ticked)
+    watched.tree.observe(log, hear, send, after_round=lambda: watched.run.read(RoundEnded()))
     watched.tree.tick_exactly_once()
     sender.join()
     watched.end()
