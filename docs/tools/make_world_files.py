@@ -31,7 +31,7 @@ from flexbt_sim.world import (
 )
 from flexbt_sim.world.descriptions.faults import FaultTiming
 from flexbt_sim.world.descriptions.models import RobotModel
-from flexbt_sim.world.specification import ModelKey, ModelSpecification, keys_of, types_of, written
+from flexbt_sim.world.descriptions.specification import ModelKey, ModelSpecification, keys_of, types_of, written
 from flexbt_sim.world.descriptions.world_file import SECTIONS, FloorPlan, WorldModel
 from flexbt_sim.world.plane.geometry import MAX_CORNERS, Shape
 
