@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.limits import MESSAGE, check_limits
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.errors import FlexbtError
@@ -48,7 +48,7 @@ OnError = Callable[[TransformError], object]
 class TransformListener:
     """The transforms of the robot in whose namespace the node is. On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._buffer = TransformBuffer()
         self._runtime = runtime
         self._waiting: list[Callable[[bool], bool]] = []
@@ -82,7 +82,7 @@ class TransformListener:
         return self._buffer
 
     @classmethod
-    def of(cls, runtime: NodeRuntime) -> TransformListener:
+    def of(cls, runtime: Runtime) -> TransformListener:
         """Return the listener of a node, which begins to listen now if nobody has asked before."""
         return runtime.once('transform listener', cls)
 

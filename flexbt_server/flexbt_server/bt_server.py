@@ -19,7 +19,7 @@ from flexbt_common.calls.goal_server import GoalAdmission
 from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, run_managed_node
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_core.clock.work_thread import LateWork, WorkThread
@@ -49,7 +49,7 @@ _END_SECONDS = 1.1
 class BtServer:
     """The parts of the server, on a running node."""
 
-    def __init__(self, runtime: NodeRuntime, refusal: str = '') -> None:
+    def __init__(self, runtime: Runtime, refusal: str = '') -> None:
         """Must be called off the executor thread. ``refusal``: why all goals are refused until it is activated.
 
         Raises:
@@ -147,7 +147,7 @@ class BtServer:
             )
         self._log(f'the BT server {refusal}')
 
-    def _end(self, runtime: NodeRuntime) -> None:
+    def _end(self, runtime: Runtime) -> None:
         runtime.post_in(_END_SECONDS / 2, runtime.default_context.shut_down)  # ends a leaf that loops over rclpy.ok()
         if not self._stop(SHUTTING_DOWN, SHUTTING_DOWN, _END_SECONDS):
             runtime.fail(f'a tree was running {_END_SECONDS:g} s after the stop; leaving it')
@@ -157,7 +157,7 @@ class BtServer:
         self._call(lambda: self.navigators.deactivate(refusal))
         return self.goals.stop_all(f'the BT server {why}', within)
 
-    def _watchers(self, runtime: NodeRuntime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
+    def _watchers(self, runtime: Runtime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
         watchers: list[RunWatcher] = []
         if parameters.groot2_port:
             watchers.append(
@@ -208,7 +208,7 @@ _FILES: Final = 'files'
 _SLOW: Final = 'it is still being read: smaller files, or a faster computer'
 
 
-def tree_reader(runtime: NodeRuntime) -> WorkThread:
+def tree_reader(runtime: Runtime) -> WorkThread:
     """Return a reader, until the end of the node. What it is given is named by what was not done: 'tree x was not
     read'."""
     token = LivelinessToken(runtime)

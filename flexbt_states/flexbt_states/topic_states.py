@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from flexbt_common import names
-from flexbt_common.runtime.node_runtime import NodeRuntime, qos_misfit
+from flexbt_common.runtime.node_runtime import Runtime, qos_misfit
 from flexbt_common.values.entries import check_value
 from flexbt_common.values.value_types import message_type_name
 from flexbt_core.clock.clock import Timer
@@ -235,7 +235,7 @@ class StateSubscription:
         text = qos_misfit(runtime, runtime.node.resolve_topic_name(self._topic)) if self._newest is None else ''
         return [text] if text else []
 
-    def _subscribe(self, runtime: NodeRuntime, visit: int) -> None:
+    def _subscribe(self, runtime: Runtime, visit: int) -> None:
         def receive(message: Any) -> None:
             if visit == self._visit:
                 with self._lock:
@@ -244,7 +244,7 @@ class StateSubscription:
 
         self._subscription = runtime.node.create_subscription(self._message_type, self._topic, receive, self._qos)
 
-    def _unsubscribe(self, runtime: NodeRuntime) -> None:
+    def _unsubscribe(self, runtime: Runtime) -> None:
         if self._subscription is not None:
             runtime.node.destroy_subscription(self._subscription)
             self._subscription = None

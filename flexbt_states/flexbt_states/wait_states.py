@@ -10,7 +10,7 @@ from typing import Any, Final
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionServerLink
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
@@ -140,7 +140,7 @@ class WaitForServersState(EventState):
 class _NodeWatch:
     """The watch of one node, for all states on this one that wait for it; it stays as long as the node."""
 
-    def __init__(self, runtime: NodeRuntime, name: str) -> None:
+    def __init__(self, runtime: Runtime, name: str) -> None:
         self.waiting: set[EventState] = set()
         self.watch = LivelinessWatch(runtime, name, self._tell, self._tell, self._tell)
 
@@ -155,5 +155,5 @@ class _NodeWatch:
             state.wake()
 
 
-def _node_watch(runtime: NodeRuntime, name: str) -> _NodeWatch:
+def _node_watch(runtime: Runtime, name: str) -> _NodeWatch:
     return runtime.call(lambda: runtime.once(('wait for', name), lambda host: _NodeWatch(host, name)))

@@ -43,7 +43,7 @@ from unique_identifier_msgs.msg import UUID
 
 from flexbt_common.middleware.rclpy_private import ACTION_CLIENT, ExtendedActionClient, is_usable
 from flexbt_common.names import action_service_qos
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 
 from .links import WATCH_SECONDS, ServerLink, ServerLinks, ServerNodes, Servers
@@ -454,7 +454,7 @@ class ActionServerLink(ServerLink):
     ``status_listeners`` are told the status of their goal, by its id, whenever the server publishes its goals.
     """
 
-    def __init__(self, runtime: NodeRuntime, action_type: Any, name: str, nodes: ServerNodes) -> None:
+    def __init__(self, runtime: Runtime, action_type: Any, name: str, nodes: ServerNodes) -> None:
         super().__init__(runtime, name, nodes, f'rt{runtime.node.resolve_topic_name(f"{name}/_action/status")}')
         self.action_type = action_type
         self.status_listeners: dict[bytes, Callable[[int], None]] = {}

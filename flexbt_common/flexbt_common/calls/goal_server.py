@@ -19,7 +19,7 @@ from rclpy.task import Future
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.middleware.rclpy_private import ACTION_SERVER, ExtendedActionServer, is_usable
 from flexbt_common.names import action_service_qos
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.limits import check_limits, length_of
 from flexbt_core.values.text import sanitize_for_message
 
@@ -185,7 +185,7 @@ class GoalServer:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         action_type: Any,
         name: str,
         on_goal: Callable[[ServedGoal], None],
@@ -314,12 +314,12 @@ class GoalServer:
         return CancelResponse.ACCEPT
 
 
-def goal_servers(runtime: NodeRuntime) -> Mapping[str, GoalServer]:
+def goal_servers(runtime: Runtime) -> Mapping[str, GoalServer]:
     """Return the goal servers of a node, by the names of their actions. For the executor thread."""
     return MappingProxyType(runtime.once(goal_servers, _no_servers))
 
 
-def _no_servers(_runtime: NodeRuntime) -> dict[str, GoalServer]:
+def _no_servers(_runtime: Runtime) -> dict[str, GoalServer]:
     return {}
 
 
@@ -341,7 +341,7 @@ class _Server(ExtendedActionServer):
 
     on_end: Callable[[bytes], object]
 
-    def __init__(self, runtime: NodeRuntime, *arguments: Any, **options: Any) -> None:
+    def __init__(self, runtime: Runtime, *arguments: Any, **options: Any) -> None:
         super().__init__(runtime.node, *arguments, execute_callback=_never, result_timeout=_LISTED_SECONDS, **options)
         self.results: dict[bytes, Any] = {}
         self._lengths: dict[bytes, int] = {}
@@ -441,7 +441,7 @@ class _StockServer(ActionServer):
 
     on_end: Callable[[bytes], object]
 
-    def __init__(self, runtime: NodeRuntime, *arguments: Any, **options: Any) -> None:
+    def __init__(self, runtime: Runtime, *arguments: Any, **options: Any) -> None:
         super().__init__(
             runtime.node, *arguments, execute_callback=self._result, result_timeout=RESULT_SECONDS, **options
         )

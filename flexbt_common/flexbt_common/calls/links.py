@@ -20,7 +20,7 @@ from rclpy.subscription import Subscription
 from flexbt_common.lifecycle.liveliness import PEER_TIMEOUT, LivelinessWatch, has_liveliness_protocol
 from flexbt_common.middleware.received_messages import UNKNOWN_NODE
 from flexbt_common.names import alive_topic
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
 
 SETTLE_SECONDS: Final = 0.1
@@ -53,7 +53,7 @@ class ServerNodes:
     ``timeout``: how long one may be late before it is taken for gone, s of wall time.
     """
 
-    def __init__(self, runtime: NodeRuntime, timeout: float) -> None:
+    def __init__(self, runtime: Runtime, timeout: float) -> None:
         self._runtime = runtime
         self._timeout = timeout
         self._watches: dict[str, LivelinessWatch] = {}
@@ -125,7 +125,7 @@ class ServerLink:
     subscriptions: tuple[Subscription, ...] = ()
     """Those that are needed beside the client; they are destroyed with it."""
 
-    def __init__(self, runtime: NodeRuntime, name: str, nodes: ServerNodes, answer_topic: str) -> None:
+    def __init__(self, runtime: Runtime, name: str, nodes: ServerNodes, answer_topic: str) -> None:
         """``answer_topic``: a topic on which the server answers, as DDS has it."""
         self.runtime = runtime
         self.name = name
@@ -186,7 +186,7 @@ class ServerLinks(Generic[LinkT]):
 
     link_class: ClassVar[type[Any]]
 
-    def __init__(self, runtime: NodeRuntime, peer_timeout: float = PEER_TIMEOUT) -> None:
+    def __init__(self, runtime: Runtime, peer_timeout: float = PEER_TIMEOUT) -> None:
         """``peer_timeout``: how long the node of a server may be late before it is taken for gone, s of wall time."""
         self._runtime = runtime
         self._peer_timeout = peer_timeout

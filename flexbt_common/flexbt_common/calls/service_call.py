@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_common.names import service_qos
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 
 from .links import SETTLE_SECONDS, WATCH_SECONDS, ServerLink, ServerLinks, ServerNodes, Servers
@@ -39,7 +39,7 @@ class ServiceLink(ServerLink):
 
     asks_silent = True  # a cancel, above all
 
-    def __init__(self, runtime: NodeRuntime, service_type: Any, name: str, nodes: ServerNodes) -> None:
+    def __init__(self, runtime: Runtime, service_type: Any, name: str, nodes: ServerNodes) -> None:
         super().__init__(runtime, name, nodes, f'rr{runtime.node.resolve_service_name(name)}Reply')
         self.service_type = service_type
         self.client: Any = runtime.node.create_client(service_type, name, qos_profile=service_qos())

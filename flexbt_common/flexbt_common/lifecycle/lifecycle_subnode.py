@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter
 
 from flexbt_common import names
 from flexbt_common.runtime.node_executor import make_executor
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 
 from .managed_node import ExtendedLifecycleNode
 
@@ -42,7 +42,7 @@ class LifecycleSubnode:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         name: str,
         on_change: Callable[[bool], object] = lambda _is_active: None,
         is_ready: Callable[[], bool] = lambda: True,
@@ -104,7 +104,7 @@ class LifecycleSubnode:
 class _SubnodesThread:
     """Calls the services of the parts of a process. Made, and told of them, on the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._is_closed = False
         self._thread: threading.Thread | None = None

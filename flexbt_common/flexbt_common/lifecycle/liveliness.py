@@ -56,7 +56,7 @@ from flexbt_common.middleware.received_messages import (
 )
 from flexbt_common.names import alive_topic
 from flexbt_common.runtime.clock_watch import clock_health
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_common.values.limits import check_limits
 from flexbt_core.clock.clock import Timer
@@ -147,7 +147,7 @@ class LivelinessToken:
     Whatever part of a node wants a token: it is one for the whole node, and stays when that part has ended.
     """
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._held = runtime.call(lambda: runtime.once('liveliness token', _HeldToken))
 
@@ -168,7 +168,7 @@ class LivelinessToken:
 
 
 class _HeldToken:
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._node = runtime.node
         self._identity = ProcessIdentity.own()
         self._lock = threading.Lock()
@@ -268,7 +268,7 @@ class LivelinessWatch:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         node_name: str,
         on_change: Callable[[bool], None] = lambda _is_alive: None,
         on_ready: Callable[[bool], None] = lambda _is_ready: None,
@@ -406,7 +406,7 @@ class _SeenToken:
     on.
     """
 
-    def __init__(self, runtime: NodeRuntime, topic: str) -> None:
+    def __init__(self, runtime: Runtime, topic: str) -> None:
         self._topic = topic
         self.alive: bool | None = None
         self._unheard = False  # the middleware has found it, and it has said nothing yet

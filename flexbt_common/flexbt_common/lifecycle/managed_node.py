@@ -10,6 +10,7 @@ import contextlib
 import threading
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, Final, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -25,8 +26,9 @@ from rclpy.task import Future
 from flexbt_common.middleware.rclpy_private import release_lifecycle
 from flexbt_common.names import CLOCK
 from flexbt_common.runtime.clock_watch import GOES_ON, clock_health
-from flexbt_common.runtime.node_runtime import CALL_SECONDS, LargeQueueNode, NodeRuntime, run_node
+from flexbt_common.runtime.node_runtime import CALL_SECONDS, LargeQueueNode, NodeRuntime, Runtime, run_node
 from flexbt_common.runtime.parameters import refuse_while_configured
+from flexbt_core.clock.clock import Timer
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import one_line, sanitize_for_message
 
@@ -114,11 +116,11 @@ class Managed(Protocol):
         """
 
 
-Maker = Callable[[NodeRuntime, str], Managed]
+Maker = Callable[[Runtime, str], Managed]
 """Gets a runtime that ends with the configured node, and why the node refuses to work until it is activated: ''
 when it is going to be activated at once, so that nobody who meets it meanwhile is refused."""
 
-Waiting = Callable[[NodeRuntime], object]
+Waiting = Callable[[Runtime], object]
 Declare = Callable[[Node], object]
 
 
@@ -240,7 +242,7 @@ class ManagedNode(ExtendedLifecycleNode):
         self._token.set_ready(False)
         self._scope.close()
 
-    def _enter(self, make: Callable[[NodeRuntime], Any]) -> None:
+    def _enter(self, make: Callable[[Runtime], Any]) -> None:
         self._scope.close()
         self._scope = NodeScope(self._runtime)
         self._managed = make(self._scope)
@@ -337,44 +339,67 @@ def run_managed_node(
 T = TypeVar('T')
 
 
-class NodeScope(NodeRuntime):
-    """A runtime within another one: same node, executor and clocks; it ends before the other, and another may follow.
+class NodeScope:
+    """A :class:`Runtime` within that of a node, its host: it ends before the host, and another may follow.
 
     All that has been made on the node since the scope began goes when it ends, so nobody has to keep account of it:
     what it registered with :meth:`on_close` is called, what it posted is dropped, and every entity is destroyed.
-    Scopes of one node follow each other; they do not overlap.
+    Scopes of one node follow each other; they do not overlap. All else is the host's.
     """
 
     def __init__(self, host: NodeRuntime) -> None:
-        # Not what the base makes: that is the host's.
         self._host = host
         self.node = host.node
-        self.default_context = host.default_context
         self.name = host.name
         self.nodes = host.nodes
+        self.default_context = host.default_context
         self.simulated_time = host.simulated_time
+        self.listening_time = host.listening_time
         self.clock = host.clock
         self.steady = host.steady
         self.health = host.health
+        self.forget = host.forget
+        self.report_fault = host.report_fault
+        self.fail = host.fail
+        self.abort = host.abort
         self._closed = threading.Event()
-        self._on_close = []
-        self._on_fault = []
-        self._thread = host._thread
-        self._lock = threading.RLock()
+        self._on_close: list[Callable[[], object]] = []
+        self._on_fault: list[Callable[[BaseException], None]] = []
         self._before = host.call(self._entities)
-        host.on_fault(self._tell_fault)
+        host.on_fault(self._report_fault)
 
     @property
     def on_executor_thread(self) -> bool:
         """Whether the caller is on the executor thread."""
         return self._host.on_executor_thread
 
+    @property
+    def closed(self) -> bool:
+        """Whether the scope has ended; what is posted now is dropped."""
+        return self._closed.is_set()
+
     def post(self, fn: Callable[[], object]) -> None:
-        """As that of the host; dropped when the scope has ended meanwhile."""
-        self._host.post(lambda: None if self.closed else fn())
+        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
+        self._host.post(partial(self._run, fn))
+
+    def post_at(self, when: float, fn: Callable[[], object]) -> Timer:
+        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
+        return self._host.post_at(when, partial(self._run, fn))
+
+    def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
+        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
+        return self._host.post_in(seconds, partial(self._run, fn))
+
+    def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
+        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
+        self._host.call_near(when, tolerance, partial(self._run, fn))
+
+    def _run(self, fn: Callable[[], object]) -> None:
+        if not self.closed:
+            fn()
 
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
-        """As that of the host.
+        """Run ``fn`` as the host does.
 
         Raises:
             TimeoutError: as that of the host.
@@ -389,7 +414,7 @@ class NodeScope(NodeRuntime):
         return self._host.call(run, timeout)
 
     def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
-        """As that of the host, for whom it is made: it stays when the scope has ended."""
+        """Return what the host makes for ``key``; it stays when the scope has ended."""
         before = self._entities()
         made = self._host.once(key, make)
         new = {entity: destroy for entity, destroy in self._entities().items() if entity not in before}
@@ -397,35 +422,33 @@ class NodeScope(NodeRuntime):
         self._before = {entity: destroy for entity, destroy in self._before.items() if entity in before} | new
         return made
 
-    def forget(self, key: Hashable) -> None:
-        """As that of the host."""
-        self._host.forget(key)
+    def on_close(self, fn: Callable[[], object]) -> None:
+        """Have ``fn`` called when the scope ends, as :meth:`NodeRuntime.on_close`."""
+        self._on_close.append(fn)
 
-    def abort(self, problem: str) -> None:
-        """As that of the host."""
-        self._host.abort(problem)
+    def cancel_on_close(self, fn: Callable[[], object]) -> None:
+        """Take back :meth:`on_close`. Harmless when it was taken back already, or called."""
+        with contextlib.suppress(ValueError):
+            self._on_close.remove(fn)
 
-    def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
-        """As that of the host. Never raises."""
-        self._host.report_fault(error, where)
-
-    def fail(self, why: str) -> None:
-        """As that of the host."""
-        self._host.fail(why)
+    def on_fault(self, fn: Callable[[BaseException], None]) -> None:
+        """Have ``fn`` told each exception that is reported while the scope lasts, as :meth:`NodeRuntime.on_fault`."""
+        self._on_fault.append(fn)
 
     def close(self) -> None:
         """End the scope. May be called twice, not from the executor thread."""
-        self.close_components()
+        callbacks, self._on_close = self._on_close, []
+        self._host.close_all(callbacks)
         if not self.closed:
             self._host.call(self._end)
 
-    def _tell_fault(self, error: BaseException) -> None:
+    def _report_fault(self, error: BaseException) -> None:
         for observer in self._on_fault:
             observer(error)
 
     def _end(self) -> None:
         self._closed.set()
-        self._host._on_fault.remove(self._tell_fault)
+        self._host._on_fault.remove(self._report_fault)
         for entity, destroy in self._entities().items():
             if entity not in self._before:
                 destroy(entity)
@@ -465,7 +488,7 @@ class DiagnosticsPublisher:
     Where time is simulated, an entry says how that goes.
     """
 
-    def __init__(self, runtime: NodeRuntime, entries: Callable[[], Sequence[DiagnosticStatus]]) -> None:
+    def __init__(self, runtime: Runtime, entries: Callable[[], Sequence[DiagnosticStatus]]) -> None:
         self._runtime = runtime
         self._entries = entries
         self._publisher = runtime.node.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, 10)
@@ -487,7 +510,7 @@ class DiagnosticsPublisher:
 
 
 def diagnostic_status(
-    runtime: NodeRuntime, what: str, level: bytes, message: str, values: Mapping[str, str] | None = None
+    runtime: Runtime, what: str, level: bytes, message: str, values: Mapping[str, str] | None = None
 ) -> DiagnosticStatus:
     """Return what is to be told of one thing of a node: ``level`` is one of the constants of DiagnosticStatus."""
     return DiagnosticStatus(

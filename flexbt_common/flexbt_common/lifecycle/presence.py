@@ -20,7 +20,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, ReceivedMessages
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_common.values.limits import check_limits
 from flexbt_core.clock.clock import Timer
@@ -55,7 +55,7 @@ class PresenceToken:
     ``namespace`` is that of the robot which is told, by default the node's own.
     """
 
-    def __init__(self, runtime: NodeRuntime, name: str, namespace: str = '') -> None:
+    def __init__(self, runtime: Runtime, name: str, namespace: str = '') -> None:
         self._topic = names.of_robot(namespace, names.EXECUTIVE_PRESENCE)
         # The time of its making tells it from the other tokens of that name.
         self._word = PeerStatus(name=sanitize_for_message(name), alive=True, since=runtime.clock.stamp())
@@ -104,7 +104,7 @@ class PresenceWatch:
     only so many are heard.
     """
 
-    def __init__(self, runtime: NodeRuntime, on_ignored: Callable[[str], object] | None = None) -> None:
+    def __init__(self, runtime: Runtime, on_ignored: Callable[[str], object] | None = None) -> None:
         """``on_ignored``: see :class:`ReceivedMessages`."""
         self.present: frozenset[str] = frozenset()
         self._runtime = runtime

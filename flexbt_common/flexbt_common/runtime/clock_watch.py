@@ -21,7 +21,7 @@ from flexbt_common.middleware.received_messages import Received, ReceivedMessage
 from flexbt_core.clock.clock import Timer
 
 from .node_log import RepeatedReports
-from .node_runtime import NodeRuntime
+from .node_runtime import NodeRuntime, Runtime
 from .ros_clock import watch_clock_publishers
 
 STILL_SECONDS: Final = 3.0
@@ -49,7 +49,7 @@ _MOST_NAMES: Final = 5
 _CLOCK_BYTES: Final = 100
 
 
-def clock_health(runtime: NodeRuntime) -> ClockHealth:
+def clock_health(runtime: Runtime) -> ClockHealth:
     """Return what watches the time of a node, one for each node. For the executor thread."""
     return runtime.once(ClockHealth, ClockHealth)
 

@@ -32,7 +32,7 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from functools import cached_property, partial
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -73,7 +73,7 @@ from .parameters import (
     undeclared,
     unknown_parameters,
 )
-from .ros_clock import RosClock
+from .ros_clock import HandledTime, RosClock, SimulatedTime
 
 T = TypeVar('T')
 
@@ -194,7 +194,7 @@ class LargeQueueNode(Node):
 
 
 class _PostedTimer:
-    def __init__(self, runtime: NodeRuntime, when: float, fn: Callable[[], object]) -> None:
+    def __init__(self, runtime: Runtime, when: float, fn: Callable[[], object]) -> None:
         self._fn: Callable[[], object] | None = fn
         self._timer = runtime.steady.call_at(when, lambda: runtime.post(self._run))
 
@@ -205,6 +205,53 @@ class _PostedTimer:
     def cancel(self) -> None:
         self._fn = None
         self._timer.cancel()
+
+
+class Runtime(Protocol):
+    """A runtime as the parts of a node use it: that of the node (:class:`NodeRuntime`, which describes the members), or
+    of a part of it that has an end of its own (:class:`flexbt_common.lifecycle.managed_node.NodeScope`)."""
+
+    node: LargeQueueNode
+    name: str
+    nodes: list[Node]
+    default_context: DefaultContext
+    simulated_time: SimulatedTime
+    listening_time: HandledTime
+    clock: RosClock
+    steady: SteadyClock
+    health: Health
+
+    @property
+    def on_executor_thread(self) -> bool: ...
+
+    @property
+    def closed(self) -> bool: ...
+
+    def post(self, fn: Callable[[], object]) -> None: ...
+
+    def post_at(self, when: float, fn: Callable[[], object]) -> Timer: ...
+
+    def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer: ...
+
+    def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None: ...
+
+    def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T: ...
+
+    def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T: ...
+
+    def forget(self, key: Hashable) -> None: ...
+
+    def cancel_on_close(self, fn: Callable[[], object]) -> None: ...
+
+    def on_close(self, fn: Callable[[], object]) -> None: ...
+
+    def on_fault(self, fn: Callable[[BaseException], None]) -> None: ...
+
+    def report_fault(self, error: BaseException, where: str = 'a callback') -> None: ...
+
+    def fail(self, why: str) -> None: ...
+
+    def abort(self, problem: str) -> None: ...
 
 
 class NodeRuntime:
@@ -496,6 +543,10 @@ class NodeRuntime:
         """The first part of the end: whatever has asked for it by :meth:`on_close`."""
         with self._lock:
             callbacks, self._on_close = self._on_close, []
+        self.close_all(callbacks)
+
+    def close_all(self, callbacks: Sequence[Callable[[], object]]) -> None:
+        """Call these, the last one first. Report what one raises, and go on."""
         for callback in reversed(callbacks):
             try:
                 callback()
@@ -586,7 +637,7 @@ def _place_of(error: BaseException) -> tuple[str, int]:
     return ('', 0) if trace is None else (trace.tb_frame.f_code.co_filename, trace.tb_lineno)
 
 
-def qos_misfit(runtime: NodeRuntime, topic: str) -> str:
+def qos_misfit(runtime: Runtime, topic: str) -> str:
     """Why no messages come on a topic (resolved name), as far as is known; '' for nothing. From any thread.
 
     What is given may be outdated by the end of another node; who asks again hears of that.

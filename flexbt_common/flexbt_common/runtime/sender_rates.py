@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from .node_runtime import NodeRuntime
+from .node_runtime import Runtime
 
 _SENDERS: Final = 256
 
@@ -51,7 +51,7 @@ class Pace:
     BURST_SECONDS: Final = 0.1
     """Rest that may be owed before it is taken: what comes now and then is not delayed."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._rested_at = -math.inf
 

@@ -24,8 +24,9 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
-from flexbt_common.lifecycle.managed_node import ManagedNode, unconfigured
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.lifecycle.managed_node import ManagedNode, NodeScope, unconfigured
+from flexbt_common.lifecycle.presence import PresenceToken
+from flexbt_common.runtime.node_runtime import NodeRuntime, Runtime
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtLoad
@@ -42,7 +43,7 @@ def speed(node: Node) -> float:
 class Machine:
     """What is managed: it has one of each kind of entity, and fails on request."""
 
-    def __init__(self, runtime: NodeRuntime, bench: Bench) -> None:
+    def __init__(self, runtime: Runtime, bench: Bench) -> None:
         self.runtime = runtime
         self.bench = bench
         bench.notes.append('configure')
@@ -252,7 +253,7 @@ def test_the_node_answers_while_a_transition_waits_for_its_executor() -> None:
 
 def test_what_ended_is_not_run_any_more() -> None:
     with open_bench() as bench:
-        kept: list[NodeRuntime] = []
+        kept: list[Any] = []
         bench.managed._configure = lambda runtime, _: kept.append(runtime) or Machine(runtime, bench)  # type: ignore[func-returns-value]
         assert bench.client.change('configure') and bench.client.change('cleanup')
         late: list[str] = []
@@ -262,6 +263,44 @@ def test_what_ended_is_not_run_any_more() -> None:
         bench.node.call(lambda: None)
         assert late == []
         kept[0].close()  # a second time
+
+
+def test_a_scope_has_every_member_of_a_runtime() -> None:
+    members = [name for name in (*vars(Runtime), *Runtime.__annotations__) if not name.startswith('_')]
+    with NodeRuntime.open('host') as host:
+        scope = NodeScope(host)
+        assert [name for name in members if not (hasattr(host, name) and hasattr(scope, name))] == []
+        assert len(members) > 20
+        scope.close()
+
+
+def test_a_scope_runs_what_it_is_asked_to_until_it_ends() -> None:
+    run: list[str] = []
+    with NodeRuntime.open('host') as host:
+        scope = NodeScope(host)
+        now = scope.steady.now()
+        scope.post(lambda: run.append('post'))
+        scope.post_at(now, lambda: run.append('at'))
+        scope.post_in(0.0, lambda: run.append('in'))
+        scope.call(lambda: scope.call_near(now, 0.0, lambda: run.append('near')))
+        assert scope.call(lambda: scope.on_executor_thread) and not scope.on_executor_thread
+        wait_until(lambda: sorted(run) == ['at', 'in', 'near', 'post'], lambda: run)
+        scope.on_close(lambda: run.append('first'))
+        scope.on_close(lambda: run.append('second'))
+        scope.on_close(run.clear)
+        scope.cancel_on_close(run.clear)
+        scope.on_fault(lambda error: run.append(str(error)))
+        scope.report_fault(ValueError('fault'))
+        PresenceToken(scope, 'somebody').close()
+        scope.close()
+        assert run[4:] == ['fault', 'second', 'first']
+        for late in (scope.post, lambda fn: scope.post_in(0.0, fn), lambda fn: scope.call_near(now, 0.0, fn)):
+            host.call(lambda late=late: late(lambda: run.append('late')))  # type: ignore[misc]
+        scope.report_fault(ValueError('later'))
+        host.call(lambda: None)
+        assert len(run) == 7 and not host.has_failed
+        scope.fail('a part has failed')
+        assert host.has_failed
 
 
 def test_parameters_are_read_by_each_configure_and_fixed_in_between() -> None:

@@ -48,7 +48,7 @@ def main() -> None:
     from flexbt_common.lifecycle.managed_node import ManagedNode
     from flexbt_common.middleware import rclpy_private
     from flexbt_common.middleware.rclpy_private import is_usable
-    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_common.runtime.node_runtime import NodeRuntime, Runtime
     from flexbt_msgs.action import BtGetData
 
     def serve(goal: ServedGoal) -> None:
@@ -58,7 +58,7 @@ def main() -> None:
     class Server:
         """What the node is while it is configured."""
 
-        def __init__(self, runtime: NodeRuntime, refusal: str) -> None:
+        def __init__(self, runtime: Runtime, refusal: str) -> None:
             runtime.call(
                 lambda: GoalServer(
                     runtime, BtGetData, 'get', serve, lambda goal: goal.canceled(BtGetData.Result(message='stopped'))

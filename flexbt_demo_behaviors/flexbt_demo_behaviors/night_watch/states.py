@@ -23,7 +23,7 @@ from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceCall
 from flexbt_common.files import resolve_file
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core import EventState, Outcome, Place, Predicate, Skill, UserData, load_places
 from flexbt_onboard.behaviors.run_context import state_services
 from flexbt_states.errors import StateParameterError
@@ -337,7 +337,7 @@ class WatchPartnerState(EventState):
             runtime = state_services(self).runtime
             runtime.post(lambda: runtime.node.destroy_subscription(subscription))
 
-    def _join(self, runtime: NodeRuntime) -> None:
+    def _join(self, runtime: Runtime) -> None:
         self._watch = LivelinessWatch(runtime, self._executive, self._tell)
         self._subscription = runtime.node.create_subscription(
             String, self._topic, self._on_message, names.transient_local_qos()

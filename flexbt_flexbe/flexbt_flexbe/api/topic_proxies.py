@@ -16,7 +16,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from flexbt_common.runtime.node_runtime import NodeRuntime, qos_misfit
+from flexbt_common.runtime.node_runtime import Runtime, qos_misfit
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.values.text import short_repr
 from flexbt_flexbe.errors import ProxyError
@@ -132,7 +132,7 @@ MessageCallback = Callable[[Any], None]
 class _Feed:
     """One topic: what has come, and whom it concerns. Messages come on the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
+    def __init__(self, runtime: Runtime, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
         self.message_class = message
         self.users: set[Any] = set()
         self.listeners = Listeners()

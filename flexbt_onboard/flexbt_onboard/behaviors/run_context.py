@@ -16,7 +16,7 @@ from typing import Any, Final, TypeVar
 from flexbt_common.calls.action_call import ActionCall, ActionLinks
 from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.middleware.default_context import offline_default_context, undiscovered
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime, Runtime
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_core.values.text import short_repr
@@ -120,7 +120,7 @@ class StateServices:
     sent.
     """
 
-    runtime: NodeRuntime
+    runtime: Runtime
     actions: ActionLinks
     services: ServiceLinks
     node_name: str
@@ -129,7 +129,7 @@ class StateServices:
     goals: RunGoals = field(default_factory=RunGoals)
 
     @classmethod
-    def of(cls, runtime: NodeRuntime) -> StateServices:
+    def of(cls, runtime: Runtime) -> StateServices:
         """Return those of a node that knows nothing of others."""
         return runtime.call(
             lambda: cls(runtime, ActionLinks(runtime), ServiceLinks(runtime), runtime.node.get_fully_qualified_name())

@@ -22,7 +22,7 @@ from typing import Final
 
 from flexbt_common.lifecycle.presence import PresenceWatch
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_onboard.errors import CommandRefusedError
 
@@ -39,7 +39,7 @@ class Authority:
     """
 
     def __init__(
-        self, runtime: NodeRuntime, presence: PresenceWatch, timeout: float, on_change: Callable[[str], None]
+        self, runtime: Runtime, presence: PresenceWatch, timeout: float, on_change: Callable[[str], None]
     ) -> None:
         self.holder = ''
         self._requests: dict[str, float] = {}  # who asks, and when they were there last

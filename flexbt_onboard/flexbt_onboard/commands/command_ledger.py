@@ -17,7 +17,7 @@ from typing import Any, Final, Protocol
 
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_log import RepeatedReports
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.state_machine.engine.operator_commands import CommandReply
 from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
@@ -70,7 +70,7 @@ class CommandLedger:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         handling: CommandHandling,
         journal: RunJournal,
         report: Reporter,

@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.decision_subject import subject_fields
 from flexbt_common.values.entries import from_entry, text_to_value, to_entry
 from flexbt_common.values.value_types import resolve_type
@@ -52,7 +52,7 @@ class InputRequests:
     log, ``waiting`` or ``decided``, and its fields.
     """
 
-    def __init__(self, runtime: NodeRuntime, admission: GoalAdmission, on_change: OnChange) -> None:
+    def __init__(self, runtime: Runtime, admission: GoalAdmission, on_change: OnChange) -> None:
         self._runtime = runtime
         self._on_change = on_change
         self._open: dict[str, _InputRequest] = {}

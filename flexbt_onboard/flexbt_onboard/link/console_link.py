@@ -20,7 +20,7 @@ from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages, writer_name
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_common.values.limits import LONG_TEXT, sanitize_message
 from flexbt_core.values.places import Place
@@ -47,7 +47,7 @@ PING_BURST: Final = 100
 class ConsoleLink:
     """The topics of one executive; nothing is heard before :meth:`listen`."""
 
-    def __init__(self, runtime: NodeRuntime, executive_id: str, heartbeat_period: float) -> None:
+    def __init__(self, runtime: Runtime, executive_id: str, heartbeat_period: float) -> None:
         self._runtime = runtime
         self._executive_id = executive_id
         self._heartbeat_period = heartbeat_period
@@ -212,7 +212,7 @@ class CommandIntake:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         on_command: OnCommand,
         tell: Callable[[int, str], None],
         *,

@@ -15,7 +15,7 @@ from typing import Any, Final
 from builtin_interfaces.msg import Time
 
 from flexbt_common import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import ExecutiveEvent, ExecutiveEvents
 
@@ -31,7 +31,7 @@ TEXT_LENGTH: Final = 1000
 class EventStream:
     """Publishes the events of one executive. From any thread, but made on the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, executive_id: str) -> None:
+    def __init__(self, runtime: Runtime, executive_id: str) -> None:
         self._runtime = runtime
         self._executive_id = executive_id
         self._publisher = runtime.node.create_publisher(

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.decision_subject import subject_fields
 from flexbt_common.values.message_fields import time_of_nanoseconds
 from flexbt_core.clock.clock import Timer
@@ -159,7 +159,7 @@ class ShownStatus:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         make: Callable[[], StatusPicture],
         publish: Callable[[StatusPicture], None],
         when_durable: Callable[[Callable[[], object]], None],
@@ -229,7 +229,7 @@ class StatusPublisher:
     Changes that come faster than the rate allows are put together.
     """
 
-    def __init__(self, runtime: NodeRuntime, send: Callable[[], None], period: float) -> None:
+    def __init__(self, runtime: Runtime, send: Callable[[], None], period: float) -> None:
         self._runtime = runtime
         self._send = send
         self._lock = threading.Lock()

@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 
 from flexbt_common import names as table
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import ExecutiveLog, PeerStatus
@@ -42,7 +42,7 @@ class PeersWatch:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         names: Sequence[str],
         log: Callable[[int, str], None],
         changed: Callable[[], None],
@@ -149,7 +149,7 @@ class PeersWatch:
         return self._watches[self._peers.index(peer)]
 
 
-def _qualified(runtime: NodeRuntime, name: str) -> str:
+def _qualified(runtime: Runtime, name: str) -> str:
     """Return the fully qualified name of a node that is named relative to this one's namespace."""
     topic = table.alive_topic('')
     return str(runtime.node.resolve_topic_name(name + topic)).removesuffix(topic)

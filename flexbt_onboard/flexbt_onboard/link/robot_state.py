@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from flexbt_common import names
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, LatestMessage, Received, ReceivedMessages
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.message_fields import path_points
 from flexbt_msgs.msg import DecisionSubject
 from flexbt_msgs.msg import RobotPlan as RobotPlanMessage
@@ -22,7 +22,7 @@ from flexbt_msgs.msg import RobotPlan as RobotPlanMessage
 class RobotPose:
     """The newest message of a PoseStamped topic."""
 
-    def __init__(self, runtime: NodeRuntime, topic: str) -> None:
+    def __init__(self, runtime: Runtime, topic: str) -> None:
         self._node = runtime.node
         self._topic = runtime.node.resolve_topic_name(topic)
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -65,7 +65,7 @@ _PATH: Final = 'nav_msgs/msg/Path'
 class RobotPlan:
     """Publishes the newest message of a Path topic once more, latched. Used on the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, topic: str) -> None:
+    def __init__(self, runtime: Runtime, topic: str) -> None:
         self._runtime = runtime
         self._publisher = runtime.node.create_publisher(
             RobotPlanMessage, names.EXECUTIVE_PLAN, names.transient_local_qos()

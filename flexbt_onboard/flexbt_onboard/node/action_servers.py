@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.entries import Encoding, to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED
@@ -51,7 +51,7 @@ class BehaviorActionServer:
     """
 
     def __init__(
-        self, runtime: NodeRuntime, library: BehaviorLibrary, runs: RunSupervisor, admission: GoalAdmission
+        self, runtime: Runtime, library: BehaviorLibrary, runs: RunSupervisor, admission: GoalAdmission
     ) -> None:
         """``admission``: whether goals are taken at all."""
         self._library = library
@@ -161,7 +161,7 @@ GetUserdataResult = GetUserdata.Result
 class UserdataServer:
     """Serves GetUserdata. Used on the executor thread only; the values are written down on the thread of the run."""
 
-    def __init__(self, runtime: NodeRuntime, runs: RunSupervisor) -> None:
+    def __init__(self, runtime: Runtime, runs: RunSupervisor) -> None:
         self._runtime = runtime
         self._runs = runs
         GoalServer(runtime, GetUserdata, names.GET_USERDATA, self._serve, _cancel, refused=_refused_userdata)

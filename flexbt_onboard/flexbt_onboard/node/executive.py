@@ -24,7 +24,7 @@ from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, DiagnosticsPublisher, diagnostic_status
 from flexbt_common.lifecycle.presence import PresenceWatch
 from flexbt_common.runtime.clock_watch import GOES_ON, clock_health
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.machine_behavior import MachineStore
@@ -66,7 +66,7 @@ class Executive:
     """
 
     def __init__(
-        self, runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary, refusal: str = ''
+        self, runtime: Runtime, parameters: ExecutiveParameters, library: BehaviorLibrary, refusal: str = ''
     ) -> None:
         """Must be called on the executor thread. ``refusal``: why nothing can be started until it is activated."""
         self.library = library
@@ -314,7 +314,7 @@ class Executive:
 
 
 def open_executive(
-    runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary | None = None, refusal: str = ''
+    runtime: Runtime, parameters: ExecutiveParameters, library: BehaviorLibrary | None = None, refusal: str = ''
 ) -> Executive:
     """Make an executive on a runtime, which closes it at its end; ``library`` defaults to the installed behaviors."""
     runtime.default_context.open()
@@ -344,9 +344,7 @@ class ExecutiveDiagnostics:
     ``status`` gives the present status of the executive, ``problems`` what is wrong with event log and journal.
     """
 
-    def __init__(
-        self, runtime: NodeRuntime, status: Callable[[], ExecutiveStatus], problems: Mapping[str, str]
-    ) -> None:
+    def __init__(self, runtime: Runtime, status: Callable[[], ExecutiveStatus], problems: Mapping[str, str]) -> None:
         self._runtime = runtime
         self._status = status
         self._problems = problems

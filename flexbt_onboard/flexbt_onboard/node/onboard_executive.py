@@ -9,7 +9,7 @@ from typing import Any
 
 from flexbt_common import names
 from flexbt_common.lifecycle.managed_node import run_managed_node, unconfigured
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.state_machine.engine.operator_commands import CommandReply
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.commands.command_ledger import CommandLedger
@@ -24,7 +24,7 @@ from .executive import Executive, open_executive
 from .executive_parameters import ExecutiveParameters, declare_parameters
 
 
-def configure(runtime: NodeRuntime, refusal: str) -> Executive:
+def configure(runtime: Runtime, refusal: str) -> Executive:
     """Make the executive from the parameters of the node."""
     parameters = runtime.call(lambda: declare_parameters(runtime.node))
     executive = open_executive(runtime, parameters, refusal=refusal)
@@ -45,7 +45,7 @@ def main(args: list[str] | None = None) -> int:
 class UnconfiguredExecutive:
     """The operator link of an executive that does not know its behaviors: every command is refused, with the reason."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         """Must be called off the executor thread."""
         self._refusal = f'the executive {unconfigured(runtime.node)}'
         runtime.call(lambda: self._open(runtime, ExecutiveParameters().heartbeat_period))
@@ -62,7 +62,7 @@ class UnconfiguredExecutive:
         """Refuse it."""
         raise CommandRefusedError(self._refusal)
 
-    def _open(self, runtime: NodeRuntime, heartbeat_period: float) -> None:
+    def _open(self, runtime: Runtime, heartbeat_period: float) -> None:
         self._link = ConsoleLink(runtime, uuid.uuid4().hex, heartbeat_period)
         self._status = StatusPublisher(runtime, self._publish, heartbeat_period)
         problems = StorageProblems(self._link.log)

@@ -11,7 +11,7 @@ from typing import Any, Final
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.lifecycle.presence import PresenceWatch
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.value_types import from_plain, resolve_type
 from flexbt_core.clock.clock import Timer
 from flexbt_core.values.text import sanitize_for_message
@@ -44,7 +44,7 @@ class SynthesisServer:
     """
 
     def __init__(
-        self, runtime: NodeRuntime, synthesizer: Synthesizer, admission: GoalAdmission, presence: PresenceWatch
+        self, runtime: Runtime, synthesizer: Synthesizer, admission: GoalAdmission, presence: PresenceWatch
     ) -> None:
         """``admission``: whether goals are taken at all; ``presence`` tells who is there."""
         self._runtime = runtime
@@ -157,7 +157,7 @@ _FLEXBE_CODES: Final = {
 """Error codes of flexbe_synthesis: SUCCESS, SPEC_UNSYNTHESIZABLE, INVALID_REQUEST, PREEMPTED, SYNTHESIS_FAILED."""
 
 
-def serve_flexbe(runtime: NodeRuntime, synthesizer: Synthesizer, admission: GoalAdmission) -> None:
+def serve_flexbe(runtime: Runtime, synthesizer: Synthesizer, admission: GoalAdmission) -> None:
     """Serve ``flexbe_msgs/BehaviorSynthesis`` where there is such a type; ``admission`` says whether goals are taken at
     all. On the executor thread.
 

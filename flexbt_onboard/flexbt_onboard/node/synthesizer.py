@@ -16,7 +16,7 @@ from enum import Enum
 from importlib.metadata import entry_points
 from typing import Any, Final
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import ExecutiveLog
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
@@ -109,7 +109,7 @@ class Synthesizer:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         library: BehaviorLibrary,
         store: MachineStore,
         report: Reporter,

@@ -23,7 +23,7 @@ from rclpy.qos import qos_profile_action_status_default
 from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
 from flexbt_common.names import BT_EXECUTOR
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 
 MOTION_ACTIONS: Final = (
@@ -90,7 +90,7 @@ class MotionStop:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         services: ServiceLinks,
         pose: Callable[[], PoseStamped],
         actions: Sequence[str],

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from flexbt_common.calls.goal_server import GoalAdmission
 from flexbt_common.lifecycle.presence import PresenceWatch
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.limits import LONG_TEXT
 from flexbt_core.clock.clock import Timer
 from flexbt_core.monitors.monitoring import Monitoring
@@ -73,7 +73,7 @@ class RunSupervisor:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         services: StateServices,
         admission: GoalAdmission,
         journal: RunJournal,
@@ -210,7 +210,7 @@ class _Listener:
     run: BehaviorRun
 
     def __init__(
-        self, supervisor: RunSupervisor, runtime: NodeRuntime, display: StatusSink, answer: CommandReply, ended: Ended
+        self, supervisor: RunSupervisor, runtime: Runtime, display: StatusSink, answer: CommandReply, ended: Ended
     ) -> None:
         self._supervisor = supervisor
         self._post = runtime.post
@@ -260,7 +260,7 @@ class OperatorAbsenceWatch:
     goes on anyway tells nothing of it: programs that ask and go would fill the log.
     """
 
-    def __init__(self, runtime: NodeRuntime, presence: PresenceWatch, tell: Callable[[str, bool], None]) -> None:
+    def __init__(self, runtime: Runtime, presence: PresenceWatch, tell: Callable[[str, bool], None]) -> None:
         self._runtime = runtime
         self._tell = tell
         self._run: BehaviorRun | None = None

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 
 from .behavior_run import BehaviorRun
@@ -58,7 +58,7 @@ class StopEnforcer:
     """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on;
     ``warn(message)`` tells operators of what goes on after the end of the run, and when it does not any more."""
 
-    def __init__(self, runtime: NodeRuntime, robot: RobotStop, timeout: float, warn: Callable[[str], None]) -> None:
+    def __init__(self, runtime: Runtime, robot: RobotStop, timeout: float, warn: Callable[[str], None]) -> None:
         self.timeout = timeout
         self._runtime = runtime
         self._robot = robot

@@ -18,7 +18,7 @@ from flexbt_common import names
 from flexbt_common.calls.action_call import ActionLinks, GoalStatus
 from flexbt_common.files import node_file
 from flexbt_common.lifecycle.managed_node import ManagedNode
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import NodeRuntime, Runtime
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import ExecuteBehavior, OperatorInput
@@ -82,7 +82,7 @@ class ManagedBench(Operator):
         self.manager = LifecycleClient(self.console, names.ONBOARD_EXECUTIVE)
         self.links = ActionLinks(self.console)
 
-    def _configure(self, runtime: NodeRuntime, refusal: str) -> Executive:
+    def _configure(self, runtime: Runtime, refusal: str) -> Executive:
         parameters = runtime.call(lambda: declare_parameters(runtime.node))
         library = BehaviorLibrary([entry_of(behavior_of(holding))])
         return open_executive(runtime, parameters, library, refusal)

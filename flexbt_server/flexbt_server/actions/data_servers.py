@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.entries import Encoding
 from flexbt_core.behavior_tree.model.errors import BlackboardError
 from flexbt_core.clock.work_thread import WorkThread
@@ -34,7 +34,7 @@ ERRORS_SHOWN: Final = 20
 class LoadServer:
     """Serves BtLoad. Files are read on the thread of ``reader``, one goal after the other."""
 
-    def __init__(self, runtime: NodeRuntime, store: TreeStore, reader: WorkThread, admission: GoalAdmission) -> None:
+    def __init__(self, runtime: Runtime, store: TreeStore, reader: WorkThread, admission: GoalAdmission) -> None:
         self._runtime = runtime
         self._store = store
         self._reader = reader
@@ -128,7 +128,7 @@ class DataServers:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         boards: Blackboards,
         reader: WorkThread,
         on_write: Callable[[str], None],

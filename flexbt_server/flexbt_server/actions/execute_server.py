@@ -12,7 +12,7 @@ from rclpy.task import Future
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime.clock_watch import ClockHealth, clock_health
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.entries import Encoding
 from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import duration_message
@@ -41,7 +41,7 @@ class ExecuteServer:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         default_tree: str,
         goals: TreeGoals,
         boards: Blackboards,
@@ -187,7 +187,7 @@ class ControlServer:
     Every request is answered when the command has had its effect, or can have none any more.
     """
 
-    def __init__(self, runtime: NodeRuntime, goals: TreeGoals) -> None:
+    def __init__(self, runtime: Runtime, goals: TreeGoals) -> None:
         self._runtime = runtime
         self._goals = goals
         runtime.node.create_service(ControlTree, names.CONTROL_TREE, self._serve)

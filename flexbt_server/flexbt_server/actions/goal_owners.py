@@ -12,7 +12,7 @@ from rclpy.action.server import RCLError
 
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
 from flexbt_common.names import alive_topic
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_core.errors import FlexbtError
 
@@ -32,7 +32,7 @@ MOST_IDLE: Final = 50
 class GoalOwners:
     """Used on the executor thread only."""
 
-    def __init__(self, runtime: NodeRuntime, peer_timeout: float) -> None:
+    def __init__(self, runtime: Runtime, peer_timeout: float) -> None:
         """``peer_timeout``: for how long an owner may be late before it is taken for gone, s of wall time."""
         self._runtime = runtime
         self._peer_timeout = peer_timeout

@@ -17,7 +17,7 @@ from geometry_msgs.msg import PoseStamped
 
 from flexbt_common.calls.goal_server import ServedGoal
 from flexbt_common.runtime.health import Hang
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.engine.tick_control import TickCommand
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
@@ -72,7 +72,7 @@ class TreeGoals:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         parameters: ServerParameters,
         store: TreeStore,
         boards: Blackboards,
@@ -459,7 +459,7 @@ class RunningTree:
 class _GoalReader(RunReader):
     """The reader that brings what concerns goals to the executor thread, and logs what a person should know."""
 
-    def __init__(self, runtime: NodeRuntime, goals: TreeGoals, running: RunningTree) -> None:
+    def __init__(self, runtime: Runtime, goals: TreeGoals, running: RunningTree) -> None:
         self._runtime = runtime
         self._goals = goals
         self._running = running

@@ -20,7 +20,7 @@ from flexbt_common.calls.action_call import ActionLinks
 from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.errors import TransformError
 from flexbt_common.lifecycle.liveliness import STARTED
-from flexbt_common.runtime.node_runtime import CALL_SECONDS, NodeRuntime
+from flexbt_common.runtime.node_runtime import CALL_SECONDS, Runtime
 from flexbt_common.transform_listener import TransformListener
 from flexbt_core.clock.clock import Clock, Timer
 from flexbt_server.trees.tree_store import TreeStore
@@ -43,7 +43,7 @@ class LeafServices:
     in any case. ``goal_reached_tol`` is Nav2's parameter of this name, m.
     """
 
-    runtime: NodeRuntime
+    runtime: Runtime
     actions: ActionLinks
     services: ServiceLinks
     topics: TopicCaches
@@ -86,7 +86,7 @@ class RobotFrames:
     ``global_frame`` and ``robot_base_frame`` are those that are meant where a node names none.
     """
 
-    def __init__(self, runtime: NodeRuntime, pose: TopicCache, global_frame: str, robot_base_frame: str) -> None:
+    def __init__(self, runtime: Runtime, pose: TopicCache, global_frame: str, robot_base_frame: str) -> None:
         self._runtime = runtime
         self._pose = pose
         self._timeout = FIRST_TIMEOUT
@@ -275,7 +275,7 @@ class TriggerServices:
     succeeds when one of them gives True.
     """
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._handlers: dict[str, list[weakref.WeakMethod[Handler]]] = {}
         self._services: dict[str, Any] = {}

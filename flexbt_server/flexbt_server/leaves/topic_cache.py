@@ -16,7 +16,7 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import QoSProfile
 
 from flexbt_common.middleware.received_messages import LatestMessage
-from flexbt_common.runtime.node_runtime import NodeRuntime, qos_misfit
+from flexbt_common.runtime.node_runtime import Runtime, qos_misfit
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
 from flexbt_core.behavior_tree.engine.context import TreeContext
 from flexbt_core.behavior_tree.engine.node import TreeNode
@@ -51,7 +51,7 @@ class SubscribesToTopics(Protocol):
 class TopicCache:
     """The last message of a topic. Made on the executor thread; the subscription goes with who holds the cache."""
 
-    def __init__(self, runtime: NodeRuntime, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
+    def __init__(self, runtime: Runtime, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
         self._runtime = runtime
         self._topic = runtime.node.resolve_topic_name(topic)
         self._trees: weakref.WeakSet[TreeContext] = weakref.WeakSet()
@@ -103,7 +103,7 @@ def _is_awaited(cache: TopicCache | None) -> bool:
 class TopicCaches:
     """The caches of a server, by topic, type and quality of service."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._caches: WeakLruCache[tuple[str, type[Any], str], TopicCache] = WeakLruCache(MOST_TOPICS)
 

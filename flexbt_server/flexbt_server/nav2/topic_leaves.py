@@ -11,7 +11,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
 
 from flexbt_common import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction, SyncAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
@@ -146,7 +146,7 @@ BRAKE_LIMIT: Final = -10.0
 class _Acceleration:
     """The acceleration between the last two messages of the odometry, m/s^2. On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self.value = 0.0
         self._before: tuple[float, float] | None = None
         runtime.node.create_subscription(Odometry, names.ODOM, self._on_odometry, 10)

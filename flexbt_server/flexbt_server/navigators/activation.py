@@ -13,7 +13,7 @@ from typing import Final
 from rclpy.action.server import RCLError
 
 from flexbt_common import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.model.definition import NodeDefinition
 from flexbt_core.clock.clock import Timer
 from flexbt_server.leaves.action_leaf import ActionLeaf
@@ -35,7 +35,7 @@ class Activation:
     once, and what is missing is told.
     """
 
-    def __init__(self, runtime: NodeRuntime, servers: Mapping[str, str], *, patient: bool) -> None:
+    def __init__(self, runtime: Runtime, servers: Mapping[str, str], *, patient: bool) -> None:
         """``servers``: a service of each, and what people call it."""
         self._runtime = runtime
         self._servers = servers

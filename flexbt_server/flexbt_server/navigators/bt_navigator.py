@@ -28,7 +28,7 @@ from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoa
 from flexbt_common.errors import TransformError
 from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.transform_listener import TransformListener
 from flexbt_common.values.message_fields import duration_message, poses_of
 from flexbt_core.behavior_tree.engine.tree import Tree
@@ -59,7 +59,7 @@ class Navigators:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         parameters: NavigatorParameters,
         goals: TreeGoals,
         boards: Blackboards,
@@ -240,7 +240,7 @@ class Navigators:
             )
 
 
-def _waypoint_task(runtime: NodeRuntime, parameters: NavigatorParameters) -> WaypointTask:
+def _waypoint_task(runtime: Runtime, parameters: NavigatorParameters) -> WaypointTask:
     if parameters.waypoint_input is not None:
         return InputAtWaypoint(runtime, parameters.waypoint_input)
     return WaitAtWaypoint(runtime, parameters.waypoint_pause)
@@ -267,7 +267,7 @@ class TreeNavigator:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         name: str,
         parameters: NavigatorParameters,
         goals: TreeGoals,

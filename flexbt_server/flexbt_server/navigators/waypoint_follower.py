@@ -20,7 +20,7 @@ from std_msgs.msg import Empty
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_server.nav2.branches import missed
 from flexbt_server.parameters import InputParameters
@@ -33,7 +33,7 @@ MOST_MISSED: Final = 1000
 
 @dataclass(frozen=True)
 class _Settings:
-    runtime: NodeRuntime
+    runtime: Runtime
     link: ActionServerLink
     stop_on_failure: bool
     task: WaypointTask
@@ -46,7 +46,7 @@ class WaypointFollower:
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         link: ActionServerLink,
         *,
         stop_on_failure: bool,
@@ -224,7 +224,7 @@ class WaypointTask(Protocol):
 class WaitAtWaypoint:
     """``wait_at_waypoint``: lets some time pass, s of the clock of the node."""
 
-    def __init__(self, runtime: NodeRuntime, pause: float) -> None:
+    def __init__(self, runtime: Runtime, pause: float) -> None:
         self._runtime = runtime
         self._pause = pause
         self._timer: Timer | None = None
@@ -247,7 +247,7 @@ class WaitAtWaypoint:
 class InputAtWaypoint:
     """``input_at_waypoint``: waits for a message on a topic, and fails when none comes in time."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: InputParameters) -> None:
+    def __init__(self, runtime: Runtime, parameters: InputParameters) -> None:
         self._parameters = parameters
         self._timeout = WaitAtWaypoint(runtime, parameters.timeout)
         self._on_end: Callable[[str], None] | None = None

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 from nav2_msgs.msg import BehaviorTreeLog, BehaviorTreeStatusChange
 
 from flexbt_common import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.engine.observers import LogReader, log_reader
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
@@ -50,7 +50,7 @@ _CLOSE_SECONDS: Final = 1.0
 class RunLogs:
     """Writes the logs, on a thread of its own. Names are time of the start (UTC), tree and run, in this order."""
 
-    def __init__(self, runtime: NodeRuntime, directory: Path, keep: int) -> None:
+    def __init__(self, runtime: Runtime, directory: Path, keep: int) -> None:
         """Raise ServerParameterError when there is no such directory and none can be made."""
         try:
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -149,7 +149,7 @@ LoggedChange = tuple[int, int, int]
 class TreeLogs:
     """Publishes the log of every run."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._publisher: Any = runtime.node.create_publisher(BehaviorTreeLog, names.BEHAVIOR_TREE_LOG, 10)
 
@@ -200,7 +200,7 @@ class _TreeLog(RunReader):
 class Groot2Runs:
     """Opens the port, and closes it with the node."""
 
-    def __init__(self, runtime: NodeRuntime, port: int, address: str, only: str, types: JsonTypes) -> None:
+    def __init__(self, runtime: Runtime, port: int, address: str, only: str, types: JsonTypes) -> None:
         """``only``: the ID of the tree that is shown, '' for the newest; ``types`` of what is on blackboards.
 
         Raises:

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final, Generic, TypeVar
 
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.observers import StatusLog
 from flexbt_core.behavior_tree.engine.tick_control import TickCommand, TickControl
@@ -78,7 +78,7 @@ class TreeRun(Generic[Client]):
 
     def __init__(
         self,
-        runtime: NodeRuntime,
+        runtime: Runtime,
         parameters: ServerParameters,
         services: Any,
         found: FoundTree,

@@ -27,7 +27,7 @@ from rclpy.serialization import serialize_message
 from rclpy.time import Time
 
 from flexbt_common import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.observers import log_reader
 from flexbt_core.behavior_tree.engine.tree import Tree
@@ -62,7 +62,7 @@ class TreeStream:
     What the middleware keeps for them may be of others: a run can be quiet for a long time.
     """
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
         self._open: dict[RunStream, None] = {}
         self._lock = threading.Lock()
