@@ -25,6 +25,7 @@ GENERATED: Final = (
     'make_bt_nodes.py',
     'make_commands.py',
     'make_console.py',
+    'make_parameters.py',
     'make_states.py',
     'make_world_files.py',
 )

@@ -4,47 +4,15 @@
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import pytest
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-
-import flexbt_console.recording.recorder
-import flexbt_onboard.node.executive_parameters
-import flexbt_server.parameters
-from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.parameters import ParameterDeclarer
-from flexbt_navigation.lifecycle_manager import declare_manager_parameters
-from flexbt_navigation.parameters import declare_navigation_parameters
-from flexbt_onboard.node.executive_parameters import declare_motion
-from flexbt_sim.simulator.parameters import declare_simulator_parameters
 
 ROOT = Path(__file__).parents[3]
 REFERENCE = ROOT / 'docs' / 'reference'
 EXECUTABLES = (REFERENCE / 'executables.md').read_text(encoding='utf-8')
-
-LONG_LIST = 4
-"""Of a default with more entries than this the page gives the number."""
-
-
-def table(page: str, heading: str) -> list[list[str]]:
-    """Return the cells of the first table after a text of a page, without the head."""
-    lines = iter(page[page.index(heading) :].splitlines())
-    rows: list[str] = []
-    for line in lines:
-        if line.startswith('|'):
-            rows.append(line)
-        elif rows:
-            break
-    return [[cell.strip() for cell in re.split(r'(?<!\\)\|', row)[1:-1]] for row in rows[2:]]
-
-
-def codes(cell: str) -> list[str]:
-    return re.findall(r'`([^`]+)`', cell)
 
 
 def executables() -> Iterator[metadata.EntryPoint]:
@@ -81,49 +49,6 @@ def test_executables() -> None:
         assert [line for line in found.stdout.splitlines() if '/' not in line] == []
 
 
-@pytest.mark.parametrize(
-    ('executable', 'declare'),
-    [
-        ('bt_server', flexbt_server.parameters.declare_parameters),
-        ('onboard_executive', flexbt_onboard.node.executive_parameters.declare_parameters),
-        ('stop_guard', lambda node: declare_motion(ParameterDeclarer(node))),
-        ('simulator', declare_simulator_parameters),
-        ('navigation', declare_navigation_parameters),
-        ('lifecycle_manager', declare_manager_parameters),
-        ('recorder', flexbt_console.recording.recorder.declare_parameters),
-    ],
-)
-def test_parameters(executable: str, declare: Callable[[Node], object]) -> None:
-    with NodeRuntime.open('reference') as runtime:
-        node = runtime.node
-        domain = f'domain_{node.context.get_domain_id()}'
-
-        def declared() -> dict[str, tuple[str, str]]:
-            before = node.get_parameters_by_prefix('').keys()
-            declare(node)
-            return {
-                name: (shown(parameter).replace(domain, 'domain_N'), node.describe_parameter(name).description)
-                for name, parameter in node.get_parameters_by_prefix('').items()
-                if name not in before
-            }
-
-        parameters = runtime.call(declared)
-    assert {codes(row[0])[0]: (row[1], row[2]) for row in table(EXECUTABLES, f'**`{executable}`**')} == parameters
-
-
-def shown(parameter: Parameter) -> str:
-    """Return a default as the page writes it."""
-    value: Any = parameter.value
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str | int | float):
-        return f'`{value}`' if value != '' else '–'
-    values = [str(entry) for entry in value if entry != '']
-    if len(values) > LONG_LIST:
-        return f'{len(values)} keys'
-    return f'`[{", ".join(values)}]`' if values else '–'
-
-
 def test_every_interface_that_is_no_part_of_another_is_on_its_page() -> None:
     files = [file for kind in ('action', 'msg', 'srv') for file in (ROOT / 'flexbt_msgs' / kind).iterdir()]
     parts = {type for file in files for type in re.findall(r'^\w+', file.read_text(encoding='utf-8'), re.MULTILINE)}
@@ -136,6 +61,7 @@ def test_every_interface_that_is_no_part_of_another_is_on_its_page() -> None:
     [
         ('make_bounds.py', 'reference/interfaces.md'),
         ('make_commands.py', 'explanation/operator_link.md'),
+        ('make_parameters.py', 'reference/executables.md'),
         ('make_world_files.py', 'reference/world_files.md'),
     ],
 )

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Write the tables of parameters in docs/reference/executables.md, from the declarations of the nodes.
+
+In a shell with the environment of the workspace.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from rclpy.node import Node
+from target import target
+
+import flexbt_console.recording.recorder
+import flexbt_onboard.node.executive_parameters
+import flexbt_server.parameters
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_navigation.lifecycle_manager import declare_manager_parameters
+from flexbt_navigation.parameters import declare_navigation_parameters
+from flexbt_onboard.node.executive_parameters import declare_motion
+from flexbt_sim.simulator.parameters import declare_simulator_parameters
+
+PAGE: Final = Path(__file__).parents[1] / 'reference' / 'executables.md'
+TABLE: Final = re.compile(r'(<!-- written by \S+: (\w+) -->\n).*?(<!-- end of what is written -->\n)', re.DOTALL)
+EXECUTABLES: Final[dict[str, Callable[[Node], object]]] = {
+    'bt_server': flexbt_server.parameters.declare_parameters,
+    'onboard_executive': flexbt_onboard.node.executive_parameters.declare_parameters,
+    'stop_guard': lambda node: declare_motion(ParameterDeclarer(node)),
+    'simulator': declare_simulator_parameters,
+    'navigation': declare_navigation_parameters,
+    'lifecycle_manager': declare_manager_parameters,
+    'recorder': flexbt_console.recording.recorder.declare_parameters,
+}
+LONG_LIST: Final = 4
+"""A default with more entries than this is shown as their number."""
+
+
+def table(declare: Callable[[Node], object]) -> str:
+    """Return the table of the parameters that ``declare`` declares on a node."""
+    with NodeRuntime.open('reference') as runtime:
+        node = runtime.node
+        domain = f'domain_{node.context.get_domain_id()}'
+
+        def rows() -> list[str]:
+            before = node.get_parameters_by_prefix('').keys()
+            declare(node)
+            return [
+                f'| `{name}` | {shown(parameter.value)} | {node.describe_parameter(name).description} |\n'
+                for name, parameter in node.get_parameters_by_prefix('').items()
+                if name not in before
+            ]
+
+        text = ''.join(runtime.call(rows)).replace(domain, 'domain_N')
+    return f'\n| Parameter | Default | Meaning |\n|---|---|---|\n{text}\n'
+
+
+def shown(value: Any) -> str:
+    """Return a default as text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str | int | float):
+        return f'`{value}`' if value != '' else '–'
+    values = [str(entry) for entry in value if entry != '']
+    if len(values) > LONG_LIST:
+        return f'{len(values)} keys'
+    return f'`[{", ".join(values)}]`' if values else '–'
+
+
+def page() -> str:
+    """Return the whole page with the current tables."""
+    return TABLE.sub(lambda found: found[1] + table(EXECUTABLES[found[2]]) + found[3], PAGE.read_text(encoding='utf-8'))
+
+
+if __name__ == '__main__':
+    target(__doc__, PAGE).write_text(page(), encoding='utf-8')
