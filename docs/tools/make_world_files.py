@@ -31,9 +31,9 @@ from flexbt_sim.world import (
 )
 from flexbt_sim.world.descriptions.faults import FaultTiming
 from flexbt_sim.world.descriptions.models import RobotModel
-from flexbt_sim.world.descriptions.specification import ModelKey, ModelSpecification, keys_of, types_of, written
 from flexbt_sim.world.descriptions.world_file import SECTIONS, FloorPlan, WorldModel
 from flexbt_sim.world.plane.geometry import MAX_CORNERS, Shape
+from flexbt_sim.world.specification import ModelKey, ModelSpecification, keys_of, types_of, written
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'world_files.md'
 HEAD: Final = """\

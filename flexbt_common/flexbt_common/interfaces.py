@@ -240,7 +240,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, '~/doors', '~/things', by=(SIMULATOR,)),
     *_topics(names.GRIPPER_HOLDS, by=(SIMULATOR,)),
-    *_topics(names.BATTERY_STATUS, by=(SIMULATOR,)),
+    *_topics(names.BATTERY_STATUS, names.RANGE, names.IMU, by=(SIMULATOR,)),
     *_topics(names.BATTERY_STATE, names.SERVER_FAULTS, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_services(
         'map_server/map',

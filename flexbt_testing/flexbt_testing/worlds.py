@@ -14,6 +14,7 @@ from flexbt_sim.world import (
     FREE,
     OCCUPIED,
     UNKNOWN,
+    Lidar,
     LidarModel,
     OccupancyMap,
     Pose,
@@ -100,10 +101,11 @@ class Scanner:
     def __init__(self, world: OccupancyMap, model: LidarModel, seed: int = 0) -> None:
         self._rays = RayCaster(world)
         self._robot = Robot('lidar', RobotModel(lidar=model), Pose(0.0, 0.0, 0.0), seed)
+        self._lidar = Lidar(self._robot, model)
+        self._lidar.reset()
 
     def scan(self, pose: Pose) -> NDArray[numpy.float32]:
         """Return what it sees at a pose."""
         self._robot.pose = pose
-        self._robot.see(0.0, self._rays.cast([self._robot.sensor(-1)], outlines([]))[0])
-        assert self._robot.scan is not None
-        return self._robot.scan.ranges
+        self._lidar.take(0.0, self._rays.cast([self._lidar.beams(-1)], outlines([]))[0])
+        return self._lidar.array_values()

@@ -356,7 +356,7 @@ def test_a_robot_that_is_no_circle_and_turns_touches_nobody_who_comes(
     model = RobotModel(footprint=box(0.6, 0.4), lidar=LidarModel(beams=180))
     world = World(OPEN)
     robot = world.add('robot', model, Pose(3.0, 3.0, 0.0))
-    robot.is_scanning = True
+    robot.devices['lidar'].is_read = True
     start = drive(Pose(3.0, 3.0, bearing), 1.5, 0.0, 1.0)
     there = (6.0 + 2.0 * aim[0] - start.x, 6.0 + 2.0 * aim[1] - start.y)
     walk = RouteModel(waypoints=(there, start[:2]), speed=speed)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
@@ -14,36 +15,36 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_sim.messages import transform
-from flexbt_sim.world.descriptions.models import RobotModel
-from flexbt_sim.world.plane.geometry import Circle, Pose
+from flexbt_sim.world.plane.geometry import ORIGIN, Circle, Pose, Shape
 from flexbt_sim.world.world import World
 
 HEIGHT = 0.15
 """Drawn height of a robot, m: the world is flat."""
 
-LIDAR_SIZE = (0.04, 0.04)
-"""Radius and height of the drawn lidar, m."""
+SENSOR_SIZE = (0.04, 0.04)
+"""Radius and height of a drawn sensor, m."""
 
 
-def robot_description(name: str, model: RobotModel, base_frame: str, footprint_frame: str, scan_frame: str) -> str:
-    """Return the URDF of a robot.
+def robot_description(
+    name: str, footprint: Shape, base_frame: str, footprint_frame: str, sensors: Mapping[str, Pose]
+) -> str:  # fmt: skip
+    """Return the URDF of a robot; ``sensors`` are the poses of its sensors by their frames.
 
     The frame of the footprint is that of the base on the ground, which is the same in a flat world; Nav2's robots have
     both. A footprint that is no circle is drawn as a wall along its sides.
     """
     robot = Element('robot', name=name)
     base = SubElement(robot, 'link', name=base_frame)
-    if isinstance(model.footprint, Circle):
-        _visual(base, Pose(0.0, 0.0, 0.0), 'cylinder', radius=f'{model.footprint.radius:g}', length=f'{HEIGHT:g}')
+    if isinstance(footprint, Circle):
+        _visual(base, ORIGIN, 'cylinder', radius=f'{footprint.radius:g}', length=f'{HEIGHT:g}')
     else:
-        for x0, y0, x1, y1 in model.footprint.sides(Pose(0.0, 0.0, 0.0)):
+        for x0, y0, x1, y1 in footprint.sides(ORIGIN):
             middle = Pose((x0 + x1) / 2.0, (y0 + y1) / 2.0, math.atan2(y1 - y0, x1 - x0))
             _visual(base, middle, 'box', size=f'{math.hypot(x1 - x0, y1 - y0):g} 0.02 {HEIGHT:g}')
-    _link(robot, footprint_frame, base_frame, Pose(0.0, 0.0, 0.0))
-    if model.lidar is not None:
-        lidar = _link(robot, scan_frame, base_frame, model.lidar.pose)
-        radius, height = LIDAR_SIZE
-        _visual(lidar, Pose(0.0, 0.0, 0.0), 'cylinder', radius=f'{radius:g}', length=f'{height:g}')
+    _link(robot, footprint_frame, base_frame, ORIGIN)
+    for frame, pose in sensors.items():
+        radius, height = SENSOR_SIZE
+        _visual(_link(robot, frame, base_frame, pose), ORIGIN, 'cylinder', radius=f'{radius:g}', length=f'{height:g}')
     indent(robot)
     return tostring(robot, encoding='unicode', xml_declaration=True)
 

@@ -13,7 +13,10 @@ from flexbt_common import names
 from flexbt_common.runtime.parameters import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.messages import check_fault
-from flexbt_sim.world.descriptions.models import BatteryModel, DriveModel, LidarModel, RobotModel
+from flexbt_sim.world.descriptions.models import DriveModel, RobotModel
+from flexbt_sim.world.devices.battery import BatteryModel
+from flexbt_sim.world.devices.device import Device
+from flexbt_sim.world.devices.lidar import Lidar, LidarModel
 from flexbt_sim.world.plane.geometry import Circle, Pose
 from flexbt_sim.world.plane.occupancy_map import load_map
 from flexbt_sim.world.world import World
@@ -48,6 +51,10 @@ class SimulatorParameters:
     footprint_frame: str
     scan_frame: str
     allowed_directories: tuple[Path, ...]
+
+    def frame_of(self, device: Device) -> str:
+        """Return the frame of a device."""
+        return self.scan_frame if device.name == Lidar.name else device.frame
 
     @property
     def source(self) -> Path:
@@ -146,7 +153,7 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
         odom_frame=declare.text('odom_frame', 'odom', 'frame of the odometry'),
         base_frame=declare.text('base_frame', 'base_link', 'frame of the robot'),
         footprint_frame=declare.text('footprint_frame', 'base_footprint', 'frame of the robot on the ground'),
-        scan_frame=declare.text('scan_frame', 'base_scan', 'frame of the lidar'),
+        scan_frame=declare.text('scan_frame', Lidar.frame, 'frame of the lidar'),
     )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The topics of one robot, in its namespace: what it says, as far as somebody listens, and what it is told.
+"""The topics of one robot and its devices, in its namespace, as far as somebody listens; and its commands.
 
 The parts of Nav2's bringup that go with a robot are here too, under their names: robot_state_publisher's description,
 amcl's pose and lifecycle.
@@ -7,6 +7,7 @@ amcl's pose and lifecycle.
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -19,8 +20,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
-from sensor_msgs.msg import BatteryState, LaserScan
-from std_msgs.msg import Bool, String
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
@@ -32,15 +32,16 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.intra_process import IntraProcessTopics
+from flexbt_sim.intra_process import IntraProcessPublisher, IntraProcessTopics
 from flexbt_sim.messages import faults_message, pose_of, transform
 from flexbt_sim.world.descriptions.faults import TOPICS, MessagesDropped, MessagesLate, ServerFault
+from flexbt_sim.world.devices.device import Device, Sensor
 from flexbt_sim.world.plane.bodies import generator
 from flexbt_sim.world.plane.geometry import Pose
-from flexbt_sim.world.robot import Battery, Robot
+from flexbt_sim.world.robot import Robot
 
 from .displays import robot_description
-from .message_template import MessageTemplate, stamp_fields
+from .message_template import MessageTemplate, set_field, stamp_fields
 from .parameters import SimulatorParameters
 
 UPDATE: Final = (0.25, 0.2)
@@ -49,9 +50,6 @@ update_min_a."""
 
 POSES: Final = 1000
 """True poses that are kept for who has not taken them yet: the way of a robot is told by all of them."""
-
-BATTERY_PERIOD: Final = 1.0
-"""From one battery_state to the next, s."""
 
 Stamp = tuple[int, int]
 """Seconds and nanoseconds."""
@@ -70,6 +68,38 @@ class Commands:
     place: Callable[[Robot, Pose], None]
     grip: Callable[[Robot, bool], str]
     time: Callable[[], float]
+
+
+@dataclass
+class _DeviceTopics:
+    """A device, its publishers by their topics, and the messages that it publishes."""
+
+    device: Device
+    publishers: dict[str, Any]
+    has_stamp: bool
+    bytes: MessageTemplate
+    sent: Any = None
+    """The news that was sent."""
+
+    @property
+    def is_heard(self) -> bool:
+        return self.device.is_latched or any(one.get_subscription_count() for one in self.publishers.values())
+
+    @property
+    def has_news(self) -> bool:
+        return self.device.news not in (None, self.sent)
+
+    def messages(self, stamp: Stamp) -> Iterator[Message]:
+        """Yield the message that there is, on each topic that somebody hears."""
+        if not self.has_news or not self.is_heard:
+            return
+        self.sent = self.device.news
+        if self.device.array:
+            self.bytes.fill_array(self.device.array_values())
+        filled = self.bytes.filled(*(stamp if self.has_stamp else ()), *self.device.values())
+        for topic, publisher in self.publishers.items():
+            if self.device.is_latched or publisher.get_subscription_count():
+                yield topic, publisher.publish, filled
 
 
 class RobotTopics:
@@ -95,11 +125,7 @@ class RobotTopics:
         self._late: dict[str, deque[tuple[float, Message]]] = {topic: deque() for topic in TOPICS}
         self._loss = generator(parameters.seed, robot.name, 'messages')
         self._told_at: Pose | None = None
-        self._told_contact: bool | None = None
-        self._told_holds: str | None = None
         self._told_faults: tuple[ServerFault, ...] | None = None
-        self._battery_due = 0.0
-        self._scan_time = -math.inf
         self.is_busy = False
         self._connect()
         self._prefill()
@@ -112,20 +138,7 @@ class RobotTopics:
         self._pose = self._in_process.publisher(self._publisher(PoseStamped, names.POSE, POSES))
         self._tf = self._publisher(TFMessage, names.TF, 100)
         self._amcl_pose = self._publisher(PoseWithCovarianceStamped, names.AMCL_POSE, names.transient_local_qos())
-        self._scan = (
-            self._in_process.publisher(self._publisher(LaserScan, names.SCAN, qos_profile_sensor_data))
-            if model.lidar
-            else None
-        )
-        self._batteries = (
-            {topic: self._publisher(BatteryState, topic, 10) for topic in (names.BATTERY_STATE, names.BATTERY_STATUS)}
-            if model.battery
-            else {}
-        )
-        self._bumper = self._publisher(Bool, names.BUMPER, names.transient_local_qos()) if model.bumper else None
-        self._holds = (
-            self._publisher(String, names.GRIPPER_HOLDS, names.transient_local_qos()) if model.gripper else None
-        )
+        self._devices = [self._connect_device(one) for one in self.robot.devices.values() if one.topics]
         if model.gripper:
             service = node.create_service(SetBool, f'{self.namespace}{names.GRIPPER}', self._on_gripper)
             self._entities.append((node.destroy_service, service))
@@ -136,6 +149,24 @@ class RobotTopics:
         self._in_process.receive_instead(self._command, self._on_command)
         self._subscribe(PoseWithCovarianceStamped, names.INITIAL_POSE, self._on_initial_pose)
         self._amcl = LifecycleSubnode(self._runtime, f'{self.namespace}{names.AMCL}')
+
+    def _connect_device(self, device: Device) -> _DeviceTopics:
+        package, _, name = device.message.partition('/')
+        message_type: Any = getattr(importlib.import_module(f'{package}.msg'), name)
+        message = message_type()
+        for path, value in device.constants().items():
+            set_field(message, path, value)
+        has_stamp = hasattr(message, 'header')
+        if has_stamp:
+            message.header.frame_id = self._parameters.frame_of(device)
+        stamp = stamp_fields('header.stamp') if has_stamp else ()
+        template = MessageTemplate(message, *stamp, *device.fields, array=device.array)
+        is_fast = isinstance(device, Sensor) and device.is_prompt
+        qos = names.transient_local_qos() if device.is_latched else qos_profile_sensor_data if is_fast else 10
+        publishers = {topic: self._publisher(message_type, topic, qos) for topic in device.topics}
+        if is_fast:
+            publishers = {topic: self._in_process.publisher(one) for topic, one in publishers.items()}
+        return _DeviceTopics(device, publishers, has_stamp, template)
 
     def _publisher(self, message_type: Any, topic: str, qos: QoSProfile | int) -> Any:
         node = self._runtime.node
@@ -151,21 +182,21 @@ class RobotTopics:
 
     def _describe(self) -> None:
         """What does not change: URDF and static transforms."""
-        parameters, model = self._parameters, self.robot.model
-        base, footprint, scan = parameters.base_frame, parameters.footprint_frame, parameters.scan_frame
-        urdf = robot_description(self.robot.name, model, base, footprint, scan)
+        parameters = self._parameters
+        base, footprint = parameters.base_frame, parameters.footprint_frame
+        sensors = {parameters.frame_of(one): one.pose for one in self.robot.sensors if one.frame}
+        urdf = robot_description(self.robot.name, self.robot.model.footprint, base, footprint, sensors)
         self._publisher(String, names.ROBOT_DESCRIPTION, names.transient_local_qos()).publish(String(data=urdf))
         start = time_message(0.0)
         fixed = [transform(base, footprint, Pose(0.0, 0.0, 0.0), start)]
-        if model.lidar is not None:
-            fixed.append(transform(base, scan, model.lidar.pose, start))
+        fixed += [transform(base, frame, pose, start) for frame, pose in sensors.items()]
         self._publisher(TFMessage, names.TF_STATIC, names.transient_local_qos()).publish(TFMessage(transforms=fixed))
 
     def close(self) -> None:
         """Take everything back: the robot is gone."""
         self._in_process.forget(self._command)
-        for publisher in (self._pose, self._scan):
-            if publisher is not None:
+        for publisher in (self._pose, *chain.from_iterable(one.publishers.values() for one in self._devices)):
+            if isinstance(publisher, IntraProcessPublisher):
                 self._in_process.withdraw(publisher)
         for destroy, entity in self._entities:
             destroy(entity)
@@ -213,7 +244,7 @@ class RobotTopics:
     # -- on the thread of the world ----------------------------------------------------------------------------------
 
     def _prefill(self) -> None:
-        parameters, lidar = self._parameters, self.robot.model.lidar
+        parameters = self._parameters
         odometry = Odometry(child_frame_id=parameters.base_frame)
         odometry.header.frame_id = parameters.odom_frame
         self._odometry_bytes = MessageTemplate(
@@ -233,18 +264,6 @@ class RobotTopics:
         for one, (parent, _) in zip(moving, frames, strict=True):
             one.header.frame_id = parent
         self._tf_bytes = [self._tf_template(moving), self._tf_template(moving[1:])]
-        if lidar is not None:
-            scan = LaserScan(
-                angle_min=lidar.angle_min,
-                angle_max=lidar.angle_min + lidar.angle_increment * (lidar.beams - 1),
-                angle_increment=lidar.angle_increment,
-                scan_time=1.0 / lidar.rate,
-                range_min=lidar.range_min,
-                range_max=lidar.range_max,
-                ranges=[0.0] * lidar.beams,
-            )
-            scan.header.frame_id = parameters.scan_frame
-            self._scan_bytes = MessageTemplate(scan, *stamp_fields('header.stamp'), array='ranges')
 
     @staticmethod
     def _tf_template(transforms: list[TransformStamped]) -> MessageTemplate:
@@ -255,14 +274,14 @@ class RobotTopics:
             fields += _planar(f'{at}.transform.translation', f'{at}.transform.rotation')
         return MessageTemplate(TFMessage(transforms=transforms), *fields)
 
-    @property
-    def listens_to_scans(self) -> bool:
-        """Whether anybody does."""
-        return self._scan is not None and self._scan.get_subscription_count() > 0
+    def look_round(self, now: float, *, can_cast: bool) -> None:
+        """See which devices somebody reads, and whether the robot is busy: it is driven, or somebody hears its odometry
+        or transforms. Nothing else is published often.
 
-    def look_round(self, now: float) -> None:
-        """See whether the robot is driven, or somebody hears what comes at a steady rate: its odometry or transforms.
-        Nothing else is told often."""
+        ``can_cast`` is whether beams can be cast without holding up the world.
+        """
+        for one in self._devices:
+            one.device.is_read = one.is_heard and (can_cast or not one.device.casts)
         self.is_busy = (
             self.robot.is_driven(now)
             or self._odom.get_subscription_count() > 0
@@ -271,14 +290,8 @@ class RobotTopics:
 
     @property
     def has_messages(self) -> bool:
-        """Whether there is something to say between two messages of odometry: a scan, a contact, what is late."""
-        robot = self.robot
-        return (
-            (robot.scan is not None and robot.scan.time > self._scan_time)
-            or (self._bumper is not None and robot.in_contact != self._told_contact)
-            or (self._holds is not None and robot.holds != self._told_holds)
-            or any(self._late.values())
-        )
+        """Whether there is a message to send between two of odometry: a scan, a contact, a late one."""
+        return any(one.has_news for one in self._devices if one.device.is_prompt) or any(self._late.values())
 
     @property
     def has_navigation(self) -> bool:
@@ -299,7 +312,7 @@ class RobotTopics:
 
         ``moves``: odometry, pose and transforms are due.
         """
-        made = chain(self._moves(now, stamp) if moves else (), self._sensed(stamp))
+        made = chain(self._moves(stamp) if moves else (), self._sensed(stamp, moves=moves))
         yield from (one for one in made if not (self._is_lost(one[0]) or self._is_late(one, now)))
         for queue in self._late.values():
             while queue and queue[0][0] <= now:
@@ -318,22 +331,14 @@ class RobotTopics:
             queue.append((due, message))
         return due > now
 
-    def _sensed(self, stamp: Stamp) -> Iterator[Message]:
-        """After the pose: whoever drives answers that, and the world waits for the answer. The scan can be looked at
-        meanwhile."""
-        robot, scan = self.robot, self.robot.scan
-        if self._bumper is not None and robot.in_contact != self._told_contact:
-            self._told_contact = robot.in_contact
-            yield names.BUMPER, self._bumper.publish, Bool(data=robot.in_contact)
-        if self._holds is not None and robot.holds != self._told_holds:
-            self._told_holds = robot.holds
-            yield names.GRIPPER_HOLDS, self._holds.publish, String(data=robot.holds)
-        if self._scan is not None and scan is not None and scan.time > self._scan_time and self.listens_to_scans:
-            self._scan_time = scan.time
-            self._scan_bytes.fill_array(scan.ranges)
-            yield names.SCAN, self._scan.publish, self._scan_bytes.filled(*stamp)
+    def _sensed(self, stamp: Stamp, *, moves: bool) -> Iterator[Message]:
+        """Yield the messages of devices, after the pose: whoever drives answers that, and the world waits for the
+        answer. A scan can be looked at meanwhile."""
+        for one in self._devices:
+            if moves or one.device.is_prompt:
+                yield from one.messages(stamp)
 
-    def _moves(self, now: float, stamp: Stamp) -> Iterator[Message]:
+    def _moves(self, stamp: Stamp) -> Iterator[Message]:
         robot = self.robot
         if self._odom.get_subscription_count():
             filled = self._odometry_bytes.filled(*stamp, *_place(robot.odometry), robot.linear, robot.angular)
@@ -352,19 +357,14 @@ class RobotTopics:
         if is_localized and self._has_moved(estimate):
             self._told_at = estimate
             yield names.AMCL_POSE, self._amcl_pose.publish, self._amcl_message(estimate, stamp)
-        if robot.battery is not None and now >= self._battery_due:
-            self._battery_due = now + BATTERY_PERIOD
-            for topic, publisher in self._batteries.items():
-                if publisher.get_subscription_count():
-                    yield topic, publisher.publish, self._battery_message(robot.battery, stamp)
 
     def restart(self, robot: Robot) -> None:
         """The world has begun anew, and so has its robot, which is of the same model."""
         self.robot = robot
         self._loss = generator(self._parameters.seed, robot.name, 'messages')
-        self._told_at = self._told_contact = self._told_holds = self._told_faults = None
-        self._battery_due = 0.0
-        self._scan_time = -math.inf
+        self._told_at = self._told_faults = None
+        for one in self._devices:
+            one.device, one.sent = robot.devices[one.device.name], None
         for queue in self._late.values():
             queue.clear()
 
@@ -380,29 +380,6 @@ class RobotTopics:
         position, turned = message.pose.pose.position, message.pose.pose.orientation
         position.x, position.y, turned.z, turned.w = _place(estimate)
         message.pose.covariance = numpy.zeros(36)
-        return message
-
-    def _battery_message(self, battery: Battery, stamp: Stamp) -> BatteryState:
-        if battery.is_charging:
-            is_full = battery.level >= 1.0
-            status = BatteryState.POWER_SUPPLY_STATUS_FULL if is_full else BatteryState.POWER_SUPPLY_STATUS_CHARGING
-        else:
-            status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
-        capacity = battery.model.capacity / battery.model.voltage
-        message = BatteryState(
-            voltage=battery.model.voltage,
-            temperature=math.nan,
-            current=battery.power / battery.model.voltage,
-            charge=capacity * battery.level,
-            capacity=capacity,
-            design_capacity=capacity,
-            percentage=battery.level,
-            power_supply_status=status,
-            power_supply_health=BatteryState.POWER_SUPPLY_HEALTH_GOOD,
-            power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_LION,
-            present=True,
-        )
-        message.header.stamp = Time(sec=stamp[0], nanosec=stamp[1])
         return message
 
 

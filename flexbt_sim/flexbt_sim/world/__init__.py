@@ -9,7 +9,6 @@ from flexbt_sim.world.descriptions.faults import (
     NAVIGATION_SERVERS,
     TOPICS,
     Fault,
-    FaultModel,
     MessagesDropped,
     MessagesLate,
     ServerDies,
@@ -21,11 +20,8 @@ from flexbt_sim.world.descriptions.faults import (
 )
 from flexbt_sim.world.descriptions.models import (
     MODELS,
-    BatteryModel,
     DoorModel,
     DriveModel,
-    GripperModel,
-    LidarModel,
     ObstacleModel,
     OdometryModel,
     RobotModel,
@@ -34,8 +30,13 @@ from flexbt_sim.world.descriptions.models import (
     WalkModel,
     ZoneModel,
 )
-from flexbt_sim.world.descriptions.specification import NAME
 from flexbt_sim.world.descriptions.world_file import WorldFile
+from flexbt_sim.world.devices.battery import Battery, BatteryModel
+from flexbt_sim.world.devices.device import Device, Sensor
+from flexbt_sim.world.devices.imu import Imu, ImuModel
+from flexbt_sim.world.devices.lidar import Lidar, LidarModel, Scan
+from flexbt_sim.world.devices.range_finder import RangeFinder, RangeFinderModel
+from flexbt_sim.world.devices.touch import Bumper, Gripper, GripperModel
 from flexbt_sim.world.plane.bodies import Body, generator
 from flexbt_sim.world.plane.geometry import (
     FARTHEST,
@@ -63,11 +64,12 @@ from flexbt_sim.world.plane.occupancy_map import (
     OccupancyMap,
     load_map,
 )
-from flexbt_sim.world.plane.ray_casting import RayCaster, Sensor, outlines
+from flexbt_sim.world.plane.ray_casting import Beams, RayCaster, outlines
+from flexbt_sim.world.specification import NAME, FaultModel
 
 from .pacing import ANSWER_SECONDS, COMPUTING_FACTOR, IDLE_FACTOR, MAX_LAG, STALL_SECONDS, Drivers, Pacer, Schedule
 from .pictures import Trace, TraceFrame, draw_world
-from .robot import COMMAND_PERIOD, Battery, Robot, Scan
+from .robot import COMMAND_PERIOD, Robot
 from .scenery import Door, Entity, Obstacle, Station, Zone
 from .world import EntityModel, EntityState, World, WorldSnapshot, prepare_world
 
@@ -93,8 +95,11 @@ __all__ = [
     'UNKNOWN',
     'Battery',
     'BatteryModel',
+    'Beams',
     'Body',
+    'Bumper',
     'Circle',
+    'Device',
     'Door',
     'DoorModel',
     'DriveModel',
@@ -104,7 +109,11 @@ __all__ = [
     'EntityState',
     'Fault',
     'FaultModel',
+    'Gripper',
     'GripperModel',
+    'Imu',
+    'ImuModel',
+    'Lidar',
     'LidarModel',
     'MessagesDropped',
     'MessagesLate',
@@ -116,6 +125,8 @@ __all__ = [
     'Point',
     'Polygon',
     'Pose',
+    'RangeFinder',
+    'RangeFinderModel',
     'RayCaster',
     'Robot',
     'RobotModel',

@@ -14,10 +14,10 @@ import numpy
 from PIL import Image, ImageDraw
 
 from flexbt_sim.errors import SimulationError
+from flexbt_sim.world.devices.lidar import Lidar, Scan
 from flexbt_sim.world.plane.geometry import Circle, Point, Pose, Shape, compose
 from flexbt_sim.world.plane.occupancy_map import UNKNOWN, OccupancyMap
 
-from .robot import Scan
 from .scenery import Obstacle
 from .world import World
 
@@ -102,9 +102,9 @@ def frame_of(world: World) -> TraceFrame:
         for name, body in kind.items()
     }
     scans = {
-        name: (compose(robot.pose, robot.model.lidar.pose), robot.scan)
+        name: (compose(robot.pose, lidar.pose), lidar.scan)
         for name, robot in world.robots.items()
-        if robot.scan is not None and robot.model.lidar is not None
+        if (lidar := robot.device(Lidar)) is not None and lidar.scan is not None
     }
     return TraceFrame(world.time, bodies, scans)
 

@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot in the world: its drive, odometry, localization, lidar, bumper and battery."""
+"""A robot in the world: its drive, odometry and localization, and the devices that it carries."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, TypeVar
 
-import numpy
-from numpy.typing import NDArray
-
-from flexbt_sim.world.descriptions.faults import BatteryLow, LidarBlinded, LidarFrozen, LocalizationLost, StuckWheel
-from flexbt_sim.world.descriptions.models import BatteryModel, OdometryModel, RobotModel
-from flexbt_sim.world.descriptions.specification import ModelSpecification
-from flexbt_sim.world.plane.bodies import Body, Normals, WorldView, generator
+from flexbt_sim.world.descriptions.faults import LocalizationLost, StuckWheel
+from flexbt_sim.world.descriptions.models import DEVICES, OdometryModel, RobotModel
+from flexbt_sim.world.devices.battery import Battery
+from flexbt_sim.world.devices.device import Carrier, Device, DeviceFault, Sensor
+from flexbt_sim.world.devices.lidar import Lidar, Scan
+from flexbt_sim.world.plane.bodies import Normals, WorldView, generator
 from flexbt_sim.world.plane.geometry import Pose, compose, drive, inverse, wrap
-from flexbt_sim.world.plane.ray_casting import Sensor
+from flexbt_sim.world.specification import FaultModel
 
 COMMAND_PERIOD: Final = 0.05
 """Time from command to command, s, of a program that steps the world itself: 20 Hz, as Nav2's controller server."""
@@ -23,76 +21,45 @@ COMMAND_PERIOD: Final = 0.05
 CONVERGENCE: Final = (1.0, 0.8)
 """Within this, m and rad, of where the robot is, an initial pose makes its localization right again."""
 
-
-@dataclass
-class Battery:
-    """State of a battery: ``level`` from 0 to 1, whether it is being charged, and the power that it takes in, W."""
-
-    model: BatteryModel
-    level: float
-    is_charging: bool = False
-    power: float = 0.0
-
-    def run(self, power: float, duration: float) -> None:
-        """Take power, W, for a time, s; charge meanwhile, if it is being charged."""
-        gained = (self.model.charging if self.is_charging else 0.0) - power
-        level = self.level + gained * duration / (3600.0 * self.model.capacity)
-        self.level = min(1.0, max(0.0, level))
-        self.power = gained if self.level == level else 0.0  # it is full, or empty
+D = TypeVar('D', bound=Device)
 
 
-class Scan(NamedTuple):
-    """What a lidar saw: simulated time, s, and the range of each beam, m.
-
-    Infinite where nothing is within range, and minus infinity where it is too near (REP 117).
-    """
-
-    time: float
-    ranges: NDArray[numpy.float32]
-
-
-class Robot(Body):
+class Robot(Carrier):
     """A robot. Its state depends on the seed, its name, the commands and the world only.
 
     ``pose`` is where it is; ``odometry`` what its wheels say, from where it was started or placed; ``estimate`` where
     its localization says that it is. ``linear`` and ``angular`` are the speeds of its wheels, m/s and rad/s.
-    ``in_contact`` says whether something has ended its last movement: it has stopped there. ``is_scanning`` may be
-    turned off where nobody reads scans; ``scan`` is the last one.
+    ``in_contact`` says whether something has ended its last movement: it has stopped there. ``devices`` are what it
+    carries, by their names; ``sensors`` those that measure.
     """
 
-    is_mobile = True
-
     def __init__(self, name: str, model: RobotModel, pose: Pose, seed: int = 0) -> None:
-        super().__init__(name, model.footprint, pose)
+        super().__init__(name, model.footprint, pose, seed)
         self.model = model
         self.top_speed = model.drive.linear_speed + model.drive.angular_speed * model.footprint.turning_radius
-        self.faults: dict[str, ModelSpecification] = {}
+        self.faults: dict[str, FaultModel] = {}
         self.zones: tuple[str, ...] = ()
         self.speed_limit = math.inf
         """m/s, of the slow zones that it is in."""
-        self.in_shadow = False
         self.violations = 0
         """How often it has entered a no-go zone."""
         self.contacts = 0
         """How often it has run into something."""
-        self.holds = ''
-        """What it has in its gripper, by its name; '' for nothing."""
-        self.is_scanning = True
-        self.scan: Scan | None = None
-        self.next_scan = 0.0
-        errors, self._seed = model.odometry, seed
-        self._is_exact = errors == OdometryModel() and not model.drive.slip
+        carried = [(kind, getattr(model, kind.name)) for kind in DEVICES]
+        self.devices: dict[str, Device] = {kind.name: kind(self, one) for kind, one in carried if one}
+        self.sensors = tuple(one for one in self.devices.values() if isinstance(one, Sensor))
+        self._ticked = tuple(one for one in self.devices.values() if type(one).tick is not Device.tick)
+        self.battery = self.device(Battery)
+        self._is_exact = model.odometry == OdometryModel() and not model.drive.slip
         """The odometry follows the pose then, and is not integrated."""
         self.reset()
 
     def reset(self) -> None:
         """As it was at the start, random numbers included."""
-        battery = self.model.battery
-        self.battery = None if battery is None else Battery(battery, battery.level)
-        self._odometry_noise = Normals(generator(self._seed, self.name, 'odometry'))
-        self._slip = generator(self._seed, self.name, 'slip')
-        self.lidar_noise = generator(self._seed, self.name, 'lidar')
-        self.scan, self.next_scan = None, 0.0
+        for device in self.devices.values():
+            device.reset()
+        self._odometry_noise = Normals(generator(self.seed, self.name, 'odometry'))
+        self._slip = generator(self.seed, self.name, 'slip')
         self.violations = self.contacts = 0
         self.zones, self.speed_limit, self.in_shadow = (), math.inf, False
         self._odometry = Pose(0.0, 0.0, 0.0)
@@ -104,6 +71,7 @@ class Robot(Body):
         self._measured = compose(self.odometry, inverse(pose))
         self.pose = pose
         self.linear = self.angular = self._linear = self._angular = 0.0
+        self.twist = (0.0, 0.0)
         self.in_contact = False
         self._wanted = (0.0, 0.0)
         self._until = -math.inf
@@ -133,6 +101,17 @@ class Robot(Body):
     def is_driven(self, now: float) -> bool:
         """Return whether it moves, or has a command, which may be to stand, that its watchdog has not ended."""
         return bool(self.linear or self.angular or now < self._until)
+
+    def device(self, kind: type[D]) -> D | None:
+        """Return its device of a kind, if it has one."""
+        one = self.devices.get(kind.name)
+        return one if isinstance(one, kind) else None
+
+    @property
+    def scan(self) -> Scan | None:
+        """The last scan of its lidar."""
+        lidar = self.device(Lidar)
+        return None if lidar is None else lidar.scan
 
     @property
     def is_powered(self) -> bool:
@@ -172,62 +151,35 @@ class Robot(Body):
 
     # -- faults ------------------------------------------------------------------------------------------------------
 
-    def begin(self, slot: str, parameters: ModelSpecification) -> None:
-        """A fault begins."""
+    def begin(self, slot: str, parameters: FaultModel) -> None:
+        """Start a fault."""
         self.faults[slot] = parameters
+        if isinstance(parameters, DeviceFault) and parameters.part in self.devices:
+            self.devices[parameters.part].begin(slot, parameters)
         if isinstance(parameters, LocalizationLost):
             there = self.estimate
             x, y, yaw = parameters.jump
             jumped = Pose(there.x + x, there.y + y, wrap(there.yaw + yaw))
             self._error = compose(jumped, inverse(self._tracked))
-        if isinstance(parameters, BatteryLow) and self.battery is not None:
-            self.battery.level = parameters.level
 
     def end(self, slot: str) -> None:
-        """A fault ends. What was lost is found again."""
-        if isinstance(self.faults.pop(slot, None), LocalizationLost):
+        """End a fault. A lost localization is right again."""
+        ended = self.faults.pop(slot, None)
+        if isinstance(ended, LocalizationLost):
             self._error = Pose(0.0, 0.0, 0.0)
-
-    def sensor(self, number: int) -> Sensor:
-        """Its lidar, where it is now, for a ray caster; ``number`` is that of the robot, which it does not see."""
-        model = self.model.lidar
-        assert model is not None
-        pose = compose(self.pose, model.pose)
-        return Sensor(pose, model.angle_min, model.angle_increment, model.beams, model.range_max, number)
-
-    def draw_scan_noise(self) -> tuple[NDArray[numpy.float64], NDArray[numpy.bool_] | None]:
-        """That of the next scan, for each beam: in standard deviations, and whether it is lost, if any may be."""
-        model = self.model.lidar
-        assert model is not None
-        noise = self.lidar_noise.standard_normal(model.beams)
-        return noise, self.lidar_noise.random(model.beams) < model.dropout if model.dropout else None
-
-    def see(self, time: float, ranges: NDArray[numpy.floating[Any]]) -> None:
-        """Take a scan at a time, s: the exact distance along each beam, m, infinite where there is nothing."""
-        model = self.model.lidar
-        assert model is not None
-        noise, lost = self.draw_scan_noise()
-        if self.scan is not None and LidarFrozen.name in self.faults:
-            self.scan = Scan(time, self.scan.ranges)
-            return
-        if self.in_shadow:
-            ranges = numpy.full(model.beams, math.inf)
-        seen = ranges + model.noise * noise
-        seen[seen > model.range_max] = math.inf
-        seen[seen < model.range_min] = -math.inf
-        if lost is not None:
-            seen[lost] = math.inf
-        blinded = self.faults.get(LidarBlinded.name)
-        if isinstance(blinded, LidarBlinded):
-            angles = model.angle_min + numpy.arange(model.beams) * model.angle_increment
-            away = (angles - blinded.direction + math.pi) % math.tau - math.pi
-            seen[numpy.abs(away) <= blinded.width / 2.0] = math.inf
-        self.scan = Scan(time, seen.astype(numpy.float32))
+        if isinstance(ended, DeviceFault):
+            self.devices[ended.part].faults.pop(slot, None)
 
     # -- movement ----------------------------------------------------------------------------------------------------
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
         """Move for a short time, s, at speeds that are taken as constant."""
+        self._follow(surroundings, duration)
+        for device in self._ticked:
+            device.tick(duration)
+
+    def _follow(self, surroundings: WorldView, duration: float) -> None:
+        """Follow the command that there is."""
         model = self.model.drive
         linear, angular = self._wanted if surroundings.time < self._until else (0.0, 0.0)
         if self.battery is not None:
@@ -241,6 +193,7 @@ class Robot(Body):
             self._get_lost(duration)
         if linear == angular == self._linear == self._angular == 0.0:
             self.linear = self.angular = 0.0
+            self.twist = (0.0, 0.0)
             return  # and so it stays
         self._linear = self.linear = _approach(self._linear, linear, model.linear_acceleration * duration)
         self._angular = self.angular = _approach(self._angular, angular, model.angular_acceleration * duration)
@@ -268,6 +221,7 @@ class Robot(Body):
         linear, angular = self.linear, self.angular
         slip = self.model.drive.slip
         grip = 1.0 - 2.0 * slip * self._slip.random() if slip else 1.0
+        self.twist = (linear * grip, angular * grip)
         start = self.pose
         reach = abs(linear) + abs(angular) * self.shape.turning_radius
         if reach == 0.0 or surroundings.time + duration <= self.clear_until:
@@ -282,6 +236,7 @@ class Robot(Body):
         if moved < duration:
             self.contacts += not was_in_contact
             self.linear = self._linear = 0.0
+            self.twist = (0.0, self.twist[1])
             self._turn_on(surroundings, angular * grip, duration - moved)
 
     def _turn_on(self, surroundings: WorldView, angular: float, duration: float) -> None:
@@ -292,6 +247,7 @@ class Robot(Body):
         self._measure(0.0, angular, moved)
         if moved < duration:
             self.angular = self._angular = 0.0
+            self.twist = (0.0, 0.0)
 
     def _measure(self, linear: float, angular: float, duration: float) -> None:
         """Odometry of a movement of the wheels."""

@@ -7,7 +7,7 @@ import dataclasses
 import math
 from bisect import insort
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -16,23 +16,24 @@ import numpy
 
 from flexbt_core.values.text import did_you_mean
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.descriptions.faults import Fault, FaultModel, fault_parameters
+from flexbt_sim.world.descriptions.faults import Fault, fault_parameters
 from flexbt_sim.world.descriptions.models import (
     STEP,
     DoorModel,
-    GripperModel,
     ObstacleModel,
     RobotModel,
     StationModel,
     ZoneModel,
 )
-from flexbt_sim.world.descriptions.specification import NAME
 from flexbt_sim.world.descriptions.world_file import WorldFile
+from flexbt_sim.world.devices.device import Sensor
+from flexbt_sim.world.devices.touch import Gripper
 from flexbt_sim.world.plane.bodies import Body, BodyGrid
 from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, box, compose
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
-from flexbt_sim.world.plane.ray_casting import RayCaster, outlines
+from flexbt_sim.world.plane.ray_casting import Floats, RayCaster, outlines
 from flexbt_sim.world.plane.space import Space, check_pose
+from flexbt_sim.world.specification import NAME, FaultModel
 
 from .robot import Robot
 from .scenery import Door, Entity, Obstacle, Station, Zone
@@ -55,7 +56,8 @@ class EntityState:
     odometry: Pose | None = None
     estimate: Pose | None = None
     in_contact: bool = False
-    battery: float | None = None
+    devices: Mapping[str, Any] = field(default_factory=dict)
+    """State of each device that has one of its own, by their names: the level of a battery, for example."""
     opening: float | None = None
 
 
@@ -98,7 +100,7 @@ class World:
         self._zones: dict[str, Zone] = {}
         self._held: dict[str, Obstacle] = {}
         self._movers: list[Body] = []
-        self._next_scan = 0.0
+        self._next_reading = 0.0
         self._space = Space(world)
         self._rays = RayCaster(world)
         self._faults: dict[str, dict[str, Fault]] = {}
@@ -219,7 +221,7 @@ class World:
             self._space.check_on_map(entity.pose, entity.shape)
         self._entities[name] = entity
         self._of_kind(entity)[name] = entity
-        self._next_scan = 0.0
+        self._next_reading = 0.0
         return entity
 
     def _made(self, name: str, model: EntityModel, pose: Pose | None) -> Entity:
@@ -266,11 +268,11 @@ class World:
             self._take_away(entity)
         for robot in [robot for robot, one in self._held.items() if one is entity]:
             del self._held[robot]
-            self._robots[robot].holds = ''
+            self._gripper(robot).holds = ''
         del self._entities[name]
         del self._of_kind(entity)[name]
         self._begun.difference_update(self._faults.pop(name, {}).values())
-        self._next_scan = 0.0
+        self._next_reading = 0.0
         if isinstance(entity, Station | Zone):  # robots are in it no more, be it the last one
             self._find_zones()
             self._charge()
@@ -320,16 +322,15 @@ class World:
         gripper, pose = self._gripper(robot), self._robots[robot].pose
         if robot in self._held:
             raise SimulationError(f'{robot} holds {self._held[robot].name}; open the gripper first')
+        reach, opening = gripper.model.reach, gripper.model.opening
         resting = [one for one in self._obstacles.values() if not one.is_mobile and one not in self._held.values()]
-        near = [one for one in resting if one.pose.distance(pose) <= gripper.reach and one.radius <= gripper.opening]
+        near = [one for one in resting if one.pose.distance(pose) <= reach and one.radius <= opening]
         if not near:
-            raise SimulationError(
-                f'nothing that the gripper of {robot} can take is within its reach of {gripper.reach:g} m'
-            )
+            raise SimulationError(f'nothing that the gripper of {robot} can take is within its reach of {reach:g} m')
         thing = min(near, key=lambda one: (one.pose.distance(pose), one.name))
         self._take_away(thing)
         self._held[robot] = thing
-        self._robots[robot].holds = thing.name
+        gripper.holds = thing.name
         return thing.name
 
     def release(self, robot: str) -> str:
@@ -342,23 +343,23 @@ class World:
         thing = self._held.get(robot)
         if thing is None:
             raise SimulationError(f'{robot} holds nothing')
-        pose = compose(self._robots[robot].pose, Pose(gripper.reach, 0.0, 0.0))
+        pose = compose(self._robots[robot].pose, Pose(gripper.model.reach, 0.0, 0.0))
         self._space.check(thing, pose, self._space.touching(pose.x, pose.y, thing.radius), on_map=True)
         self._let_go(robot)
         thing.place(pose)
         self._space.changed(thing)
         return thing.name
 
-    def _gripper(self, robot: str) -> GripperModel:
+    def _gripper(self, robot: str) -> Gripper:
         one = self._entity(robot)
-        if not isinstance(one, Robot) or one.model.gripper is None:
+        if not isinstance(one, Robot) or (gripper := one.device(Gripper)) is None:
             raise SimulationError(f'{robot} has no gripper')
-        return one.model.gripper
+        return gripper
 
     def _let_go(self, robot: str) -> None:
         """What a robot holds is in the world again, where the robot is."""
         thing = self._held.pop(robot)
-        self._robots[robot].holds = ''
+        self._gripper(robot).holds = ''
         self._bring(thing)
 
     def reset(self) -> None:
@@ -383,7 +384,7 @@ class World:
             self._let_go(robot)
         for entity in self._entities.values():
             entity.reset()
-        self._next_scan = 0.0
+        self._next_reading = 0.0
         self._space.changed(*self._movers)
 
     def _entity(self, name: str) -> Entity:
@@ -492,7 +493,7 @@ class World:
             self._find_zones()
         if self._stations:
             self._charge()
-        self._scan()
+        self._sense()
 
     def _find_zones(self) -> None:
         for robot in self._robots.values():
@@ -513,26 +514,21 @@ class World:
                     robot.pose.distance(station.pose) <= station.model.reach for station in self._stations.values()
                 )
 
-    def _scan(self) -> None:
+    def _sense(self) -> None:
+        """Take the readings that are due; all beams are cast together."""
         now = self.time
-        if now + 1e-9 < self._next_scan:
+        if now + 1e-9 < self._next_reading:
             return
-        due: list[Robot] = []
-        for robot in self._robots.values():
-            if now + 1e-9 >= robot.next_scan and robot.model.lidar is not None:
-                period = 1.0 / robot.model.lidar.rate
-                robot.next_scan = period * (math.floor(now / period + 1e-6) + 1)
-                if robot.is_scanning and robot.is_powered:
-                    due.append(robot)
-                else:
-                    robot.draw_scan_noise()  # that of later scans is the same, whoever has read this one
-        self._next_scan = min((one.next_scan for one in self._robots.values() if one.model.lidar), default=math.inf)
-        if not due:
-            return
-        numbers = {body.name: number for number, body in enumerate(self._movers)}
-        sensors = [robot.sensor(numbers[robot.name]) for robot in due]
-        for robot, ranges in zip(due, self._rays.cast(sensors, outlines(self._movers)), strict=True):
-            robot.see(now, ranges)
+        sensors = [one for robot in self._robots.values() for one in robot.sensors]
+        due = [one for one in sensors if one.comes_due(now)]
+        self._next_reading = min((one.due for one in sensors), default=math.inf)
+        ranges: dict[Sensor, Floats] = {}
+        if casting := [one for one in due if one.casts]:
+            numbers = {body.name: number for number, body in enumerate(self._movers)}
+            beams = [one.beams(numbers[one.robot.name]) for one in casting]
+            ranges = dict(zip(casting, self._rays.cast(beams, outlines(self._movers)), strict=True))
+        for one in due:
+            one.take(now, ranges.get(one))
 
     # -- what others see ---------------------------------------------------------------------------------------------
 
@@ -548,7 +544,8 @@ class World:
         if isinstance(entity, Robot):
             return EntityState(
                 name, kind, entity.pose, (entity.linear, 0.0), entity.angular, faults, entity.odometry,
-                entity.estimate, entity.in_contact, None if entity.battery is None else entity.battery.level,
+                entity.estimate, entity.in_contact,
+                {key: one.state for key, one in entity.devices.items() if one.state is not None},
             )  # fmt: skip
         if isinstance(entity, Obstacle):
             return EntityState(name, kind, entity.pose, entity.velocity, faults=faults)

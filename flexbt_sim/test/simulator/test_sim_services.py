@@ -381,7 +381,7 @@ def test_requests_at_the_same_simulated_times_give_the_same_bits_as_without_ros(
 
     def is_heard() -> bool:
         same_after(1)
-        return bench.simulator.world.robots['gamma'].is_scanning
+        return bench.simulator.world.robots['gamma'].devices['lidar'].is_read
 
     wait_until(is_heard)
     assert bench.ask(DeleteEntity, 'delete_entity', entity='crate').result.result == Result.RESULT_OK

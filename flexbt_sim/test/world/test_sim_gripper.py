@@ -33,7 +33,7 @@ def world() -> World:
 
 def test_what_is_picked_up_goes_along_and_is_put_down_ahead(world: World) -> None:
     world.add('box', ObstacleModel(pose=Pose(0.9, 0.2, 0.0), shape=Circle(0.11)))  # nearer, and too large
-    assert world.grip('arm') == 'cup' == world.robots['arm'].holds
+    assert world.grip('arm') == 'cup' == world.robots['arm'].devices['gripper'].state
     world.remove('box')
     world.robots['arm'].command(0.2, 0.0, world.time)
     world.step(0.4)
@@ -44,7 +44,7 @@ def test_what_is_picked_up_goes_along_and_is_put_down_ahead(world: World) -> Non
     assert world.release('arm') == 'cup'
     x, y, _ = world.obstacles['cup'].pose
     assert (x, y) == pytest.approx((world.robots['arm'].pose.x + 0.6, 0.0))
-    assert (world.robots['arm'].holds, dict(world.held)) == ('', {})
+    assert (world.robots['arm'].devices['gripper'].state, dict(world.held)) == ('', {})
     with pytest.raises(SimulationError, match='holds nothing'):
         world.release('arm')
 
@@ -61,20 +61,20 @@ def test_what_cannot_be_is_told(world: World) -> None:
     world.add('wall', ObstacleModel(pose=Pose(1.1, 0.0, 0.0), shape=Circle(0.2)))
     with pytest.raises(SimulationError, match="would overlap 'wall'"):
         world.release('arm')
-    assert world.robots['arm'].holds == 'cup'
+    assert world.robots['arm'].devices['gripper'].state == 'cup'
 
 
 def test_it_can_be_taken_from_the_gripper_and_goes_back_at_a_reset(world: World) -> None:
     world.grip('arm')
     world.move('cup', Pose(3.0, 0.0, 0.0))
-    assert (world.robots['arm'].holds, world.state('cup').pose.x) == ('', 3.0)
+    assert (world.robots['arm'].devices['gripper'].state, world.state('cup').pose.x) == ('', 3.0)
     world.move('cup', CUP.pose)
     world.grip('arm')
     world.reset()
-    assert (world.robots['arm'].holds, world.state('cup').pose) == ('', CUP.pose)
+    assert (world.robots['arm'].devices['gripper'].state, world.state('cup').pose) == ('', CUP.pose)
     world.grip('arm')
     world.remove('cup')
-    assert (world.robots['arm'].holds, dict(world.held)) == ('', {})
+    assert (world.robots['arm'].devices['gripper'].state, dict(world.held)) == ('', {})
     world.add('cup', CUP)
     world.grip('arm')
     world.remove('arm')

@@ -304,13 +304,13 @@ def test_services_at_the_same_simulated_times_give_the_same_bits(script: list[tu
     for call, steps, is_read in script:
         assert serve(one, call) == serve(other, call)
         for robot in other.robots.values():
-            robot.is_scanning = is_read
+            robot.devices['lidar'].is_read = is_read
         for _ in range(steps):
             one.step()
         other.step(steps * other.step_size)
         assert repr(other.snapshot()) == repr(one.snapshot())
     for robot in other.robots.values():
-        robot.is_scanning = True
+        robot.devices['lidar'].is_read = True
     for world in (one, other):
         world.step(0.4)
     assert repr(other.snapshot()) == repr(one.snapshot())
@@ -572,7 +572,7 @@ def test_a_battery_drains_stops_the_robot_and_is_charged() -> None:
     robot.command(0.22, 0.0, world.time)
     world.step(1.0)
     assert robot.pose == pose
-    assert robot.scan is scan
+    assert robot.scan == scan
     world.add('dock', StationModel(pose=pose))
     world.step(0.5)
     assert robot.battery.is_charging

@@ -12,13 +12,13 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.world import (
+    Beams,
     Circle,
     ObstacleModel,
     OccupancyMap,
     Polygon,
     Pose,
     RayCaster,
-    Sensor,
     Shape,
     World,
     box,
@@ -92,7 +92,7 @@ def test_ranges_are_exact(path: str, data: st.DataObject) -> None:
     for i in range(data.draw(st.integers(0, 3))):
         world.add(f'body{i}', ObstacleModel(pose=data.draw(somewhere), shape=data.draw(shapes)))
     made = st.builds(
-        Sensor,
+        Beams,
         somewhere,
         angle_min=st.floats(-3.2, 3.2),
         angle_increment=st.floats(0.0, 0.2),
@@ -132,7 +132,7 @@ def test_ranges_are_exact(path: str, data: st.DataObject) -> None:
 def test_both_ways_give_the_same_ranges(data: st.DataObject, grid: OccupancyMap) -> None:
     caster = RayCaster(grid)
     poses = data.draw(st.lists(places(grid), min_size=1, max_size=4))
-    sensors = [Sensor(pose, 0.0, math.tau / 90, 90, 30.0, -1) for pose in poses]
+    sensors = [Beams(pose, 0.0, math.tau / 90, 90, 30.0, -1) for pose in poses]
     world = World(grid)
     for i in range(data.draw(st.integers(0, 4))):
         world.add(f'body{i}', ObstacleModel(pose=data.draw(places(grid)), shape=data.draw(shapes)))
@@ -144,7 +144,7 @@ def test_both_ways_give_the_same_ranges(data: st.DataObject, grid: OccupancyMap)
         assert differs <= 2  # a beam along an edge, or just past a corner, may go either way by the last bit
 
 
-def cast_one(path: str, shape: Shape, at: Pose, sensor: Sensor) -> list[float]:
+def cast_one(path: str, shape: Shape, at: Pose, sensor: Beams) -> list[float]:
     """Ranges beside one body."""
     world = World()
     world.add('body', ObstacleModel(pose=at, shape=shape))
@@ -163,7 +163,7 @@ def test_no_beam_slips_between_two_sides(path: str) -> None:
         shape = Polygon(tuple((math.cos(angle), math.sin(angle)) for angle in angles))
         for angle in angles:
             x, y = at.x + 2.0 * math.cos(angle + at.yaw), at.y + 2.0 * math.sin(angle + at.yaw)
-            sensor = Sensor(Pose(x, y, angle + at.yaw), math.pi, 0.0, 1, 5.0, -1)
+            sensor = Beams(Pose(x, y, angle + at.yaw), math.pi, 0.0, 1, 5.0, -1)
             assert cast_one(path, shape, at, sensor) == pytest.approx([1.0], abs=1e-6)
 
 
@@ -185,7 +185,7 @@ def test_a_body_is_solid(path: str, shape: Shape, at: Pose, angle: float, part: 
             if room_beside(shape, at, Pose(one.real, one.imag, 0.0)) <= 0.0
         ]
     for one in inside:
-        sensor = Sensor(Pose(one.real, one.imag, angle), 0.0, math.tau / 12, 12, 5.0, -1)
+        sensor = Beams(Pose(one.real, one.imag, angle), 0.0, math.tau / 12, 12, 5.0, -1)
         assert cast_one(path, shape, at, sensor) == [0.0] * 12
         assert cast_one(path, shape, at, sensor._replace(owner=0)) == [math.inf] * 12
 
@@ -194,5 +194,5 @@ def test_a_body_is_solid(path: str, shape: Shape, at: Pose, angle: float, part: 
 @pytest.mark.filterwarnings('error')
 def test_a_beam_may_be_all_but_parallel_to_a_side(path: str) -> None:
     """So that it would meet the side farther away than a number can say."""
-    sensor = Sensor(Pose(-3.0, 0.2, 5e-324), 0.0, 0.0, 1, 5.0, -1)
+    sensor = Beams(Pose(-3.0, 0.2, 5e-324), 0.0, 0.0, 1, 5.0, -1)
     assert cast_one(path, box(2.0, 1.0), Pose(0.0, 0.0, 0.0), sensor) == [2.0]

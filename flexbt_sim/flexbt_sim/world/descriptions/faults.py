@@ -8,36 +8,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text import did_you_mean
 from flexbt_sim.errors import SimulationError
+from flexbt_sim.world.devices.battery import BatteryLow
+from flexbt_sim.world.devices.device import DeviceFault, Sensor
+from flexbt_sim.world.devices.lidar import LidarBlinded, LidarFrozen
 from flexbt_sim.world.plane.geometry import Pose
+from flexbt_sim.world.specification import FaultModel, ModelSpecification, WorldProblem, key, names, read
 
-from .specification import ModelSpecification, WorldProblem, key, keys_of, names, read
-
-
-@dataclass(frozen=True)
-class FaultModel(ModelSpecification):
-    """Base of the parameters of a fault: ``name``, the kinds of entities that can have it, and who carries it out."""
-
-    name: ClassVar[str]
-    entities: ClassVar[tuple[str, ...]] = ('robot',)
-    by: ClassVar[str] = 'world'
-    needs: ClassVar[str] = ''
-
-    @property
-    def part(self) -> str:
-        """What of its model an entity has to have for it; '' for nothing."""
-        return self.needs
-
-    @property
-    def slot(self) -> str:
-        """What an entity has one of at a time: another fault with the same takes its place."""
-        return self.name
-
-    def __str__(self) -> str:
-        """For people, on one line: ``stuck_wheel (side: 'left')``."""
-        values = names(f'{name}: {short_repr(getattr(self, name))}' for name in keys_of(type(self)))
-        return f'{self.name} ({values})' if values else self.name
+from .models import DEVICES
 
 
 @dataclass(frozen=True)
@@ -58,33 +37,6 @@ class LocalizationLost(FaultModel):
 
 
 @dataclass(frozen=True)
-class LidarFrozen(FaultModel):
-    """Each scan is a copy of the last one before the fault, with a new time."""
-
-    name: ClassVar[str] = 'lidar_frozen'
-    needs: ClassVar[str] = 'lidar'
-
-
-@dataclass(frozen=True)
-class LidarBlinded(FaultModel):
-    """Beams in a direction return nothing, as in glare."""
-
-    name: ClassVar[str] = 'lidar_blinded'
-    needs: ClassVar[str] = 'lidar'
-    direction: float = key('the middle of it; 0 is straight ahead', 0.0, unit='rad', low=-math.pi, high=math.pi)
-    width: float = key('how wide it is; 2 pi for all beams', math.tau, unit='rad', low=0.0, high=math.tau)
-
-
-@dataclass(frozen=True)
-class BatteryLow(FaultModel):
-    """The battery falls to a level at once. It does not come back at the end of the fault."""
-
-    name: ClassVar[str] = 'battery_low'
-    needs: ClassVar[str] = 'battery'
-    level: float = key('what is left, of 1', 0.1, low=0.0, high=1.0)
-
-
-@dataclass(frozen=True)
 class DoorJammed(FaultModel):
     """The door stays as it is, whatever it is told."""
 
@@ -92,10 +44,62 @@ class DoorJammed(FaultModel):
     entities: ClassVar[tuple[str, ...]] = ('door',)
 
 
-TOPICS: Final[Mapping[str, str]] = {
-    'amcl_pose': '', 'battery_state': 'battery', 'battery_status': 'battery', 'bumper': 'bumper', 'cmd_vel': '',
-    'gripper_holds': 'gripper', 'odom': '', 'pose': '', 'scan': 'lidar', 'tf': '',
-}  # fmt: skip
+SENSORS: Final = tuple(one for one in DEVICES if issubclass(one, Sensor))
+
+
+@dataclass(frozen=True)
+class SensorFault(DeviceFault):
+    """Base of the faults that every sensor can have."""
+
+    sensor: str = key('which sensor', 'lidar', choices=tuple(one.name for one in SENSORS))
+
+    @property
+    def slot(self) -> str:
+        """Each sensor can have it."""
+        return f'{self.name} of {self.sensor}'
+
+    @property
+    def part(self) -> str:
+        """The sensor."""
+        return self.sensor
+
+
+@dataclass(frozen=True)
+class SensorFrozen(SensorFault):
+    """Each reading is a copy of the last one before the fault, with a new time."""
+
+    name: ClassVar[str] = 'sensor_frozen'
+    freezes: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class SensorSilent(SensorFault):
+    """The sensor publishes nothing."""
+
+    name: ClassVar[str] = 'sensor_silent'
+    silences: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class SensorNoisy(SensorFault):
+    """The noise of the sensor is greater."""
+
+    name: ClassVar[str] = 'sensor_noisy'
+    sensor: str = key('which sensor', 'lidar', choices=tuple(one.name for one in SENSORS if one.samples))
+    factor: float = key('by how many times', 10.0, low=0.0, high=1e6)
+
+    @property
+    def noise_factor(self) -> float:
+        """Its ``factor``."""
+        return self.factor
+
+
+TOPICS: Final[Mapping[str, str]] = dict(
+    sorted(
+        [(topic, '') for topic in ('amcl_pose', 'cmd_vel', 'odom', 'pose', 'tf')]
+        + [(topic, one.name) for one in DEVICES for topic in one.topics]
+    )
+)
 """The topics of a robot whose messages may be lost or late, each with what of its model the robot has to have."""
 
 
@@ -193,8 +197,8 @@ class ServerDies(ServerFault):
 
 
 _ALL: Final[tuple[type[FaultModel], ...]] = (
-    StuckWheel, LocalizationLost, LidarFrozen, LidarBlinded, BatteryLow, DoorJammed, MessagesDropped, MessagesLate,
-    ServerRefuses, ServerFails, ServerHangs, ServerDies,
+    StuckWheel, LocalizationLost, LidarFrozen, LidarBlinded, SensorFrozen, SensorSilent, SensorNoisy, BatteryLow,
+    DoorJammed, MessagesDropped, MessagesLate, ServerRefuses, ServerFails, ServerHangs, ServerDies,
 )  # fmt: skip
 FAULTS: Final[Mapping[str, type[FaultModel]]] = {one.name: one for one in _ALL}
 """Every fault by its name."""

@@ -8,53 +8,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
-from flexbt_sim.world.plane.geometry import Circle, Point, Polygon, Pose, Shape
-
-from .specification import ModelSpecification, key
-
-ORIGIN: Final = Pose(0.0, 0.0, 0.0)
+from flexbt_sim.world.devices.battery import Battery, BatteryModel
+from flexbt_sim.world.devices.device import Device
+from flexbt_sim.world.devices.imu import Imu, ImuModel
+from flexbt_sim.world.devices.lidar import Lidar, LidarModel
+from flexbt_sim.world.devices.range_finder import RangeFinder, RangeFinderModel
+from flexbt_sim.world.devices.touch import Bumper, Gripper, GripperModel
+from flexbt_sim.world.plane.geometry import ORIGIN, Circle, Point, Polygon, Pose, Shape
+from flexbt_sim.world.specification import ModelSpecification, key
 
 STEP: Final = 0.02
 """Simulated time, s, for which speeds are taken as constant, unless a world file says another."""
-
-
-@dataclass(frozen=True)
-class LidarModel(ModelSpecification):
-    """A planar lidar. Its beams are evenly spaced, counter-clockwise: from straight ahead all round, or over a field of
-    view that lies evenly to both sides of straight ahead. Bodies are solid: in another one, or on its outline, all
-    ranges are 0."""
-
-    title: ClassVar[str] = 'lidar'
-
-    beams: int = key('beams of a scan', 360, low=1, high=100_000)
-    range_min: float = key('least range that is measured; nearer is minus infinity (REP 117)', 0.12, unit='m', low=0.0)
-    range_max: float = key('greatest range; farther is infinity', 3.5, unit='m', low=0.01, high=1000.0)
-    noise: float = key('standard deviation of a range', 0.01, unit='m', low=0.0, high=10.0)
-    rate: float = key('scans per second', 5.0, unit='Hz', low=0.01, high=1000.0)
-    dropout: float = key('probability that a beam returns nothing', 0.0, low=0.0, high=1.0)
-    field_of_view: float = key(
-        'angle between the first and the last beam; 2 pi for all round', math.tau, unit='rad', low=0.0, high=math.tau
-    )
-    pose: Pose = key('where it is on the robot', ORIGIN)
-
-    def conflicts(self) -> Iterable[str]:
-        if self.range_min >= self.range_max:
-            yield f'range_min of {self.range_min:g} m is not below range_max of {self.range_max:g} m'
-
-    @property
-    def is_all_round(self) -> bool:
-        """Whether the last beam is beside the first one."""
-        return self.field_of_view > math.tau - 1e-6
-
-    @property
-    def angle_min(self) -> float:
-        """Direction of the first beam, rad."""
-        return 0.0 if self.is_all_round else -self.field_of_view / 2.0
-
-    @property
-    def angle_increment(self) -> float:
-        """Angle between two beams, rad."""
-        return math.tau / self.beams if self.is_all_round else self.field_of_view / max(1, self.beams - 1)
 
 
 @dataclass(frozen=True)
@@ -89,34 +53,8 @@ class OdometryModel(ModelSpecification):
 
 
 @dataclass(frozen=True)
-class BatteryModel(ModelSpecification):
-    """A battery. The robot stops, and its lidar is silent, when it is empty."""
-
-    title: ClassVar[str] = 'battery'
-
-    capacity: float = key('energy when it is full', 20.0, unit='Wh', low=0.001, high=1e6)
-    level: float = key('what it has at the start, of 1', 1.0, low=0.0, high=1.0)
-    voltage: float = key('nominal voltage', 11.1, unit='V', low=1.0, high=1000.0)
-    idle: float = key('power at rest', 5.0, unit='W', low=0.0, high=1e6)
-    driving: float = key('power that is added at the greatest speed, and in proportion', 10.0, unit='W', low=0.0,
-                         high=1e6)  # fmt: skip
-    charging: float = key('power from a charging station', 60.0, unit='W', low=0.0, high=1e6)
-
-
-@dataclass(frozen=True)
-class GripperModel(ModelSpecification):
-    """An arm with a gripper, which picks up obstacles that rest, and puts them down straight ahead."""
-
-    title: ClassVar[str] = 'gripper'
-
-    reach: float = key('how far from the middle of the robot it picks up and puts down', 0.6, unit='m', low=0.01,
-                       high=10.0)  # fmt: skip
-    opening: float = key('greatest radius of what it picks up', 0.1, unit='m', low=0.001, high=10.0)
-
-
-@dataclass(frozen=True)
 class RobotModel(ModelSpecification):
-    """A kind of robot. ``null`` leaves a lidar, a battery or a gripper away."""
+    """A kind of robot. ``null`` leaves a device out."""
 
     title: ClassVar[str] = 'robot'
 
@@ -126,10 +64,15 @@ class RobotModel(ModelSpecification):
     drive: DriveModel = key('wheels and motors', DriveModel())
     odometry: OdometryModel = key('errors of the odometry', OdometryModel())
     lidar: LidarModel | None = key('its lidar', LidarModel())
+    range_finder: RangeFinderModel | None = key('its range finder, such as a sonar', None)
+    imu: ImuModel | None = key('its inertial measurement unit', None)
     bumper: bool = key('whether it feels contacts', False)
     battery: BatteryModel | None = key('its battery', None)
     gripper: GripperModel | None = key('its gripper', None)
 
+
+DEVICES: Final[tuple[type[Device], ...]] = (Battery, Bumper, Gripper, Lidar, RangeFinder, Imu)
+"""Everything that a robot may carry, in the order of their messages at one time."""
 
 BURGER: Final = RobotModel(
     footprint=Circle(0.105),
@@ -248,8 +191,8 @@ class ZoneModel(ModelSpecification):
 
     kind: str = key(
         '`no_go`: navigation keeps out of it; who enters it all the same is told in the log, and counted; `slow`: '
-        'robots in it are held to a speed; `sensor_shadow`: the lidar of a robot in it returns nothing, and its '
-        'localization goes on by odometry alone',
+        'robots in it are held to a speed; `sensor_shadow`: lidar and range finder of a robot in it return nothing, and '
+        'its localization goes on by odometry alone',
         choices=('no_go', 'slow', 'sensor_shadow'),
     )
     area: Shape = key('what it covers: a radius, [length, width], or the corners of a polygon')

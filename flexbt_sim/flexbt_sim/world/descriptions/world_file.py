@@ -20,11 +20,11 @@ from flexbt_core.values.yaml_data import YamlError, compose_yaml, construct_yaml
 from flexbt_sim.errors import MapError, SimulationError, WorldError
 from flexbt_sim.world.plane.geometry import Point, Pose
 from flexbt_sim.world.plane.occupancy_map import FREE, MAX_CELLS, OCCUPIED, OccupancyMap, load_map
+from flexbt_sim.world.specification import NAME, ModelSpecification, WorldProblem, convert, key, keys_of, names, read
+from flexbt_sim.world.specification import Path as Where
 
 from .faults import FAULTS, FaultTiming
 from .models import MODELS, STEP, DoorModel, ObstacleModel, RobotModel, StationModel, ZoneModel
-from .specification import NAME, ModelSpecification, WorldProblem, convert, key, keys_of, names, read
-from .specification import Path as Where
 
 MAX_BYTES: Final = 2_000_000
 

@@ -36,6 +36,9 @@ class Pose(NamedTuple):
         return wrap(math.atan2(y - self.y, x - self.x) - self.yaw)
 
 
+ORIGIN: Final = Pose(0.0, 0.0, 0.0)
+
+
 def wrap(angle: float) -> float:
     """Return the same angle in (-pi, pi]."""
     wrapped = math.remainder(angle, math.tau)

@@ -33,7 +33,7 @@ _HALF_DIAGONAL: Final = 0.71
 Floats = NDArray[numpy.floating[Any]]
 
 
-class Sensor(NamedTuple):
+class Beams(NamedTuple):
     """Beams from a pose in the map: the direction of the first one and the angle from each to the next, rad.
 
     ``range_max`` is as far as anything is looked for, m; ``owner`` the number of the body that is not seen.
@@ -75,7 +75,7 @@ class RayCaster:
     def __init__(self, world: OccupancyMap | None) -> None:
         self._world = world
 
-    def cast(self, sensors: Sequence[Sensor], bodies: Outlines) -> list[Floats]:
+    def cast(self, sensors: Sequence[Beams], bodies: Outlines) -> list[Floats]:
         """For each sensor, how far each beam gets, m; infinite where it meets nothing within its range."""
         cast = compiled(loops.cast)
         return self.cast_at_once(sensors, bodies) if cast is None else [self._one(cast, one, bodies) for one in sensors]
@@ -90,7 +90,7 @@ class RayCaster:
             _HALF_DIAGONAL
         )
 
-    def _one(self, cast: Callable[..., None], sensor: Sensor, bodies: Outlines) -> Floats:
+    def _one(self, cast: Callable[..., None], sensor: Beams, bodies: Outlines) -> Floats:
         if _starts_in_one(sensor, bodies):
             return numpy.zeros(sensor.beams)
         (x, y, yaw), world = sensor.pose, self._world
@@ -103,7 +103,7 @@ class RayCaster:
         )  # fmt: skip
         return ranges
 
-    def cast_at_once(self, sensors: Sequence[Sensor], bodies: Outlines) -> list[Floats]:
+    def cast_at_once(self, sensors: Sequence[Beams], bodies: Outlines) -> list[Floats]:
         """Return the same by whole-array operations."""
         angles = [one.pose.yaw + one.angle_min + numpy.arange(one.beams) * one.angle_increment for one in sensors]
         if self._world is None:
@@ -118,7 +118,7 @@ class RayCaster:
             ranges[ranges > sensor.range_max] = math.inf
         return found
 
-    def _cast_on_map(self, world: OccupancyMap, sensors: Sequence[Sensor], angles: Sequence[Floats]) -> list[Floats]:
+    def _cast_on_map(self, world: OccupancyMap, sensors: Sequence[Beams], angles: Sequence[Floats]) -> list[Floats]:
         counts = [one.beams for one in sensors]
         headings = numpy.concatenate(angles) - world.origin.yaw
         directions = numpy.stack([numpy.sin(headings), numpy.cos(headings)])  # in rows and columns
@@ -151,12 +151,12 @@ def _march(world: OccupancyMap, starts: Floats, directions: Floats, limits: Floa
     return ranges
 
 
-def _starts_in_one(sensor: Sensor, bodies: Outlines) -> bool:
+def _starts_in_one(sensor: Beams, bodies: Outlines) -> bool:
     covers = compiled(loops.covers) or loops.covers
     return bool(covers(sensor.pose.x, sensor.pose.y, sensor.owner, bodies.circles, bodies.segments))
 
 
-def _cast_on_bodies(sensor: Sensor, cos: Floats, sin: Floats, bodies: Outlines, ranges: Floats) -> None:
+def _cast_on_bodies(sensor: Beams, cos: Floats, sin: Floats, bodies: Outlines, ranges: Floats) -> None:
     """Shorten ranges to those at which beams meet bodies, none of which the sensor is in."""
     x, y = sensor.pose.x, sensor.pose.y
     circles = bodies.circles[bodies.circles[:, 3] != sensor.owner]

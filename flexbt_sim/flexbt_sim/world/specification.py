@@ -233,3 +233,28 @@ def _bounded(value: Any, one: ModelKey, path: Path, problems: list[WorldProblem]
 def names(words: Iterable[Any]) -> str:
     """Words in a line."""
     return ', '.join(map(str, words))
+
+
+@dataclass(frozen=True)
+class FaultModel(ModelSpecification):
+    """Base of the parameters of a fault: ``name``, the kinds of entities that can have it, and who carries it out."""
+
+    name: ClassVar[str]
+    entities: ClassVar[tuple[str, ...]] = ('robot',)
+    by: ClassVar[str] = 'world'
+    needs: ClassVar[str] = ''
+
+    @property
+    def part(self) -> str:
+        """What of its model an entity has to have for it; '' for nothing."""
+        return self.needs
+
+    @property
+    def slot(self) -> str:
+        """What an entity has one of at a time: another fault with the same takes its place."""
+        return self.name
+
+    def __str__(self) -> str:
+        """For people, on one line: ``stuck_wheel (side: 'left')``."""
+        values = names(f'{name}: {short_repr(getattr(self, name))}' for name in keys_of(type(self)))
+        return f'{self.name} ({values})' if values else self.name
