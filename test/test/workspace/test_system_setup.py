@@ -249,3 +249,22 @@ def test_runs_of_tests_that_were_not_done_have_not_passed(tmp_path: Path, monkey
     said = '\n'.join(tally.failures)
     for name, ending in (('early', 'ended with exit code 2'), ('hangs', 'was stopped'), ('waits', 'did not begin')):
         assert f'FAILED {name}: pytest {ending}, see {tmp_path}/log/test-{name}.log' in said
+
+
+@pytest.mark.parametrize('is_ci', [False, True])
+def test_in_continuous_integration_only_known_reasons_skip_a_test(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_ci: bool
+) -> None:
+    (tmp_path / 'pytest.xml').write_text(
+        '<testsuites><testcase classname="a" name="runs"/>'
+        '<testcase classname="a" name="known"><skipped message="Nav2 is not at hand"/></testcase>'
+        '<testcase classname="a" name="whole"><skipped message="collection skipped">(1, "FLEXBT_ACCELERATION=0")'
+        '</skipped></testcase><testcase classname="a" name="lacks"><skipped message="needs tmux"/></testcase></testsuites>'
+    )
+    monkeypatch.delenv('CI', raising=False)
+    if is_ci:
+        monkeypatch.setenv('CI', 'true')
+    tally = test_run.Tally()
+    test_run._count(tmp_path / 'pytest.xml', 'a', '', tally)
+    assert (tally.passed, tally.skipped) == (1, 2 if is_ci else 3)
+    assert tally.failures == ['FAILED a.lacks: skipped in continuous integration: needs tmux'] * is_ci
