@@ -42,7 +42,7 @@ def test_what_is_not_here_is_not_and_its_import_names_it() -> None:
     offered, mixins, members = (
         re.findall(r'`([^`]+)`', part)
         for part in re.split(
-            'The classes that these derive from|Neither are the ways into', section[section.index('Of `') :]
+            'The classes that these derive from|Machines have no members', section[section.index('Of `') :]
         )
     )
     members = members[: members.index('get_deep_state') + 1]
