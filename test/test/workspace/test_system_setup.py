@@ -259,7 +259,8 @@ def test_in_continuous_integration_only_known_reasons_skip_a_test(
         '<testsuites><testcase classname="a" name="runs"/>'
         '<testcase classname="a" name="known"><skipped message="Nav2 is not at hand"/></testcase>'
         '<testcase classname="a" name="whole"><skipped message="collection skipped">(1, "FLEXBT_ACCELERATION=0")'
-        '</skipped></testcase><testcase classname="a" name="lacks"><skipped message="needs tmux"/></testcase></testsuites>'
+        '</skipped></testcase><testcase classname="a" name="lacks"><skipped message="needs tmux"/></testcase>'
+        '</testsuites>'
     )
     monkeypatch.delenv('CI', raising=False)
     if is_ci:
