@@ -12,7 +12,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'pyyaml'],
+    install_requires=['setuptools', 'lark-parser', 'pyyaml'],
     extras_require={
         'synthesis': ['dd>=0.6'],  # CUDD is in its wheels, else it is pure Python
         'test': ['pytest', 'hypothesis'],  # colcon test looks for it

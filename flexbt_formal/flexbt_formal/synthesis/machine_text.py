@@ -128,7 +128,7 @@ def _python_lines(machine: SynthesizedMachine, module_of: Callable[[str], str]) 
     yield f'"""{_doc(machine.name)}: synthesized; the comment of a state tells what it stands for."""'
     yield ''
     yield f'from flexbt_core import {", ".join([*taken, *(["with_retry"] if retries else [])])}'
-    yield 'from flexbt_onboard.behaviors import Behavior, BehaviorManifest'
+    yield 'from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest'
     for module in sorted({module_of(one) for one in classes}):
         yield f'from {module} import {", ".join(_local(one) for one in classes if module_of(one) == module)}'
     yield from ('', '', f'class {class_name(machine.name)}(Behavior):')

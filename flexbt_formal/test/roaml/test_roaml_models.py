@@ -21,7 +21,7 @@ HEAD = '<ascxml name="{}" version="1.0" initial="{}">{}</ascxml>'
 
 
 def finally_(name: str, value: Any = True, extreme: str = 'Pmin') -> dict[str, Any]:
-    """That an atom will be equal to a value."""
+    """Return the formula that an atom will be equal to a value."""
     return {'op': extreme, 'exp': {'op': 'F', 'exp': {'op': '=', 'left': name, 'right': value}}}
 
 
@@ -575,7 +575,7 @@ HALVES = '><target id="end" prob="0.5"/><target id="go" prob="0.6"/>'
     [
         ('<state id="end"/>', '<stat id="end"/>', 9, "did you mean 'state'"),
         ('target="end"', 'target="ende"', 4, "there is no state 'ende'; did you mean 'end'?"),
-        ('expr="n + 1"', 'expr="n +"', 5, 'ends where a value is needed'),
+        ('expr="n + 1"', 'expr="n +"', 5, "a value is missing after '+'"),
         ('expr="n + 1"', 'expr="m + 1"', 5, 'm is not known here'),
         ('expr="n + 1"', 'expr="Math.foo(1)"', 5, 'there is no function Math.foo'),
         ('expr="n + 1"', '', 5, '[expr] is missing'),

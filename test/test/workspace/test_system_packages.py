@@ -20,6 +20,7 @@ ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'aiohttp': 'python3-aiohttp',
     'hypothesis': 'python3-hypothesis',
+    'lark': 'python3-lark-parser',
     'msgpack': 'python3-msgpack',
     'numpy': 'python3-numpy',
     'prompt_toolkit': 'python3-prompt-toolkit',

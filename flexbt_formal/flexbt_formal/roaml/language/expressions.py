@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The expressions of the models: a subset of ECMAScript, compiled to Python.
 
-Arithmetic, comparison, ``&& || !``, ``a ? b : c``, members and indexes, literals of arrays and objects, ``Math``. Own
-code: what there is on PyPI are whole engines for JavaScript, whose values live on a heap of their own (a call costs
-100 times as much as an expression here), and parsers that have not been kept since 2018.
+Arithmetic, comparison, ``&& || !``, ``a ? b : c``, members and indexes, literals of arrays and objects, ``Math``. The
+compiler is our own: the engines for JavaScript on PyPI keep values on a heap of their own, and a call of them costs 100
+times as much as an expression here.
 
 A number is an int or a float as in Python: ``/`` gives a float, ``%`` has the sign of the dividend, as in ECMAScript.
 """
@@ -15,17 +15,18 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final, NamedTuple
 
+from lark import Token, Tree
+
 from flexbt_core.values.text import truncate_middle
+from flexbt_formal.grammar import Grammar, GrammarError, SyntaxTree
 
 from .data_types import Record, element, length, member
 
-MAX_LENGTH: Final = 20_000
-MAX_DEPTH: Final = 60
 _DIGITS: Final = 20
 
 
 class ExpressionError(ValueError):
-    """An expression that cannot be read; what is wrong, and where in it."""
+    """An expression that cannot be read or compiled."""
 
 
 class Reference(NamedTuple):
@@ -57,14 +58,43 @@ Expression = Reference | Literal | Call | Array | Object
 
 _RANDOM: Final = Call('random', ())
 
-_TOKEN: Final = re.compile(
-    r'\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_$][\w$]*)'
-    r'|(?P<text>"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\')'
-    r'|(?P<sign>===|!==|==|!=|<=|>=|&&|\|\||[-+*/%<>!()\[\]{},.:?]))',
-    re.DOTALL,
+_GRAMMAR: Final = Grammar(
+    r"""
+    start: choice
+    ?choice: either | either "?" choice ":" choice
+    ?either: both | either OR both -> binary
+    ?both: equality | both AND equality -> binary
+    ?equality: order | equality EQUALITY order -> binary
+    ?order: sum | order ORDER sum -> binary
+    ?sum: product | sum SIGN product -> binary
+    ?product: unary | product FACTOR unary -> binary
+    ?unary: postfix | (SIGN | NOT) unary
+    ?postfix: primary | postfix "." NAME -> member | postfix "[" choice "]" -> index | postfix "(" _list? ")" -> call
+    ?primary: "(" choice ")" | "[" _list? "]" -> array | "{" (_members ","?)? "}" -> object
+        | NUMBER -> number | TEXT -> text | NAME -> name
+    _list: _values ","?
+    _values: choice | _values "," choice
+    _members: _member | _members "," _member
+    _member: key ":" choice
+    key: NAME | TEXT
+    OR: "||"
+    AND: "&&"
+    EQUALITY: /[=!]==?/
+    ORDER: /[<>]=?/
+    SIGN: /[-+]/
+    FACTOR: /[*\/%]/
+    NOT: "!"
+    NUMBER: /(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?/
+    NAME: /[A-Za-z_$][\w$]*/
+    TEXT: /"([^"\\]|\\.)*"|'([^'\\]|\\.)*'/s
+    %ignore /\s+/
+    """,
+    {'NUMBER': 'a value', 'NAME': 'a name'},
+    'an operator',
+    longest=20_000,
+    deepest=150,
 )
 _ESCAPES: Final = {'n': '\n', 't': '\t', 'r': '\r', 'b': '\b', 'f': '\f', '0': '\0'}
-_LEVELS: Final = (('||',), ('&&',), ('==', '!=', '===', '!=='), ('<', '>', '<=', '>='), ('+', '-'), ('*', '/', '%'))
 _FUNCTIONS: Final = {
     'abs': 1,
     'ceil': 1,
@@ -86,186 +116,76 @@ _FUNCTIONS: Final = {
 
 
 def parse_expression(text: str) -> Expression:
-    """Raise ExpressionError."""
-    if len(text) > MAX_LENGTH:
-        raise ExpressionError(f'the expression has {len(text)} characters; the limit is {MAX_LENGTH}')
-    return _by_lot(_Parser(text).whole())
+    """Return the expression in a text. Raises ExpressionError."""
+    try:
+        return _by_lot(_expression(_GRAMMAR.parse(text).children[0]))
+    except GrammarError as error:
+        shown = truncate_middle(text.strip())
+        raise ExpressionError(f'{error} in the expression [{shown}]') from None
 
 
-class _Parser:
-    def __init__(self, text: str) -> None:
-        self._text = text
-        self._tokens: list[tuple[str, str, int]] = []
-        position = 0
-        end = len(text.rstrip())
-        while position < end:
-            match = _TOKEN.match(text, position)
-            if match is None:
-                at = position + len(text[position:]) - len(text[position:].lstrip())
-                raise self._error(f'unexpected {text[at]!r}', at)
-            kind = match.lastgroup or ''
-            self._tokens.append((kind, match.group(kind), match.start(kind)))
-            position = match.end()
-        self._at = 0
-        self._depth = 0
+def _expression(tree: SyntaxTree) -> Any:
+    """Return what a part of a syntax tree means: an expression, or the name of a member."""
+    parts: tuple[Any, ...] = tuple(_expression(part) if isinstance(part, Tree) else part for part in tree.children)
+    match tree.data, parts:
+        case 'number', (Token() as digits,):
+            return Literal(_number(digits))
+        case 'text', (text,):
+            return Literal(_unquoted(text))
+        case 'key', (Token(type='TEXT') as text,):
+            return _unquoted(text)
+        case 'key', (name,):
+            return str(name)
+        case 'name', ('true' | 'false' as word,):
+            return Literal(word == 'true')
+        case 'name', (Token('True' | 'False') as word,):
+            raise GrammarError(word.start_pos + 1, f'{word} is no value; write {word.lower()}')
+        case 'name', (name,):
+            return Reference((str(name),))
+        case 'choice', _:
+            return Call('?', parts)
+        case 'binary', (left, sign, right):
+            return Call(sign[:2] if '=' in sign else str(sign), (left, right))
+        case 'unary', ('-', Literal(int() | float() as value)) if not isinstance(value, bool):
+            return Literal(-value)
+        case 'unary', (sign, operand):
+            return Call(f'unary {sign}', (operand,))
+        case 'member', (Reference(names), name):
+            return Reference((*names, str(name)))
+        case 'member', (value, name):
+            return Call('member', (value, Literal(str(name))))
+        case 'index', _:
+            return Call('index', parts)
+        case 'array', _:
+            return Array(parts)
+        case 'object', _:
+            return Object(tuple(zip(parts[::2], parts[1::2], strict=True)))
+    place = next(tree.scan_values(lambda _: True)).start_pos + 1
+    return _call(parts[0], parts[1:], place)
 
-    def whole(self) -> Expression:
-        if not self._tokens:
-            raise ExpressionError('the expression is empty')
-        found = self._choice()
-        if self._at < len(self._tokens):
-            raise self._error(f'unexpected {self._tokens[self._at][1]!r}', self._tokens[self._at][2])
-        return found
 
-    def _error(self, what: str, position: int) -> ExpressionError:
-        return ExpressionError(
-            f'{what} at character {position + 1} of the expression [{truncate_middle(self._text.strip())}]'
-        )
+def _call(called: Expression, operands: tuple[Expression, ...], place: int) -> Call:
+    """Return the call of a function, whose name begins at a place."""
+    name = '.'.join(called.parts) if isinstance(called, Reference) else 'of this value'
+    function = name.removeprefix('Math.')
+    if function == name or function not in _FUNCTIONS:
+        known = ', '.join(f'Math.{one}' for one in _FUNCTIONS)
+        raise GrammarError(place, f'there is no function {name}; there are {known}')
+    count = _FUNCTIONS[function]
+    if len(operands) != max(count, 0) if count else not operands:
+        raise GrammarError(place, f'{name} does not take {len(operands)} operands')
+    return Call(function, operands)
 
-    def _peek(self) -> str:
-        """Return the sign that comes next; '' for anything else."""
-        if self._at < len(self._tokens) and self._tokens[self._at][0] == 'sign':
-            return self._tokens[self._at][1]
-        return ''
 
-    def _take(self, sign: str) -> bool:
-        found = self._peek() == sign
-        self._at += found
-        return found
+def _unquoted(text: str) -> str:
+    return re.sub(r'\\(.)', lambda match: _ESCAPES.get(match[1], match[1]), text[1:-1], flags=re.DOTALL)
 
-    def _need(self, sign: str) -> None:
-        if not self._take(sign):
-            found, position = ('the end', len(self._text))
-            if self._at < len(self._tokens):
-                found, position = repr(self._tokens[self._at][1]), self._tokens[self._at][2]
-            raise self._error(f'{found} where {sign!r} is needed', position)
 
-    def _choice(self) -> Expression:
-        self._depth += 1
-        if self._depth > MAX_DEPTH:
-            raise ExpressionError(f'the expression is nested more than {MAX_DEPTH} deep')
-        condition = self._binary(0)
-        if self._take('?'):
-            first = self._choice()
-            self._need(':')
-            condition = Call('?', (condition, first, self._choice()))
-        self._depth -= 1
-        return condition
-
-    def _binary(self, level: int) -> Expression:
-        if level == len(_LEVELS):
-            return self._unary()
-        left = self._binary(level + 1)
-        while self._peek() in _LEVELS[level]:
-            sign = self._peek()
-            self._at += 1
-            left = Call(sign[:2] if '=' in sign else sign, (left, self._binary(level + 1)))
-        return left
-
-    def _unary(self) -> Expression:
-        signs = []
-        while self._peek() in ('-', '+', '!'):
-            signs.append(self._peek())
-            self._at += 1
-        found = self._postfix()
-        for sign in reversed(signs):
-            if isinstance(found, Literal) and sign == '-' and type(found.value) in (int, float):
-                found = Literal(-found.value)
-            else:
-                found = Call(f'unary {sign}', (found,))
-        return found
-
-    def _postfix(self) -> Expression:
-        found = self._primary()
-        while True:
-            if self._take('.'):
-                if self._at >= len(self._tokens) or self._tokens[self._at][0] != 'name':
-                    raise self._error('a name is missing after the dot', self._tokens[self._at - 1][2])
-                name = self._tokens[self._at][1]
-                self._at += 1
-                if isinstance(found, Reference):
-                    found = Reference((*found.parts, name))
-                else:
-                    found = Call('member', (found, Literal(name)))
-            elif self._take('['):
-                index = self._choice()
-                self._need(']')
-                found = Call('index', (found, index))
-            elif self._peek() == '(' and isinstance(found, Reference):
-                found = self._call(found)
-            else:
-                return found
-
-    def _call(self, name: Reference) -> Expression:
-        position = self._tokens[self._at][2]
-        operands = self._list('(', ')')
-        count = _FUNCTIONS.get(name.parts[1]) if len(name.parts) == 2 and name.parts[0] == 'Math' else None
-        if count is None:
-            known = ', '.join(f'Math.{one}' for one in _FUNCTIONS)
-            raise self._error(f'there is no function {".".join(name.parts)}; there are {known}', position)
-        if len(operands) != max(count, 0) if count else not operands:
-            raise self._error(f'{".".join(name.parts)} does not take {len(operands)} operands', position)
-        return Call(name.parts[1], operands)
-
-    def _list(self, opening: str, closing: str) -> tuple[Expression, ...]:
-        self._need(opening)
-        found: list[Expression] = []
-        while not self._take(closing):
-            found.append(self._choice())
-            if not self._take(','):
-                self._need(closing)
-                break
-        return tuple(found)
-
-    def _primary(self) -> Expression:
-        if self._at >= len(self._tokens):
-            raise self._error('the expression ends where a value is needed', len(self._text))
-        kind, text, position = self._tokens[self._at]
-        if kind == 'number':
-            self._at += 1
-            return Literal(self._number(text, position))
-        if kind == 'text':
-            self._at += 1
-            return Literal(
-                re.sub(r'\\(.)', lambda match: _ESCAPES.get(match[1], match[1]), text[1:-1], flags=re.DOTALL)
-            )
-        if kind == 'name':
-            self._at += 1
-            if text in ('True', 'False'):
-                raise self._error(f'{text} is no value; write {text.lower()}', position)
-            return Literal(text == 'true') if text in ('true', 'false') else Reference((text,))
-        if text == '(':
-            self._at += 1
-            found = self._choice()
-            self._need(')')
-            # What stands in brackets takes members as any value does.
-            return found
-        if text == '[':
-            return Array(self._list('[', ']'))
-        if text == '{':
-            return self._object()
-        raise self._error(f'unexpected {text!r}', position)
-
-    def _number(self, text: str, position: int) -> int | float:
-        value = int(text) if text.isdigit() and len(text) <= _DIGITS else float(text)
-        if not math.isfinite(value) or (text.isdigit() and len(text) > _DIGITS):
-            raise self._error('the number is too large', position)
-        return value
-
-    def _object(self) -> Expression:
-        self._need('{')
-        members: list[tuple[str, Expression]] = []
-        while not self._take('}'):
-            kind, text, position = self._tokens[self._at] if self._at < len(self._tokens) else ('', 'the end', 0)
-            if kind not in ('name', 'text'):
-                raise self._error(f'{text!r} where the name of a member is needed', position)
-            self._at += 1
-            self._need(':')
-            members.append((text[1:-1] if kind == 'text' else text, self._choice()))
-            if not self._take(','):
-                self._need('}')
-                break
-        return Object(tuple(members))
+def _number(token: Any) -> int | float:
+    is_whole = token.isdigit()
+    if (is_whole and len(token) > _DIGITS) or not math.isfinite(float(token)):
+        raise GrammarError(token.start_pos + 1, 'the number is too large')
+    return int(token) if is_whole else float(token)
 
 
 # -- compiling -------------------------------------------------------------------------------------------------------
@@ -438,7 +358,10 @@ def compiled(expression: Expression, resolve: Resolver) -> Evaluated:
     """Return a function that gives its value. Raises ExpressionError."""
     # The text is made of what was parsed: operators, literals by their repr, and names as places in tuples.
     text = f'lambda d, e, b: {python_of(expression, resolve)}'
-    function: Evaluated = eval(compile(text, '<model>', 'eval'), _SCOPE)  # noqa: S307
+    try:
+        function: Evaluated = eval(compile(text, '<model>', 'eval'), _SCOPE)  # noqa: S307
+    except SyntaxError as error:  # too many parentheses within each other: the text has no other error
+        raise ExpressionError(f'the expression cannot be compiled: {error.msg}') from None
     return function
 
 
