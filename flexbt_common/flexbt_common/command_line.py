@@ -43,8 +43,7 @@ _FULL: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 def make_streams_safe() -> None:
-    """A terminal or pipe that is not UTF-8 must not end the program with an encoding error: characters that it lacks
-    are shown as escapes."""
+    """Show characters that a terminal or pipe lacks as escapes, in place of an encoding error that ends the program."""
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, 'reconfigure', None)
         if reconfigure is not None:
@@ -72,7 +71,7 @@ def report_full_output(program: str, error: OSError) -> bool:
 
 
 def keep_stdout_for_python() -> None:
-    """What native code writes to standard output goes to standard error from now on; answers are Python's alone.
+    """Send what native code writes to standard output to standard error from now on; answers are Python's alone.
 
     Fast DDS writes its errors there, with colours (its default consumer of logs): in front of an answer in JSON, a
     program could not read that any more. Nothing is done where ``sys.stdout`` is not that of the process.

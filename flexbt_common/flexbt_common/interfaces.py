@@ -36,7 +36,7 @@ SETTABLE_SERVERS: Final = ('controller_server', 'planner_server')
 
 
 class InterfaceKind(Enum):
-    """What an interface is; the value is the word of a policy for it."""
+    """The kind of an interface; the value is the word of a policy for it."""
 
     TOPIC = 'topic'
     SERVICE = 'service'

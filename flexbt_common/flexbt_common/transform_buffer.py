@@ -18,7 +18,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Rigid(NamedTuple):
-    """Where a frame is in another: takes the coordinates of a point in the former to those in the latter."""
+    """The pose of a frame in another: it maps the coordinates of a point in the former to those in the latter."""
 
     translation: Vector = (0.0, 0.0, 0.0)
     rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -176,7 +176,7 @@ class _Track:
 
 
 class TransformBuffer:
-    """What is known of the frames. Times are in s."""
+    """The known transforms between frames. Times are in s."""
 
     def __init__(self) -> None:
         self._tracks: dict[str, _Track] = {}

@@ -50,7 +50,7 @@ def entries() -> Iterator[BehaviorEntry]:
 
 
 def manifest_files() -> Iterator[tuple[str, Path]]:
-    """Packages and their manifest files, sorted."""
+    """Return packages and their manifest files, sorted."""
     for package, prefix in sorted(get_packages_with_prefixes().items()):
         if _exports_behaviors(Path(prefix) / 'share' / package / 'package.xml'):
             directory = Path(prefix) / 'lib' / package / 'manifest'

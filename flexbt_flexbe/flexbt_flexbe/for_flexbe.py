@@ -82,7 +82,7 @@ class _HostedState:
         self.state.on_start()
 
     def enter(self, userdata: Any) -> None:
-        """The state becomes active."""
+        """Enter the state."""
         self.outcome = None
         self._userdata = userdata
         self.state.exit_reason = None
@@ -97,7 +97,7 @@ class _HostedState:
         return self.outcome
 
     def leave(self, reason: ExitReason) -> None:
-        """The state is left, once for each time it was entered."""
+        """Leave the state, once for each time it was entered."""
         if self._userdata is not None:
             self.state.exit_reason = reason
             try:

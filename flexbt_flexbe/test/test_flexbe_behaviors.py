@@ -313,12 +313,11 @@ def test_a_running_behavior_is_switched_to_another_and_keeps_its_active_state(
     entry = package.entries()['Hold']
     going = bench.run_behavior(entry, ('title', 'first'))
     wait_until(going.active, 'active')
-    answers: list[str | None] = []
-    going.behavior_run.switch(RunRequest(entry, [('title', 'second')], (), 3), answers.append)
-    wait_until(lambda: answers, 'switched')
-    assert answers == [None]
+    going.behavior_run.switch(RunRequest(entry, [('title', 'second')], (), 3))
+    wait_until(lambda: going.answers, 'switched')
+    assert going.answers == [None]
     wait_until(lambda: 'holding' in [text for _, _, text in going.lines], 'entered')
-    going.behavior_run.force('/Hold', 'done', '', answers.append)
+    going.force('/Hold', 'done')
     assert going.wait() == 'finished'
     assert [text for _, _, text in going.lines if text in ('holding', 'first', 'second')] == ['holding', 'second']
 

@@ -125,14 +125,11 @@ def test_a_blocked_state_is_executed_on_and_may_change_its_mind(bench: StateBenc
     wait_until(lambda: trace.count('subject.execute') > executed + 2, 'executed while it is blocked')
     wanted[0] = None
     wait_until(lambda: not going.decisions(), 'withdrawn')
-    refused: list[str | None] = []
-    going.behavior_run.confirm(asked.id, refused.append)
-    wait_until(lambda: refused, 'answer')
-    assert refused[0] is not None, 'the answer to what was withdrawn has no effect'
+    assert going.confirm(asked.id) is not None, 'the answer to what was withdrawn has no effect'
     wanted[0] = 'done'
     (asked_again,) = wait_until(going.decisions, 'decision')
     assert (asked_again.outcome, asked_again.id != asked.id) == ('done', True)
-    going.behavior_run.confirm(asked_again.id, lambda _: None)
+    going.confirm(asked_again.id)
     assert going.wait() == 'finished'
 
 
@@ -218,7 +215,7 @@ class TestContainers:
         asked = wait_until(lambda: len(found := going.decisions()) == 2 and found, 'two decisions')
         assert {one.path for one in asked} == {'/Both/A', '/Both/B'}
         for one in asked:
-            going.behavior_run.confirm(one.id, lambda _: None)
+            going.confirm(one.id)
         assert going.wait() == 'finished'
 
     def test_a_priority_container_pauses_its_siblings(self, bench: StateBench) -> None:
@@ -444,7 +441,7 @@ def test_a_state_finds_the_outcome_that_the_operator_forced(bench: StateBench) -
 
     going = bench.run(lambda: machine_of(('subject', lambda: Leaving([], stay), {})))
     wait_until(going.active, 'active')
-    going.behavior_run.force('/subject', 'error', '', lambda _: None)
+    going.force('/subject', 'error', '')
     assert going.wait() == 'failed'
     assert bench.run(lambda: machine_of(('subject', lambda: Leaving([], done), {}))).wait() == 'finished'
     assert seen == ['error', None]

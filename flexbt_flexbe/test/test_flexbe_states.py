@@ -219,7 +219,7 @@ class TestTelling:
         run = bench.run_state(lambda: OperatorDecisionState(['left', 'right'], hint='where?'))
         (asked,) = wait_until(run.decisions, 'decision')
         assert (asked.prompt, list(asked.outcomes)) == ('where?', ['left', 'right'])
-        run.behavior_run.force('/State', 'right', asked.id, lambda _: None)
+        run.force('/State', 'right', asked.id)
         assert run.wait() == 'right'
         suggesting = bench.run_state(lambda: OperatorDecisionState(['left', 'right'], suggestion='left'))
         assert suggesting.wait() == 'left'

@@ -379,16 +379,14 @@ class TreePause:
         self._call: ServiceCall | None = None
 
     def set(self, paused: bool) -> None:
-        """The tree is to be paused, or not."""
+        """Pause the tree, or let it go on."""
         with self._lock:
             self._wanted = paused
             self._wanted_at = self._services.runtime.steady.now()
             self._agree()
 
     def end(self) -> None:
-        """The state is left, and the server has said that the goal has ended: whoever has taken over the tree that was
-        paused for it is not to wait for this state.
-        """
+        """Resume the tree of a state that is left: its goal has ended, and the tree may have another client."""
         with self._lock:
             self._wanted = False
             self._is_known = self._is_over = True
@@ -409,7 +407,7 @@ class TreePause:
         return goes_on
 
     def run_seen(self) -> None:
-        """The run exists, and knows its goal."""
+        """Pause a run that exists and knows its goal."""
         if self._wanted is not self._is:
             with self._lock:
                 self._is_known = True

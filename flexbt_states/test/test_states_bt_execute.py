@@ -221,7 +221,7 @@ def test_the_end_of_the_executive_leaves_no_goal_active(bench: StateBench) -> No
     entry = BehaviorEntry('Drive', 'test', Drive.manifest, (), Drive)
     runtime = NodeRuntime('onboard_executive', args=())
     executive = open_executive(runtime, ExecutiveParameters(peers=()), BehaviorLibrary([entry]))
-    runtime.call(lambda: executive.runs.start(RunRequest(entry, (), (), 3), lambda _: None))
+    runtime.call(lambda: executive.runs.start(RunRequest(entry, (), (), 3)))
     wait_until(lambda: server.running, 'goal active')
     assert server.goals[0].owner == '/onboard_executive'
     runtime.close()

@@ -131,14 +131,14 @@ def test_otherwise_the_operator_chooses(bench: StateBench, suggestion: str | Non
     (asked,) = wait_until(run.decisions, 'decision')
     assert (asked.kind, asked.prompt, asked.outcome) == (DecisionKind.CHOICE, 'which way?', suggestion or '')
     assert list(asked.outcomes) == ['go_left', 'go_right']
-    assert answered(run.behavior_run.force, '/Choose', 'up', asked.id) is not None
-    assert answered(run.behavior_run.force, '/Choose', 'go_right', asked.id) is None
+    assert run.force('/Choose', 'up', asked.id) is not None
+    assert run.force('/Choose', 'go_right', asked.id) is None
     assert run.wait() == 'right'
 
 
 def test_the_suggestion_can_be_confirmed(bench: StateBench) -> None:
     run = bench.run(decision('go_left'), autonomy=0)
     (asked,) = wait_until(run.decisions, 'decision')
-    assert answered(run.behavior_run.confirm, 'other') is not None
-    assert answered(run.behavior_run.confirm, asked.id) is None
+    assert run.confirm('other') is not None
+    assert run.confirm(asked.id) is None
     assert run.wait() == 'left'

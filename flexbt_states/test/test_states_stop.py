@@ -69,7 +69,7 @@ class Robot:
         self._links = ActionLinks(runtime)
 
     def drive(self) -> None:
-        """A goal of the motion server, as a tree would have sent it."""
+        """Send a goal to the motion server, as a tree would."""
         ActionCall(self._links.link(FollowPath, names.FOLLOW_PATH), FollowPath.Goal(), on_done=lambda _: None)
         wait_until(lambda: self.motion.goals, 'a goal of the motion server')
 

@@ -51,7 +51,7 @@ class _Held(threading.local):
 
 
 class _Record:
-    """What has been seen in this process."""
+    """The locks taken in this process, and in which order."""
 
     def __init__(self) -> None:
         self.lock = _REAL_LOCK()

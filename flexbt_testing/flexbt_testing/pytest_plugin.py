@@ -76,7 +76,7 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop() -> None:
-    """What has been imported stays to the end: collections of garbage need not go through it again and again.
+    """Spare the garbage collector what has been imported: it stays to the end.
 
     The end of a collection of tests would be too late: the process that distributes them to others collects none.
     """
@@ -87,8 +87,7 @@ def pytest_runtestloop() -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_teardown() -> Iterator[None]:
-    """Yield a test fails in which the order of locks has turned out to be wrong, when all that it has made is
-    closed."""
+    """Fail a test in which the order of locks has turned out to be wrong, when all that it has made is closed."""
     yield
     problems = list(lock_order.take_problems())
     if problems:
@@ -103,7 +102,7 @@ def entities_of(node: Any) -> Counter[type]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """A directory for what processes find out about their locks."""
+    """Make a directory for what processes find out about their locks."""
     session.stash[_OUTER_DIRECTORY] = os.environ.get(lock_order.DIRECTORY, '')
     os.environ[lock_order.DIRECTORY] = tempfile.mkdtemp(prefix='flexbt_locks_')
 

@@ -71,7 +71,7 @@ class ForgetfulFallback(sequences.ReactiveFallback):
     __slots__ = ()
 
     def reset_children(self) -> None:
-        """The defect: nothing is halted, only forgotten."""
+        """Forget what runs without halting it: the defect."""
 
     def execute(self) -> NodeStatus:
         status = super().execute()

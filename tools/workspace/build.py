@@ -23,7 +23,7 @@ _PASSING = re.compile(r'\..*|.*~|__pycache__|.*\.egg-info')  # caches, and what 
 
 
 class Fingerprint(TypedDict):
-    """What the installation of a package depends on: the names of its files, and the contents of some."""
+    """The inputs of the installation of a package: the names of its files, and the contents of some."""
 
     names: str
     contents: str
@@ -188,7 +188,7 @@ class Build:
         return {'names': hash_of([], root, names_only=files), 'contents': hash_of(decisive, root)}
 
     def _write_underlay_setup(self) -> None:
-        """The file by which tools/env.sh finds the underlay that the workspace was built on."""
+        """Write the file by which tools/env.sh finds the underlay that the workspace was built on."""
         setup = self._venv.local_setup if self._underlay.prefix is None else self._underlay.prefix / 'setup.sh'
         text = f'. {shlex.quote(str(setup))}\n'
         if self._underlay.is_wheels:

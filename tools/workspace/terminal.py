@@ -38,7 +38,7 @@ class Step:
             self._write(self._head())
 
     def show(self, note: str) -> None:
-        """What is being done now, and how much is left: in a terminal as often as called, in a log file every 15 s."""
+        """Show what is being done now and how much is left: in a terminal at each call, in a log file every 15 s."""
         elapsed = time.monotonic() - self._start
         if self._live:
             head = f'{self._head()}{elapsed:5.0f} s  '

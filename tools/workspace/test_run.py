@@ -86,7 +86,7 @@ VARIANTS = (
 
 @dataclass
 class Tally:
-    """How many checks passed and were skipped, and what failed (one line each)."""
+    """The numbers of checks that passed and were skipped, and what failed (one line each)."""
 
     passed: int = 0
     skipped: int = 0

@@ -54,7 +54,7 @@ _ROS_STATE = (
 
 @dataclass(frozen=True)
 class Underlay:
-    """What is built on. `prefix` is that of the sourced installation, or None for the wheels."""
+    """The ROS that is built on. `prefix` is that of the sourced installation, or None for the wheels."""
 
     prefix: Path | None
 

@@ -171,7 +171,7 @@ class VirtualEnvironment:
         )
 
     def _write_setup_files(self) -> None:
-        """The files by which colcon chains the environment into install/setup.*, and the defaults of colcon."""
+        """Write the files by which colcon chains the environment into install/setup.*, and the defaults of colcon."""
         text = _LOCAL_SETUP.format(prefix=shlex.quote(str(self.path)))
         for shell in ('sh', 'bash', 'zsh'):
             (self.path / f'local_setup.{shell}').write_text(text, encoding='utf-8')

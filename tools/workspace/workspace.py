@@ -58,7 +58,7 @@ class Workspace:
 
     @contextmanager
     def _compiled_loops(self, lock: int) -> Iterator[None]:
-        """Provide what numba compiles: otherwise each of the processes of the first start does it for itself.
+        """Compile the loops of numba beside the build: otherwise each process of the first start does it for itself.
 
         It needs nothing of what is built, and a processor that the build of the interfaces leaves idle.
         """

@@ -66,7 +66,7 @@ _ENDED: Final = frozenset((RosGoalStatus.STATUS_SUCCEEDED, RosGoalStatus.STATUS_
 
 
 class GoalStatus(Enum):
-    """How a goal ended. Only SUCCEEDED is success."""
+    """The final status of a goal. Only SUCCEEDED is success."""
 
     SUCCEEDED = 'succeeded'
     ABORTED = 'aborted'
@@ -337,7 +337,7 @@ class ActionCall:
         self._after('watch', WATCH_SECONDS, self._watch)
 
     def _lose(self, reason: str) -> None:
-        """The server is gone. One that is only late for too long finds a cancel when it comes back."""
+        """Give the goal up: the server is gone. One that was only late finds a cancel when it comes back."""
         if self._servers is not None and self._servers.are_silent:
             self._send_cancel(self._handle or self._own_handle())
         self._finish(GoalStatus.LOST, reason)

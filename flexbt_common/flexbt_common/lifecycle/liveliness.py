@@ -621,7 +621,7 @@ class ProcessIdentity:
 
     @staticmethod
     def own() -> ProcessIdentity:
-        """That of this process."""
+        """Return the identity of this process."""
         pid = os.getpid()
         try:
             return _own(pid)

@@ -100,7 +100,7 @@ _AUTOSTART: Final = ParameterDescriptor(
 
 
 class Managed(Protocol):
-    """What a node is while it is configured. Called off the executor thread."""
+    """A configured node. Called off the executor thread."""
 
     def activate(self) -> None:
         """Begin to work."""
@@ -305,7 +305,7 @@ class ManagedNode(ExtendedLifecycleNode):
             self._runtime.report_fault(error, 'a transition')
 
     def _end(self) -> None:
-        """The last transition; after the one that goes on."""
+        """Make the last transition, after the one that goes on."""
         self._is_managed.set()  # also when it has not come so far
 
         def shut_down() -> None:

@@ -41,7 +41,7 @@ MARK_STYLES: Final = {
 
 
 class LineStyle(NamedTuple):
-    """How a transition is drawn: Graphviz's style, width, colours in light and dark, dashes, and the legend's text."""
+    """The style of a transition: Graphviz's style, width, colours in light and dark, dashes, and the legend's text."""
 
     style: str
     width: float

@@ -14,7 +14,7 @@ from .event_state import RosAccess
 
 
 class _Throttle:
-    """When each line of a run was said last."""
+    """The times at which the lines of a run were last logged."""
 
     def __init__(self, run: RunContext) -> None:
         self._steady = run.services.runtime.steady
@@ -181,17 +181,17 @@ class StateLogger(RosAccess):
 
     @staticmethod
     def log_events(name: str, **events: str) -> Callable[[Class], Class]:
-        """Decorator of classes."""
+        """Decorate a class."""
         return _unchanged
 
     @staticmethod
     def log_outcomes(name: str) -> Callable[[Class], Class]:
-        """Decorator of classes."""
+        """Decorate a class."""
         return _unchanged
 
     @staticmethod
     def log_userdata(name: str, keys: list[str] | None = None) -> Callable[[Class], Class]:
-        """Decorator of classes."""
+        """Decorate a class."""
         return _unchanged
 
 

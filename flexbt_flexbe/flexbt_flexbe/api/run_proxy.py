@@ -64,7 +64,7 @@ class Listeners:
         self._states: set[EventState] = set()
 
     def note_caller(self) -> None:
-        """The state that is being called wants to be woken."""
+        """Wake the state that is being called."""
         state = calling_state()
         if state is not None:
             self._states.add(state)

@@ -88,7 +88,7 @@ class ProxyPublisher(RunProxy):
 
     @on_class_too
     def remove_publisher(self, topic: str) -> None:
-        """A state has done with the topic. The publisher ends with the run: other states may use it."""
+        """Do nothing: the publisher ends with the run, since other states may use it."""
 
     @on_class_too
     def is_available(self, topic: str) -> bool:
@@ -147,7 +147,7 @@ class _Feed:
         runtime.post(lambda: self._subscribe(qos))
 
     def set_callback(self, user: Any, callback: MessageCallback | None) -> None:
-        """What is called for each message, in the context of the run."""
+        """Call the callback for a message, in the context of the run."""
         if callback is None:
             self._callbacks.pop(user, None)
         else:

@@ -35,7 +35,7 @@ class OperatorDecisionState(RosAccess, flexbt_states.OperatorDecisionState):
 
 
 class _OperatorInputState(RosAccess, GoalState):
-    """What they have in common: one request to the operator, open as long as the state is active."""
+    """The base of states with one request to the operator, open as long as the state is active."""
 
     def __init__(self, message: str, input_keys: Sequence[str], topic: str | None) -> None:
         super().__init__(

@@ -15,7 +15,7 @@ from flexbt_onboard.behaviors.run_context import state_services
 
 
 class _PublisherState(EventState):
-    """What they have in common: a message is published when the state is entered."""
+    """The base of states that publish a message when they are entered."""
 
     is_instant = True
 

@@ -75,7 +75,7 @@ class LoadServer:
         self._reader.submit(work, f'goal of {names.BT_LOADER}: its trees were not read')
 
     def _abort(self, goal: ServedGoal, fault: BaseException) -> None:
-        """A fault of ours goes to the client as well."""
+        """Tell the client of an internal fault, too."""
         self._runtime.report_fault(fault, f'goal of {names.BT_LOADER}')
         goal.abort(BtLoad.Result(code=LoadResult.ERROR, message=f'fault in the BT server: {fault!r}'))
 

@@ -65,7 +65,7 @@ class GoalOwners:
             self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal))
 
     def release(self, owner: str, goal: Hashable) -> None:
-        """The goal has ended."""
+        """Stop watching the owner of a goal that has ended."""
         goals = self._goals.get(owner)
         if goals is None or goals.pop(goal, None) is None or goals:
             return

@@ -102,7 +102,7 @@ class TreeGoals:
         return self._pose.latest
 
     def _after_hang(self, hang: Hang) -> None:
-        """Called on any thread. The process was stopped: what was said to it meanwhile comes before its trees go on."""
+        """Hold all trees after the process was stopped, until it has handled what came meanwhile. From any thread."""
         if hang.was_out_of_reach:
             self._returned = f'{hang}: what was said meanwhile comes first'
             self._hold_all()
@@ -297,7 +297,7 @@ class TreeGoals:
     # -- the end of a goal -------------------------------------------------------------------------------------------
 
     def cancel(self, served: ServedGoal) -> None:
-        """The client wants a goal canceled."""
+        """Stop a goal that its client has canceled."""
         self.stop(self._goals[served.id], _BY_CLIENT)
 
     def stop(self, goal: TreeGoal, reason: str, within: float | None = None) -> None:
@@ -405,7 +405,7 @@ class TreeGoal(ABC):
         return []
 
     def when_ready(self, go_on: Callable[[], None]) -> None:
-        """Called when tree and values are known; ``go_on`` begins to work. Or the goal is ended here."""
+        """Call ``go_on`` to begin, once tree and values are known; or end the goal."""
         go_on()
 
     @abstractmethod
@@ -445,7 +445,7 @@ class RunningTree:
         self.works_for(self.goal)
 
     def works_for(self, goal: TreeGoal) -> None:
-        """The run has begun, or was taken over."""
+        """Note the goal of a run that has begun or was taken over."""
         self.goal = goal
         self.goal_ids.append(goal.served.id.hex())
 
@@ -496,11 +496,11 @@ class RunningTrees:
         return [running for running in self.all() if running.blackboard == blackboard]
 
     def add(self, running: RunningTree) -> None:
-        """It has begun."""
+        """Add a run that has begun."""
         self._running[running.key, running.blackboard] = running
 
     def remove(self, running: RunningTree) -> None:
-        """It has ended."""
+        """Remove a run that has ended."""
         del self._running[running.key, running.blackboard]
 
     def find(self, run_id: str) -> RunningTree:

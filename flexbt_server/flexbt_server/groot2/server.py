@@ -160,7 +160,7 @@ class Groot2Server:
         return count <= protocol.MAX_UID
 
     def remove(self, watched: WatchedTree) -> None:
-        """The run of a tree is over."""
+        """Stop showing a tree whose run is over."""
         with self._lock:
             self._running.remove(watched)
             if self._shown is watched and self._running:

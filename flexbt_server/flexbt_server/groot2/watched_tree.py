@@ -102,7 +102,7 @@ class WatchedTree:
             self._ended = True
 
     def settle(self) -> None:
-        """A round of a tick is over. Reads what was written, if it is much."""
+        """Read what was written in a round of a tick, if it is much."""
         if len(self.log) > _MANY:
             self._read()
 
@@ -213,7 +213,7 @@ UNKNOWN_NODE: Final = 'Node ID not found'
 
 
 class HookMode(IntEnum):
-    """What a hook does when its node is reached. Other numbers are as REPLACE."""
+    """The effect of a hook whose node is reached. Other numbers are as REPLACE."""
 
     BREAKPOINT = 0
     REPLACE = 1

@@ -175,7 +175,7 @@ class ActionLeaf(StatefulAction):
         """Return the goal, from the input ports. PortError and ValueError become the reason of a FAILURE."""
 
     def newer_goal(self, feedback: Any) -> Any | None:
-        """Called at each tick while the goal is worked on, with the latest feedback: a goal to replace it, or None."""
+        """Return a goal to replace the present one, or None. Called at each tick, with the latest feedback."""
         return None
 
     def resumed_goal(self, goal: Any, feedback: Any) -> Any:

@@ -198,7 +198,7 @@ class EndingGoals:
         return goal
 
     def remove(self, goal: EndingGoal) -> None:
-        """The goal has ended: who waits looks again."""
+        """Wake those that wait for a goal that has ended."""
         with self._lock:
             self._alarms.pop(goal).cancel()
             was_overdue = goal in self._overdue

@@ -38,7 +38,7 @@ of the period of its loop; services in Python take longer on a busy machine.
 
 
 class ServiceNode(LeafNode):
-    """What the leaves have in common that ask a service, of type ``service_type``.
+    """The base of leaves that call a service, of type ``service_type``.
 
     ``ports`` of a subclass has to contain :data:`SERVICE_PORTS`.
     """

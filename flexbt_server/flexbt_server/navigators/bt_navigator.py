@@ -55,7 +55,7 @@ LOOK_SECONDS: Final = 0.05
 
 
 class Navigators:
-    """What the parameter ``navigators`` asks for. Made and used on the executor thread."""
+    """The navigators that the parameter ``navigators`` asks for. Made and used on the executor thread."""
 
     def __init__(
         self,
@@ -129,7 +129,7 @@ class Navigators:
             self._follower.admit(refusal)
 
     def _on_change(self, is_active: bool) -> None:
-        """A lifecycle manager has changed the state of bt_navigator."""
+        """Follow a lifecycle manager that has changed the state of bt_navigator."""
         if is_active:
             self._wait_for_servers(patient=False)  # Nav2's manager, once answered, demands that it is active
             self._admission.open()
@@ -351,7 +351,7 @@ class NavigatorGoal(TreeGoal):
             self.navigator.on_goal(self, go_on)
 
     def begin(self) -> None:
-        """The poses are known, and it is the goal's turn."""
+        """Begin: the poses are known, and it is the goal's turn."""
         assert self.poses is not None
         parameters = self.navigator.parameters
         if self.navigator.action_type is NavigateToPose:

@@ -116,7 +116,7 @@ class _Tour:
         return call
 
     def cancel(self) -> None:
-        """The client does not want it any more: ends when the robot has stopped."""
+        """Cancel for the client; the goal ends when the robot has stopped."""
         self._is_canceled = True
         if self._call is not None:
             self._call.cancel(self._settings.cancel_timeout)

@@ -69,7 +69,7 @@ class PropertyViolated:
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """How a run has ended; ``code`` is a constant of BtExecute.Result.
+    """The outcome of a run; ``code`` is a constant of BtExecute.Result.
 
     ``message`` names ``failed_node``, where there is one, as ``PATH: reason`` or ``[PATH]``.
     ``error_code`` is the lowest that a leaf of the run has left, as in Nav2; 0 for none.

@@ -189,7 +189,7 @@ class TreeRun(Generic[Client]):
         self._thread.join(timeout)
 
     def _abort(self) -> None:
-        """The thread of the run should be at its end, or near it."""
+        """End the run as ERROR if its thread has not ended it by now."""
         if self._ended:
             return
         node = node_on_stack(self._thread)

@@ -78,12 +78,12 @@ class TreeStream:
         return Time.from_msg(self._runtime.clock.stamp())
 
     def begin(self, run: RunStream) -> None:
-        """A run is open from now on."""
+        """Show a run to newcomers from now on."""
         with self._lock:
             self._open[run] = None
 
     def end(self, run: RunStream) -> None:
-        """A run is not open any more."""
+        """Stop showing a run to newcomers."""
         with self._lock:
             self._open.pop(run, None)
 
@@ -96,7 +96,7 @@ class TreeStream:
         self._statuses.publish(message)
 
     def report(self, error: Exception) -> None:
-        """A message could not be sent."""
+        """Report that a message could not be sent."""
         self._runtime.report_fault(error, 'the monitoring of a tree')
 
     def _publisher(self, message_type: type[Any], topic: str, show: Callable[[RunStream], None]) -> Any:
@@ -209,7 +209,7 @@ class RunStream(RunReader):
             self._stop(fault)
 
     def _stop(self, error: Exception) -> None:
-        """A message could not be sent. The tree runs on, watched or not."""
+        """Stop publishing, since a message could not be sent. The tree runs on."""
         self._open = False
         self._stream.end(self)
         self._stream.report(error)

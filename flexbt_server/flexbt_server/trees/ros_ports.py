@@ -29,7 +29,7 @@ from flexbt_core.values.text import short_repr
 
 @dataclass
 class _TrackingFeedback:
-    """How the robot is on its path; lengths in m, the speed in m/s."""
+    """The position of the robot on its path; lengths in m, the speed in m/s."""
 
     header: Header = field(default_factory=Header)
     position_tracking_error: float = 0.0
@@ -45,7 +45,7 @@ class _TrackingFeedback:
 
 @dataclass
 class _WaypointStatus:
-    """What became of a waypoint."""
+    """The state of a waypoint."""
 
     waypoint_status: int = 0
     waypoint_index: int = 0

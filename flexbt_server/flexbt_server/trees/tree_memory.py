@@ -28,7 +28,7 @@ _RESERVE: Final = 64 * MEGABYTE
 
 
 class TreeSize(NamedTuple):
-    """What a document takes, in bytes, and the IDs of the trees that it has as sub-trees."""
+    """The size of a document in memory, in bytes, and the IDs of its sub-trees."""
 
     size: int
     parts: frozenset[str]
@@ -76,7 +76,7 @@ def no_room(name: str, needed: int) -> ResourceError:
 
 
 class TreeMemory:
-    """What each loaded document takes, and when it was used last. Not for several threads at once."""
+    """The size of each loaded document, and when it was used last. Not for several threads at once."""
 
     def __init__(self, most: int) -> None:
         """``most``: bytes that all of them may take."""

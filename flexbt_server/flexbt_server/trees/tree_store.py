@@ -47,7 +47,7 @@ _MOST_DROPPED: Final = 10_000
 
 @dataclass
 class FileReport:
-    """What became of one file; ``code`` is a constant of BtLoadReport. ``notice``: what was dropped for it, or ''."""
+    """The result of loading a file; ``code`` is a constant of BtLoadReport. ``notice``: what it displaced, or ''."""
 
     file: str
     code: int = BtLoadReport.UNKNOWN
@@ -72,7 +72,7 @@ class FoundTree(NamedTuple):
 
 
 class _Loaded(NamedTuple):
-    """What a document in use was read from; ``text`` is None for a file."""
+    """The source of a document in use; ``text`` is None for a file."""
 
     sources: Mapping[str, SourceFile]
     text: bytes | None

@@ -50,7 +50,7 @@ _PRELOADED = (
 
 
 def tell(line: str) -> None:
-    """A line for who has started this program, as a whole: several threads write."""
+    """Write a whole line for the program that has started this one: several threads write."""
     os.write(1, line.encode() + b'\n')
 
 

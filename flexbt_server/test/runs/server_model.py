@@ -165,7 +165,7 @@ class Model:
     live: list[ModelGoal] = field(default_factory=list)
 
     def supersede(self, slot: tuple[str, str]) -> None:
-        """A goal comes for the tree and the blackboard of others."""
+        """Take in a goal for the tree and the blackboard of others."""
         for goal in self.live:
             if goal.slot == slot:
                 goal.superseded = True

@@ -83,7 +83,7 @@ class Walk:
             self._add((tree, board), self.client.execute(tree, blackboard=board), self.model.trees[tree])
 
     def send_bad(self) -> None:
-        """A goal that cannot run, and must not disturb those that do."""
+        """Send a goal that cannot run, and must not disturb those that do."""
         bad = BlackboardEntry(key='speed', type='float64', text='fast')
         goal = self.chance.choice(
             [
@@ -106,7 +106,7 @@ class Walk:
         self._new_version(self.chance.choice(list(self.model.trees)))
 
     def load_again(self) -> None:
-        """A version that was loaded before."""
+        """Load a version that was loaded before."""
         tree, plan = self.chance.choice(self._loaded)
         self._load(tree, plan)
 

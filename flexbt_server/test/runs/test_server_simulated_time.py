@@ -70,7 +70,7 @@ class Simulation:
         self.everybody_is_ticked()
 
     def everybody_is_ticked(self) -> None:
-        """Data from outside wake the trees of their blackboard."""
+        """Wake the trees of a blackboard by data from outside."""
         for name in self._goals:
             assert self.world.client.set(to_entry('woken', True), blackboard=name).code == 1
         assert self.world.client.execute('Quick', blackboard='quick').result.code == Result.SUCCESS

@@ -232,7 +232,7 @@ PARTS = ('main.xml', 'a.xml', 'b.xml', 'c.xml')
 
 
 def part(name: str, version: int) -> str:
-    """main includes a and runs what b has, which includes c."""
+    """Write files of which main includes a and runs what b has, which includes c."""
     match name:
         case 'main.xml':
             subtrees = '<SubTree ID="A"/><SubTree ID="B"/>'

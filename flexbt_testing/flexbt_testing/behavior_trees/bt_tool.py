@@ -23,7 +23,7 @@ STOCK_TREES = sorted((_SHARED_DATA / 'nav2/jazzy_trees').glob('*.xml'))
 
 
 class Done(NamedTuple):
-    """What a command has left."""
+    """The result of a command."""
 
     code: int
     out: str

@@ -57,7 +57,7 @@ Event = list[Any]
 
 
 class Script:
-    """What a leaf does at its calls."""
+    """The script of a leaf: what it does at its calls."""
 
     def __init__(self, node: TreeNode, extra: Mapping[str, str], events: list[Event]) -> None:
         self._node = node

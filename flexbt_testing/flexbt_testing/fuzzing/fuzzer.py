@@ -28,7 +28,7 @@ CORPUS: Final = Path(__file__).parent / 'corpus'
 
 
 class Target(ABC):
-    """What is fuzzed: something that reads texts of others. ``words`` are what their language is made of."""
+    """A target of fuzzing: a reader of texts of others. ``words`` are those of their language."""
 
     words: ClassVar[Sequence[str]]
 

@@ -97,7 +97,7 @@ class LifecycleClient:
         return [state.label for state in answer.available_states]
 
     def transitions(self, service: str = 'get_available_transitions') -> list[tuple[int, str, str]]:
-        """Number, label and start of the transitions that are possible now, or of all in ``get_transition_graph``."""
+        """Return number, label and start of the transitions possible now, or of all in ``get_transition_graph``."""
         answer = self._ask(GetAvailableTransitions, service, GetAvailableTransitions.Request())
         return [
             (one.transition.id, one.transition.label, one.start_state.label) for one in answer.available_transitions

@@ -43,7 +43,7 @@ REQUIRED = {'done': 2}
 
 @dataclass
 class Faults:
-    """What happens to messages on their way: shares of those that are lost or doubled, and commands swallowed."""
+    """The faults of a link: shares of those that are lost or doubled, and commands swallowed."""
 
     seed: int = 0
     lose_commands: float = 0.0

@@ -116,6 +116,6 @@ class DoorOpen(TopicCondition):
 
 
 def register(registry: NodeRegistry) -> None:
-    """The entry point."""
+    """Run as the entry point does."""
     registry.register_classes((Blocks, Raises, Nonsense, NeverRests, TidiesUp, Dozes, Naps, Counts, DoorOpen))
     bt_faulty_leaves.register(registry)

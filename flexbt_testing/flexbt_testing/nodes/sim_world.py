@@ -70,7 +70,7 @@ ACTIONS = {
 
 
 class Sighting(NamedTuple):
-    """Where the robot was at a time: s, m, m, rad."""
+    """The pose of the robot at a time: s, m, m, rad."""
 
     time: float
     x: float
@@ -286,6 +286,6 @@ FAST = {'speed_factor': 0.0}
 def open_sim_world(
     simulator: Mapping[str, Any] = FAST, navigation: Mapping[str, Any] | None = None
 ) -> Iterator[RobotProbe]:
-    """Simulator, navigation servers, probe."""
+    """Provide a simulator, navigation servers and a probe."""
     with open_simulator(**simulator) as probe, open_navigation(**(navigation or {})):
         yield probe

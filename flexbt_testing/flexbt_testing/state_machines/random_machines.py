@@ -27,7 +27,7 @@ _LABELS: Final = 'ABCDEF'
 
 @dataclass(frozen=True)
 class Visit:
-    """What a state does in one of its visits.
+    """The script of one visit of a state.
 
     ``kind``: 'go' by ``outcome`` at once, 'wait' for an event, 'ask' the operator, suggesting ``outcome`` (or None),
     or raise in 'on_enter' or 'execute'. ``leaving``: '', 'raise' in on_exit, or 'slow': halts when it is told.
@@ -58,7 +58,7 @@ class RandomNode:
     """Whether it is executed while it is blocked."""
 
     def all(self) -> Iterator[RandomNode]:
-        """This node and everything in it."""
+        """Yield this node and everything in it."""
         yield self
         for child in self.children:
             yield from child.all()

@@ -54,7 +54,7 @@ class Seat:
     ending: str | None = None
 
     def all(self) -> Iterator[Seat]:
-        """This seat and everything in it."""
+        """Yield this seat and everything in it."""
         yield self
         for seat in self.inner:
             yield from seat.all()
@@ -124,14 +124,14 @@ class Model:
     # -- operations --------------------------------------------------------------------------------------------------
 
     def event(self, node: RandomNode, outcome: str | None) -> None:
-        """A state gets an event by which it wants to be left, or not any more."""
+        """Give a state an event by which it wants to be left, or no longer."""
         for seat in self.seats():
             if seat.node is node:
                 seat.told, seat.is_woken = outcome, True
         self._go_on()
 
     def rest(self, node: RandomNode) -> None:
-        """A state has halted."""
+        """Note that a state has halted."""
         for seat in self.seats():
             if seat.node is node:
                 seat.is_at_rest = True
@@ -239,7 +239,7 @@ class Model:
             self._go_on()
 
     def abort(self) -> None:
-        """Stopped again: what has had its time to halt is not waited for any longer."""
+        """Stop again: what has had its time to halt is not waited for any longer."""
         if self._end_until is not None and self._now >= self._end_until - STOP_TIME + REST_TIME:
             self._end_until = self._now
         self._go_on()
@@ -381,7 +381,7 @@ class Model:
         return None
 
     def _take(self, seat: Seat, wanted: str | None) -> None:
-        """The seat is left by what it wants, or to be taken again."""
+        """Leave the seat by what it wants, or take it again."""
         self._count += 1
         seat.wish, seat.asks = wanted, False
         if self._count > LIVELOCK:

@@ -144,7 +144,7 @@ FRAGMENT_OFFSET: Final = 0x1FFF
 
 @dataclass(frozen=True)
 class Weather:
-    """What happens to a packet: lost or doubled with a probability, late by so many seconds, evenly distributed.
+    """The faults of a link: the probability that a packet is lost or doubled, and its delay in s, evenly distributed.
 
     ``rate`` is in bytes a second in each direction, without a bound for None.
     """

@@ -64,7 +64,7 @@ def executable(name: str) -> str:
 
 @dataclass(frozen=True)
 class Ending:
-    """How a process ended: its exit code, the (uncontended) seconds from the signal on, and what it has said.
+    """The end of a process: its exit code, the (uncontended) seconds since the signal, and its output.
 
     ``held_up`` are the seconds besides in which the machine was too busy.
     """

@@ -28,7 +28,7 @@ PROGRAM: Final = 'flexbt_testing.system.python_program'
 
 
 class ForkedPython(fork_server.ForkedProcess):
-    """What of :class:`subprocess.Popen`, with pipes of text for what it says, is of use for a program of a test."""
+    """The useful part of :class:`subprocess.Popen` for a program of a test, with pipes of text for its output."""
 
     def __init__(self, arguments: Sequence[str], preloaded: Sequence[str] = ()) -> None:
         """As :func:`python_process`."""
@@ -83,7 +83,7 @@ class ForkedPython(fork_server.ForkedProcess):
         return output, errors
 
     def _close(self) -> None:
-        """What is being read stays open: whoever closed it would wait, too, for those that can still say something."""
+        """Close what is not being read. To close the rest would wait for those that can still write."""
         being_read = [not said.done() for said in self._said] or [False, False]
         for stream, is_read in zip((self.stdout, self.stderr), being_read, strict=True):
             if not is_read:

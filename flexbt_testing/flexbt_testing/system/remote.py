@@ -20,7 +20,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import parse
 from flexbt_console.commands.registry import build
-from flexbt_console.link.messages import snapshot_record
+from flexbt_console.link.messages import record_of
 from flexbt_console.link.operator_link import ExecutiveLink
 from flexbt_console.link.surroundings_link import SurroundingsLink
 from flexbt_console.mirror.command_tracker import TrackedCommand
@@ -36,7 +36,7 @@ LOOK_SECONDS: Final = 0.02
 
 @dataclass(slots=True)
 class RemoteView:
-    """What a console showed from a first to a last reading of it, in seconds of the machine's monotonic clock."""
+    """The view of a console from a first to a last reading of it, in seconds of the machine's monotonic clock."""
 
     first: float
     last: float
@@ -93,7 +93,7 @@ class RemoteConsole:
 
 
 class RemoteObserver:
-    """What an executive publishes, and when; not an operator, and on a link without faults."""
+    """A record of what an executive publishes, and when. It is not an operator, and on a link without faults."""
 
     def __init__(self) -> None:
         self._runtime = NodeRuntime('observer', args=())
@@ -129,7 +129,7 @@ class RemoteObserver:
         )
 
     def _on_status(self, status: ExecutiveStatus) -> None:
-        self._published[status.sequence] = (time.monotonic(), snapshot_record(status))
+        self._published[status.sequence] = (time.monotonic(), record_of(status))
         self._count(status)
 
     def _count(self, message: Any) -> None:

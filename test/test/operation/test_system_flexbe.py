@@ -80,7 +80,7 @@ PACKAGE_XML = f"""<package format="3"><name>{PACKAGE}</name><version>1.0.0</vers
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The package, where colcon would install it."""
+    """Install the package where colcon would."""
     prefix = tmp_path / 'install'
     for name, text in {
         f'share/{PACKAGE}/package.xml': PACKAGE_XML,

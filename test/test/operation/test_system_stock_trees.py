@@ -107,7 +107,7 @@ class Robot:
         }
 
     def begin_anew(self) -> None:
-        """The robot is at its start and has forgotten what it has seen; the doors are shut."""
+        """Put the robot at its start; it forgets what it has seen. Shut the doors."""
         assert self.probe.ask(Trigger, names.RESET, Trigger.Request()).success
         self.probe.wait(lambda: self.probe.sightings[-1].distance(START) < 1e-6, 'the robot at its start')
         for which in ('local', 'global'):

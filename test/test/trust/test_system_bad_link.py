@@ -113,7 +113,7 @@ class Scene:
         self.mirror.add_listener(lambda _: self.check())
 
     def check(self) -> None:
-        """A picture that claims to be live is not older than that may be."""
+        """Check that a picture that claims to be live is not older than that may be."""
         view, now = self.mirror.view(), uncontended_time()
         if not view.live or view.snapshot is None:
             return

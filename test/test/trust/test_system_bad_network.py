@@ -104,7 +104,7 @@ class Scene:
         return settled
 
     def apply(self, console: RemoteConsole, *words: str) -> None:
-        """A command that must be applied."""
+        """Send a command that must be applied."""
         settled = self.settled(console, self.send(console, *words))
         assert settled.state is CommandState.APPLIED, settled
 
@@ -114,7 +114,7 @@ class Scene:
         return view.live and view.snapshot is not None and truth is not None and gist(view.snapshot) == gist(truth)
 
     def decision(self, console: RemoteConsole, other_than: str = '') -> str:
-        """Identifier of the decision that a console shows, as soon as it is not that one."""
+        """Return the identifier of the decision that a console shows, as soon as it is not that one."""
 
         def found() -> str:
             decision = console.view().decision
@@ -136,7 +136,7 @@ class Scene:
         assert len(left) == confirmed > 0
 
     def check_claims(self, console: RemoteConsole) -> None:
-        """What a console showed as live was so, and not too long ago, as far as the machine had time to show it."""
+        """Check that what a console showed as live was so not too long ago, as far as the machine had time for it."""
         late = contended_time() - self._began
         published = self.observer.published()
         shown = [(one, one.snapshot) for one in console.shown() if one.live and one.snapshot is not None]
@@ -149,7 +149,7 @@ class Scene:
 
 
 def middleware(side: str) -> dict[str, str]:
-    """Settings of one end of the link."""
+    """Return the settings of one end of the link."""
     profile = Path(get_package_share_directory('flexbt_common')) / 'config' / f'radio_{side}.xml'
     return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
 

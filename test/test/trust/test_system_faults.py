@@ -73,7 +73,7 @@ def console() -> Iterator[Mirror]:
 
 @pytest.fixture
 def probe(system: tuple[Stack, Probe], stack: Stack) -> Iterator[Probe]:
-    """Yield the executive is idle, and the robot in the dock."""
+    """Put the robot in the dock, with the executive idle."""
     probe = system[1]
     probe.wait_ready()
     probe.reset()

@@ -40,7 +40,7 @@ def shown() -> str:
 
 
 def comes_to_rest(probe: Probe, answered: float) -> None:
-    """The robot stands when the manager has its answer, as far as poses are not under way."""
+    """Check that the robot stands when the manager has its answer, as far as poses are not under way."""
     probe.wait_at_rest(quiet=1.0)
     assert probe.moved_at < answered + 0.3
 

@@ -46,7 +46,7 @@ def stack(system: tuple[Stack, Probe]) -> Stack:
 
 @pytest.fixture
 def probe(system: tuple[Stack, Probe]) -> Iterator[Probe]:
-    """Yield the robot drives."""
+    """Have the robot drive."""
     probe = system[1]
     probe.wait_ready()
     probe.reset()

@@ -54,7 +54,7 @@ class Node(Described):
 
 @pytest.fixture
 def launch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What launch files import, whether there is an installation or not."""
+    """Provide what launch files import, whether there is an installation or not."""
     contents: Mapping[str, Mapping[str, type]] = {
         'launch': {'LaunchContext': dict, 'LaunchDescription': Described},
         'launch.actions': {'DeclareLaunchArgument': Argument, 'OpaqueFunction': Function},
