@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree.model.errors import LoadError
 
 
 class ExitCode(IntEnum):
-    """What the exit code tells a script."""
+    """Exit codes for scripts."""
 
     OK = 0
     NEGATIVE = 1
@@ -62,6 +62,6 @@ class RefusedError(ToolError):
 
 
 class UnfitError(ToolError):
-    """What files say is wrong, or does not fit together; each of the problems tells its place."""
+    """Errors in files, or between them; each problem contains its place."""
 
     exit_code = ExitCode.REFUSED

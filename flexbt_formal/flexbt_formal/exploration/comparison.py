@@ -55,7 +55,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What was found of two versions, with so many ``situations`` (pairs of both).
+    """The result of comparing two versions in this many ``situations`` (pairs of both).
 
     ``differences`` are the first of each kind, the nearest first; ``more`` were found beside them.
     ``is_complete``: all that can happen to both was followed, up to where they differ; otherwise ``stopped_by`` says
@@ -243,7 +243,7 @@ class _SharedChoices(EnvironmentChoices):
 
 
 class _Place(NamedTuple):
-    """How a pair was reached: from which other, by what."""
+    """The way to a pair: from which other pair, by what."""
 
     source: tuple[bytes, bytes]
     label: Label

@@ -44,7 +44,7 @@ _ITERATORS: Final[tuple[type[Any], ...]] = (type(iter(())), type(iter([])))
 
 @dataclass(frozen=True)
 class Layout:
-    """What the walk has to know of classes, each of which holds for those that derive from it, too.
+    """Rules for walking objects by their classes; a rule also applies to derived classes.
 
     ``fixed``: objects that never change, or hold nothing that matters. ``constant``: attributes that never change.
     ``ignored``: attributes that are kept and restored, but have no part in the key. ``views``: what the key has in the
@@ -61,7 +61,7 @@ class Layout:
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """What the objects hold: of each, what restores it. ``key`` tells configurations apart (128 bit)."""
+    """The contents of objects, from which they are restored. ``key`` (128 bit) distinguishes configurations."""
 
     parts: tuple[tuple[Any, Any, Any], ...]
     key: bytes
@@ -76,7 +76,7 @@ def _digest(text: Any) -> bytes:
 
 
 class _Kind:
-    """How objects of one class are walked."""
+    """The walk through objects of one class."""
 
     __slots__ = ('constant', 'get', 'has_dict', 'idle', 'is_fixed', 'name', 'names', 'seen', 'views')
 
@@ -125,7 +125,7 @@ def _slots_of(kind: type[Any]) -> tuple[str, ...]:
 
 
 class _Kinds(dict[type[Any], _Kind]):
-    """How objects are walked, by their classes. Those of the packages of the roots are looked into, no others."""
+    """The walks through objects, by their classes. Those of the packages of the roots are looked into, no others."""
 
     def __init__(self, layout: Layout, packages: frozenset[str]) -> None:
         super().__init__()

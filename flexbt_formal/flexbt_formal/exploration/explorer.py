@@ -33,7 +33,7 @@ _ALIKE: Final = 3
 
 
 class ExplorationProgress(NamedTuple):
-    """How far an exploration has come."""
+    """Progress of an exploration."""
 
     configurations: int
     waiting: int
@@ -42,14 +42,14 @@ class ExplorationProgress(NamedTuple):
 
 
 class ProgressReporter:
-    """Tells how far something has come, twice a second; ``on_progress`` None: nobody."""
+    """A reporter of progress, twice a second; with ``on_progress`` None it reports nothing."""
 
     def __init__(self, on_progress: Callable[[ExplorationProgress], None] | None) -> None:
         self._on_progress = on_progress
         self._told = time.monotonic()
 
     def tell(self, progress: Callable[[], ExplorationProgress]) -> None:
-        """Ask for it and tell it, if it is time."""
+        """Report the progress if it is time."""
         now = time.monotonic()
         if self._on_progress is not None and now - self._told >= _PROGRESS_SECONDS:
             self._told = now
@@ -58,9 +58,9 @@ class ProgressReporter:
 
 @dataclass
 class ExplorationLimits:
-    """When an exploration ends although there is more: after ``seconds`` of processor time, so that what is followed
-    does not depend on what else the machine does, or with so many configurations. ``whole`` is the time of which
-    ``seconds`` are a part, where several share it."""
+    """Limits at which an exploration ends early: ``seconds`` of processor time, whatever else the machine does, and a
+    number of configurations. ``whole`` is the time of which ``seconds`` are a part, where several
+    explorations share it."""
 
     seconds: float = DEFAULT_SECONDS
     configurations: int = DEFAULT_CONFIGURATIONS
@@ -228,7 +228,7 @@ class _Exploration:
     # -- what it means -----------------------------------------------------------------------------------------------
 
     def report(self, name: str, bounds: str) -> Report:
-        """Search, and say what was found."""
+        """Search, and return the result."""
         is_collecting = gc.isenabled()
         gc.disable()  # what is kept is needed, and all of it would be looked through over and over
         try:
@@ -311,7 +311,7 @@ class Moment(NamedTuple):
 
     @property
     def happened(self) -> list[str]:
-        """What has happened in it, a line each; lines that follow each other and are the same are counted."""
+        """Events of the step, a line each; equal lines in a row are counted."""
         counted = [(line, len(list(same))) for line, same in itertools.groupby(self.system.happened())]
         return [f'{line} ({count} times)' if count > 1 else line for line, count in counted]
 

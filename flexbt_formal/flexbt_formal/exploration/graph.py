@@ -115,7 +115,7 @@ class ConfigurationGraph:
                     yield Violation(Property.CAN_END, ', '.join(gone), text), way
 
     def add_turn(self, source: bytes, key: bytes, move: Move) -> None:
-        """A step in which no time goes by, and nothing comes from outside."""
+        """Add a step in which no time goes by and nothing comes from outside."""
         self._turns.setdefault(source, {}).setdefault(key, move)
 
     def round(self) -> tuple[Move, ...] | None:
@@ -166,7 +166,7 @@ class ConfigurationGraph:
                 yield Violation(Property.RECOVERY, where, text), way
 
     def _going_on(self) -> set[bytes]:
-        """Configurations that are reached without a stop, from where it is open how it ends."""
+        """Return the configurations that are reached without a stop, from where it is open how it ends."""
         if self._first is None:
             return set()
         found, ahead = {self._first}, [self._first]
@@ -215,7 +215,7 @@ class ConfigurationGraph:
     def _can_end(
         self, before: _Before, gone: frozenset[str], silent: str | None = None, *, is_caused: bool = False
     ) -> set[bytes]:
-        """Configurations from which an end can be reached without a stop, or might be.
+        """Return the configurations from which an end can be reached without a stop, or might be.
 
         Nothing succeeds that needs a server that is ``gone``, and nothing comes from the one that is ``silent``. With
         ``is_caused`` nothing happens that only somebody outside can cause, and who is asked may end it.

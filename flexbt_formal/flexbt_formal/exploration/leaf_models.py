@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What stands for the leaves of a tree in an exploration: they do whatever the real ones may do.
+"""Models of the leaves of a tree in an exploration: they do whatever the real ones may do.
 
 An action is RUNNING until the environment gives its result; halted, it goes on until the environment confirms that it
 has ended, and like an ActionLeaf of the BT server it does not begin while something of its tree is still ending. What
@@ -36,7 +36,7 @@ _RESULTS: Final = (SUCCESS, FAILURE)
 
 
 class LeafKind(Enum):
-    """What stands for a node. REAL: the node itself."""
+    """The model of a node. REAL: the node itself."""
 
     REAL = 'real'
     ACTION = 'action'
@@ -47,7 +47,7 @@ class LeafKind(Enum):
 
 @dataclass(frozen=True)
 class LeafModel:
-    """What a node may do.
+    """The behavior that a node may show.
 
     ``results`` are those that it may give. ``resources`` are actuators that it has while it works. A GATE that does not
     let its child begin gives ``otherwise``; one that ``begins_first`` lets it begin when it is ticked first. The tree
@@ -113,7 +113,7 @@ def leaf_model(definition: NodeDefinition) -> LeafModel:
 
 
 class Environment:
-    """What the models have in common: what is open, and the answers of the step that is under way.
+    """State that all models share: what is open, and the answers of the current step.
 
     ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths,
     with what the tree waits for.
@@ -137,7 +137,7 @@ class Environment:
         self.found = found
 
     def asks(self) -> None:
-        """A step is under way: nothing was answered in it, and what was measured before may have changed."""
+        """Begin a step: nothing was answered in it, and what was measured before may have changed."""
         self.events = []
         self.begun = []
         self.asked = {}
@@ -145,7 +145,7 @@ class Environment:
         self.facts.measured.clear()
 
     def begin(self, action: ModelAction) -> None:
-        """An action begins to work."""
+        """Note that an action begins to work."""
         self.facts.begins(action.path, action.needs, self.found)
         self.open[action.path] = action
         if action.declared is not None and action.declared.deadline is not None:
@@ -155,12 +155,12 @@ class Environment:
         self.events.append(f'{action.path} begins')
 
     def end(self, path: str) -> None:
-        """An action has ended by its result."""
+        """Note that an action has ended by its result."""
         self.open.pop(path, None)
         self.due.pop(path, None)
 
     def rests(self, now: float) -> None:
-        """A tick is over: what works on after its deadline is wrong."""
+        """End a tick: report each action that still works after its deadline."""
         self.facts.refresh()
         for path in [path for path, due in self.due.items() if due <= now]:
             declared = self.open[path].declared
@@ -169,7 +169,7 @@ class Environment:
             self.found(Violation(Property.DEADLINE, path, text))
 
     def cancel(self, action: ModelAction) -> None:
-        """An action was halted."""
+        """Note that an action was halted."""
         self.end(action.path)
         self.facts.works(action.needs)
         if not action.model.ignores_cancel:
@@ -182,7 +182,7 @@ class Environment:
             self.events.append(f'{action.path} is halted')
 
     def confirm(self, path: str) -> None:
-        """A halted action has ended."""
+        """Note that a halted action has ended."""
         unfinished = self.canceling.pop(path)
         if unfinished is not None:
             unfinished.done()
@@ -229,7 +229,7 @@ class _Model(LeafNode):
 
     @property
     def server(self) -> str:
-        """What it needs to succeed: its type, with the name of the server where the tree gives one."""
+        """Name of what the node needs to succeed: its type, with the name of the server where the tree gives one."""
         given = (self.port_values.get(port) for port in ('server_name', 'service_name'))
         name = next((value.text for value in given if value is not None and value.key is None), '')
         return f'{self.id} ({name})' if name else self.id

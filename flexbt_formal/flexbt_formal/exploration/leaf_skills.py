@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is known in an exploration of what skills need: from conditions, and from what skills have brought about."""
+"""Knowledge of an exploration about the needs of skills: from conditions, and from effects of skills."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MARK: Final = '\0'
 
 
 class Needs(NamedTuple):
-    """What a leaf needs and brings about, with what its ports say in the place of parameters.
+    """The needs and effects of a leaf, with the values of its ports in place of parameters.
 
     ``effects`` are those of its results, and whether that is how things are now, rather than what it has changed.
     ``ends`` are places of arguments, by predicates of which one object holds at most there. ``changes`` is what may be
@@ -107,9 +107,10 @@ def _object(leaf: TreeNode, port: str, names: dict[Entry, str]) -> str | None:
 
 
 class Facts:
-    """What holds. ``lasting`` is what skills have brought about, until something else is known; ``measured`` is what
-    conditions say, as long as no time goes by. Of each atom that something needs: whether it holds, and from whom that
-    is known. Nothing is known any more of what an entry of a blackboard was, once somebody has written it.
+    """Literals that hold: of each atom that something needs, whether it holds, and what has shown that.
+
+    ``lasting`` are the effects of skills, until something else is known. ``measured`` are the results of conditions, as
+    long as no time goes by. What was known of an entry of a blackboard is forgotten when it is written.
     """
 
     def __init__(self) -> None:
@@ -133,7 +134,7 @@ class Facts:
                 self._forget(atom for atom, one in self._needed.items() if name in one.arguments)
 
     def begins(self, path: str, needs: Needs, found: Callable[[Violation], None]) -> None:
-        """A leaf begins; what it needs, and is known not to hold, is wrong."""
+        """Begin a leaf, and report each of its needs that is known not to hold."""
         self.refresh()
         for one in needs.preconditions:
             atom = str(one.atom)
@@ -145,7 +146,7 @@ class Facts:
         self.works(needs)
 
     def works(self, needs: Needs) -> None:
-        """A leaf works, or has worked until now: what it may change is not known."""
+        """Forget what a leaf that works, or has worked until now, may change."""
         if not self._needed:
             return
         changes = needs.changes
@@ -156,7 +157,7 @@ class Facts:
                 self.measured.pop(atom, None)
 
     def ends(self, path: str, needs: Needs, status: NodeStatus) -> None:
-        """A leaf gives a result: what it brings about, or says, is known."""
+        """Note what the result of a leaf brings about, or says."""
         if not self._needed:
             return
         self.refresh()

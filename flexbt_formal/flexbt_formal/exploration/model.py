@@ -66,7 +66,7 @@ class EnvironmentChoices:
 
 
 class Label(NamedTuple):
-    """What happens from outside in a step: ``kind`` says what, ``subject`` to what, ``value`` how."""
+    """An event from outside in a step: its ``kind``, the ``subject`` that it happens to, and a ``value``."""
 
     kind: str
     subject: str = ''
@@ -119,12 +119,12 @@ class LabelEffect(NamedTuple):
 
 
 def servers_gone(number: int) -> str:
-    """This bound in words."""
+    """Return this bound in words."""
     return f'at most {pluralize(number, "server")} gone for good'
 
 
 class System(Protocol):
-    """What is explored: engines with an environment. A step is deterministic but for the choices."""
+    """A system to explore: engines with an environment. A step is deterministic but for the choices."""
 
     def capture(self) -> Configuration:
         """Return what it is in now."""
@@ -207,7 +207,7 @@ class Counterexample:
 
 @dataclass(frozen=True)
 class Report:
-    """What an exploration has found.
+    """The result of an exploration.
 
     ``is_complete``: everything that the bounds allow was followed; otherwise ``stopped_by`` says what ended it.
     ``bounds`` says of what it was all. ``ends`` are the ways to end that were found, ``uncovered`` what was never

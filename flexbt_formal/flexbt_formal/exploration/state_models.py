@@ -28,7 +28,7 @@ from .model import EnvironmentChoices
 
 
 class StateModelKind(Enum):
-    """What stands for a state. REAL: the state itself, which has to be free of ROS and quick to copy."""
+    """The model of a state. REAL: the state itself, which has to be free of ROS and quick to copy."""
 
     REAL = 'real'
     WORK = 'work'
@@ -38,7 +38,7 @@ class StateModelKind(Enum):
 
 @dataclass(frozen=True)
 class StateModel:
-    """What a state may do.
+    """The behavior that a state may show.
 
     ``outcomes`` are those that it may give (None: all that it declares). ``resources`` are actuators that it has while
     it is active. ``ends_later``: what it has begun has to be canceled, and confirmed, when it is left before its end.
@@ -222,7 +222,7 @@ class ModelState(EventState):
         return 'what it has begun is not confirmed canceled' if self.own_path in self.environment.ending else None
 
     def confirm(self) -> None:
-        """What was to end has ended."""
+        """End what was to end."""
         del self.environment.ending[self.own_path]
         self.environment.overdue.discard(self.own_path)
         self.wake()

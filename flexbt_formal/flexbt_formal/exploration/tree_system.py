@@ -337,7 +337,7 @@ class TreeSystem:
 
     @property
     def vocabulary(self) -> Vocabulary:
-        """What requirements of this tree can be about."""
+        """Names that requirements of this tree can use."""
         return self._monitor.vocabulary
 
     def restore(self, configuration: Configuration) -> None:
@@ -474,8 +474,8 @@ class TreeSystem:
         return self.coverable() if any(map(_goes_on_for_ever, self._tree.nodes)) else self.coverable() | {SUCCEEDS}
 
     def idle(self) -> Iterable[Violation]:
-        """Decorators that limit how often their child begins, and never kept it from that; and conditions on what has
-        changed that are only asked where nothing works that a change could end."""
+        """Yield decorators that never kept their child from beginning, and conditions on changes that are only asked
+        where nothing works that a change could end."""
         for node in self._limiters:
             if node.uid not in self._withheld:
                 text = (
@@ -544,7 +544,7 @@ class TreeSystem:
 
 
 class _Run:
-    """What the host of the tree knows of the run."""
+    """Knowledge of the tree's host about the run."""
 
     def __init__(self) -> None:
         self.is_started = False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether trees reach their goal, whatever of what is expected happens: each state that may come is tried.
+"""Test of trees in each state that may come: do they reach the goal, whichever expected event happens?
 
 From the initial state a tree acts (or those of several robots do, each of whose actions may end first), and before the
 end of each action (and at the goal) something may disturb it, up to a number of times. In each state that may come so
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
@@ -19,7 +19,7 @@ from .problem import Action, Domain, PlanningError
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What others may do: some literals become true, others false, where ``needs`` holds. All are bit sets."""
+    """A change that others may make where ``needs`` holds: literals become true or false. All are bit sets."""
 
     name: str
     needs: int
@@ -28,7 +28,7 @@ class Disturbance:
 
     @classmethod
     def of(cls, domain: Domain, action: Action) -> Disturbance:
-        """Of an action that others do."""
+        """Return the disturbance that an action of others is."""
         deletes = domain.state(action.deletes - action.adds)
         return cls(action.name, domain.state(action.needs), domain.state(action.adds), deletes)
 
@@ -40,7 +40,7 @@ class Disturbance:
 
 @dataclass(slots=True)
 class Coverage:
-    """What was tried.
+    """The result of a test of trees.
 
     ``states``: number of states. ``uncovered``: states that may come in which no branch holds, with what led there
     (names of actions and disturbances). ``complete``: whether all states were tried that may come after ``disturbed``
@@ -58,7 +58,7 @@ MOST_STATES: Final = 20_000
 
 
 class Chooser(Protocol):
-    """What is tried: which actions run in a state, any of which may end first."""
+    """Trees to test: they choose the actions that run in a state, any of which may end first."""
 
     @property
     def domain(self) -> Domain:
@@ -87,36 +87,49 @@ def explore_states(
         PlanningError: the trees do not do what the planner promised. That is a fault of the planner.
     """
     coverage = Coverage(times)
-    seen: dict[int, tuple[int, int, str] | None] = {initial: None}
-    left = {initial: times}
-    todo = deque([initial])
     runs = _Runs(chooser)
-    while todo:
-        if coverage.states and (len(seen) > MOST_STATES or clock() >= deadline):
+    before: dict[int, tuple[int, str] | None] = {initial: None}
+    for state, _, steps in visits(chooser.domain, initial, runs.actions, disturbances, times):
+        if coverage.states and (len(before) > MOST_STATES or clock() >= deadline):
             coverage.complete = False
             break
-        state = todo.popleft()
         coverage.states += 1
-        actions = runs.actions(state)
-        nexts = [
-            (chooser.domain.result(state, action), left[state], chooser.domain.actions[action].name)
-            for action in actions
-        ]
-        if actions:
+        if runs.actions(state):
             coverage.longest = max(coverage.longest, runs.longest(state))
         elif not chooser.is_reached(state):
-            coverage.uncovered[state] = _way(seen, state)
-        if left[state]:
-            for disturbance in disturbances:
-                after = disturbance.result(state)
-                if after is not None:
-                    nexts.append((after, left[state] - 1, disturbance.name))
-        for after, more, name in nexts:
-            if after not in left or left[after] < more:
-                seen.setdefault(after, (state, more, name))
-                left[after] = more
-                todo.append(after)
+            coverage.uncovered[state] = _way(before, state)
+        for after, _, name in steps:
+            before.setdefault(after, (state, name))
     return coverage
+
+
+def visits(
+    domain: Domain,
+    initial: int,
+    actions: Callable[[int], Sequence[int]],
+    disturbances: Sequence[Disturbance],
+    times: int,
+) -> Iterator[tuple[int, int, list[tuple[int, int, str]]]]:
+    """Yield each state that may come, the disturbances left in it, and its steps, by breadth.
+
+    A step is the state after it, the disturbances left there, and the name of the action or disturbance. A state comes
+    again when more disturbances are left than before.
+    """
+    left = {initial: times}
+    todo = deque([initial])
+    while todo:
+        state = todo.popleft()
+        more = left[state]
+        steps = [(domain.result(state, one), more, domain.actions[one].name) for one in actions(state)]
+        for disturbance in disturbances if more else ():
+            after = disturbance.result(state)
+            if after is not None:
+                steps.append((after, more - 1, disturbance.name))
+        yield state, more, steps
+        for after, rest, _ in steps:
+            if left.get(after, -1) < rest:
+                left[after] = rest
+                todo.append(after)
 
 
 class _Runs:
@@ -156,16 +169,15 @@ class _Runs:
         return self._lengths[state]
 
 
-def _way(seen: dict[int, tuple[int, int, str] | None], state: int) -> tuple[str, ...]:
+def _way(before: dict[int, tuple[int, str] | None], state: int) -> tuple[str, ...]:
     way: list[str] = []
-    at: int | None = state
-    while at is not None and (before := seen[at]) is not None:
-        way.append(before[2])
-        at = before[0]
+    while (step := before[state]) is not None:
+        state, name = step
+        way.append(name)
     return tuple(reversed(way))
 
 
 def fault(domain: Domain, state: int, what: str) -> str:
-    """Return what a planner says of itself."""
+    """Return the message of an error of the planner itself."""
     literals = ', '.join(sorted(domain.condition(state)))
     return f'the planner is at fault, please report it: {what}. State: {literals:.2000}'

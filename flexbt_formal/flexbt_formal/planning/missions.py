@@ -33,8 +33,8 @@ from .problem import Action, Leaf, PlanningError, PlanningProblem
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """What a file says. ``goal`` is '' where it says none. ``robots`` are those of several, each with its skills.
-    ``lines`` has the line of each entry."""
+    """The contents of a file. ``goal`` is '' where the file has none. ``robots`` are those of a team, each with its
+    skills. ``lines`` has the line of each entry."""
 
     skills: tuple[str, ...] = ()
     start: tuple[str, ...] = ()

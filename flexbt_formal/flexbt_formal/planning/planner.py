@@ -20,7 +20,7 @@ GOAL: Final = 'any of the goals'
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What came of planning.
+    """The result of planning.
 
     ``cost`` and ``actions`` are of the best plan from the initial state (None and empty where there is none), ``bound``
     is what no plan can cost less than. ``reason`` says why there is no plan. ``policy`` has the branches, ``members``
@@ -139,7 +139,7 @@ def hopeless(problem: PlanningProblem) -> str:
 
 
 def why_not(problem: PlanningProblem, reachability: Reachability, goals: Iterable[int]) -> str:
-    """Why none of the goals can be reached."""
+    """Return why none of the goals can be reached."""
     return '; '.join(dict.fromkeys(_why_not_one(problem, reachability, goal) for goal in goals))
 
 

@@ -16,7 +16,7 @@ MOST_BRANCHES: Final = 500
 
 
 class Branch(NamedTuple):
-    """Where ``condition`` (a bit set) holds, ``action`` is to be done, and the goal is reached at ``cost`` at most."""
+    """A rule: where ``condition`` (a bit set) holds, do ``action``; the goal is then reached at ``cost`` at most."""
 
     condition: int
     action: int
@@ -68,7 +68,7 @@ class Policy:
         return next((branch for branch in self.branches if not branch.condition & ~state), None)
 
     def merged(self, other: Policy) -> Policy:
-        """With what another search found; of two steps for one condition the cheaper one."""
+        """Return this policy with the steps of another one; of two steps for one condition the cheaper."""
         both = dict(self.steps)
         for condition, step in other.steps.items():
             if condition not in both or step.cost < both[condition].cost:
@@ -88,7 +88,7 @@ _LONGEST_GROUP = 64
 
 @dataclass(frozen=True, slots=True)
 class BranchRule:
-    """Where all literals hold, an action: a branch, or what is left of it within a group."""
+    """An action to do where all literals hold: a branch, or the rest of it within a group."""
 
     condition: int
     action: int
@@ -97,7 +97,7 @@ class BranchRule:
 
 @dataclass(frozen=True, slots=True)
 class RuleGroup:
-    """Where all literals hold, the first of some rules and groups that applies."""
+    """Rules and groups, of which the first that applies counts where all literals hold."""
 
     condition: int
     members: tuple[BranchRule | RuleGroup, ...]

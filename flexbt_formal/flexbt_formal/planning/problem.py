@@ -146,7 +146,7 @@ class Leaf:
 
 @dataclass(frozen=True, slots=True)
 class PlanningProblem:
-    """What is to be planned.
+    """A problem to plan for.
 
     ``goal`` are conditions, one of which has to hold in the end. Where it asks for ``not X``, and the actions speak of
     X only, they and the initial state are completed by what becomes of ``not X``. ``disturbances`` are what others may

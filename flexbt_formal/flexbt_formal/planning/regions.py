@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections import deque
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from .coverage import MOST_STATES, Disturbance
+from .coverage import MOST_STATES, Disturbance, visits
 from .planner import Plan
 from .policy import Branch, Policy
 from .problem import Domain, bits
@@ -17,7 +17,7 @@ from .team_policy import TeamBranch, TeamPolicy
 
 
 class RegionKind(Enum):
-    """What a region is."""
+    """The kind of a region."""
 
     BRANCH = 'branch'
     GOAL = 'goal'
@@ -25,7 +25,7 @@ class RegionKind(Enum):
 
 
 class MoveKind(Enum):
-    """What leads from a region to another one: an action when nothing disturbs, an action otherwise, or others."""
+    """The cause of a move between regions: an action when nothing disturbs, an action otherwise, or others."""
 
     PLANNED = 'planned'
     ACTION = 'action'
@@ -84,28 +84,23 @@ def region_map(plan: Plan | TeamPlan) -> RegionMap:
         branch = policy.choose(state)
         return nowhere if branch is None else places[id(branch)]
 
+    def actions(state: int) -> tuple[int, ...]:
+        if policy.is_reached(state):
+            return ()
+        if isinstance(policy, TeamPolicy):
+            return policy.actions(state)
+        branch = policy.choose(state)
+        return () if branch is None else (branch.action,)
+
     moves: dict[tuple[int, int, str], MoveKind] = {}
-    left = {initial: plan.coverage.disturbed}
-    todo = deque([initial])
-
-    def go(state: int, after: int, rest: int, name: str, kind: MoveKind) -> None:
-        move = place_of(state), place_of(after), name
-        if move[0] != move[1] and moves.get(move) is not MoveKind.PLANNED:
-            moves[move] = kind
-        if left.get(after, -1) < rest:
-            left[after] = rest
-            todo.append(after)
-
-    while todo and len(left) <= MOST_STATES:
-        state = todo.popleft()
-        more = left[state]
-        kind = MoveKind.PLANNED if more == plan.coverage.disturbed else MoveKind.ACTION
-        for action in _actions(policy, state):
-            go(state, domain.result(state, action), more, domain.actions[action].name, kind)
-        for disturbance in disturbances if more else ():
-            after = disturbance.result(state)
-            if after is not None:
-                go(state, after, more - 1, disturbance.name, MoveKind.DISTURBANCE)
+    times = plan.coverage.disturbed
+    most = MOST_STATES * (times + 1)
+    for state, left, steps in itertools.islice(visits(domain, initial, actions, disturbances, times), most):
+        kind = MoveKind.PLANNED if left == times else MoveKind.ACTION
+        for after, rest, name in steps:
+            move = place_of(state), place_of(after), name
+            if move[0] != move[1] and moves.get(move) is not MoveKind.PLANNED:
+                moves[move] = kind if rest == left else MoveKind.DISTURBANCE
     seen = sorted({place_of(initial), goal, *(one for move in moves for one in move[:2])})
     number = {place: index for index, place in enumerate(seen)}
     return RegionMap(
@@ -113,15 +108,6 @@ def region_map(plan: Plan | TeamPlan) -> RegionMap:
         tuple(RegionMove(number[begin], number[end], name, kind) for (begin, end, name), kind in moves.items()),
         number[place_of(initial)],
     )
-
-
-def _actions(policy: Policy | TeamPolicy, state: int) -> tuple[int, ...]:
-    if policy.is_reached(state):
-        return ()
-    if isinstance(policy, TeamPolicy):
-        return policy.actions(state)
-    branch = policy.choose(state)
-    return () if branch is None else (branch.action,)
 
 
 def _region(domain: Domain, policy: Policy | TeamPolicy, place: int) -> PlanRegion:

@@ -23,7 +23,7 @@ _MOST_PAIRS: Final = 4
 
 
 class Exclusions:
-    """What excludes what in all states that can be reached from ``initial`` by actions."""
+    """Literals that exclude each other in all states that can be reached from ``initial`` by actions."""
 
     def __init__(self, domain: Domain, initial: int) -> None:
         self._domain = domain
@@ -204,7 +204,7 @@ class Reachability:
                     run(action, cost)
 
     def _find_landmarks(self, order: list[int]) -> None:
-        """The greatest fixed point: a literal's are its own, and those that all its achievers have in common."""
+        """Compute the greatest fixed point: a literal has its own landmarks, and those that all its achievers share."""
         changed = True
         while changed:
             changed = False

@@ -31,7 +31,7 @@ _REPORT_INTERVAL: Final = 0.2
 
 
 class SearchOutcome(Enum):
-    """How a search ended."""
+    """The outcome of a search."""
 
     SOLVED = 'solved'
     UNSOLVABLE = 'unsolvable'
@@ -39,7 +39,7 @@ class SearchOutcome(Enum):
 
 
 class SearchProgress(NamedTuple):
-    """How far a search is: no plan is cheaper than ``bound``; ``best`` is the cost of the best so far, or None."""
+    """Progress of a search: no plan is cheaper than ``bound``; ``best`` is the cost of the best so far, or None."""
 
     bound: float
     best: float | None
@@ -48,7 +48,7 @@ class SearchProgress(NamedTuple):
 
 
 class RegressionStep(NamedTuple):
-    """What is known of a condition: it leads to the goal at ``cost``, by ``action`` (None: it is the goal) to
+    """A known condition: it leads to the goal at ``cost``, by ``action`` (None: it is the goal) to
     condition ``next``."""
 
     cost: float
@@ -58,7 +58,7 @@ class RegressionStep(NamedTuple):
 
 @dataclass(slots=True)
 class SearchResult:
-    """What was found.
+    """The result of a search.
 
     ``steps``: of the conditions that were looked into, what to do there. ``start``: the condition of the best plan that
     holds at the start, None without one. ``bound``: no plan is cheaper. ``expanded``: conditions.
@@ -326,7 +326,7 @@ class _Closed:
         self._root: Final = _Literals()
 
     def add(self, condition: int, cost: float) -> None:
-        """A condition that leads to the goal at a cost; the same again only at a lower one."""
+        """Add a condition that leads to the goal at a cost; add it again only at a lower cost."""
         self.costs[condition] = cost
         node = self._root
         for literal in reversed(list(bits(condition))):

@@ -28,7 +28,7 @@ _MOST: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class Team:
-    """What is to be planned for several robots.
+    """A problem to plan for several robots.
 
     ``doers`` tells for each action of the problem, by its name, which of the ``robots`` does it. A robot does one
     action at a time. Costs are durations where the time that the team needs is to count.
@@ -163,7 +163,7 @@ class Task(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TeamPlan:
-    """What came of planning for several robots.
+    """The result of planning for several robots.
 
     ``tasks`` are the plan in the order in which they begin, ``duration`` when the last is done, ``cost`` the costs
     together; ``bound`` is what no plan can cost less than, and ``least_duration`` what none can take less than.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a team divides its tasks, which action waits for which, and what each robot does in which state."""
+"""Policies of teams: the division of tasks, the order of actions, and the action of each robot in each state."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Division:
 
     @property
     def duration(self) -> float:
-        """When the last robot is done."""
+        """Time at which the last robot is done."""
         return max(self.ends, default=0.0)
 
 
@@ -203,8 +203,8 @@ WAITS: Final = -1
 
 
 class TeamBranch(NamedTuple):
-    """Where ``condition`` (a bit set) holds, ``actions`` bring nearer to the goal: by the number of a robot its action,
-    or WAITS. ``left`` are the time, the cost and the number of actions to the goal."""
+    """A rule: where ``condition`` (a bit set) holds, ``actions`` lead towards the goal: by the number of a robot its
+    action, or WAITS. ``left`` are the time, the cost and the number of actions to the goal."""
 
     condition: int
     actions: tuple[int, ...]

@@ -84,7 +84,7 @@ class LeafWriter:
             self.conditions(add(parent, 'ReactiveSequence', name='the goal'), goal)
 
     def conditions(self, parent: ElementTree.Element, condition: int) -> None:
-        """A leaf for each literal of a condition."""
+        """Add a leaf for each literal of a condition."""
         for literal in bits(condition):
             text = self._domain.literals[literal]
             leaf = self._problem.leaf(text)
@@ -100,8 +100,9 @@ class LeafWriter:
         last: str = LAST_ENTRY,
         again: str = AGAIN_ENTRY,
     ) -> None:
-        """An action with its attempts. One that succeeds is done again where its effects are missing, as often as it
-        may be tried; then it fails.
+        """Add an action with its attempts.
+
+        An action that succeeds without its effects is tried again while attempts are left, and then fails.
 
         ``failed`` is a script for that, which makes ``given_up`` true: where that is so, the action fails at once.
         ``last`` and ``again`` are the entries of its robot.
@@ -158,7 +159,7 @@ def actions_left(parent: ElementTree.Element, most: int) -> None:
 
 
 def add_last_branch(parent: ElementTree.Element, reason: str, more: str = '') -> None:
-    """A last branch: it keeps the reason that an action has left. ``more`` is what a script adds to the reason."""
+    """Add a last branch, which keeps the reason that an action has left. A script adds ``more`` to the reason."""
     code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? ('{reason}'{more}) : {FAILURE_ENTRY}"
     add(add(parent, 'ForceFailure', name='gives up'), 'Script', name=reason, code=code)
 

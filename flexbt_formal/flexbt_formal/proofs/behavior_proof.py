@@ -49,7 +49,7 @@ _FIRST_SECONDS: Final = 2.0
 
 @dataclass(frozen=True)
 class BehaviorProof:
-    """What was found about the trees of a behavior, and about its machine."""
+    """The results for the trees of a behavior, and for its machine."""
 
     name: str
     trees: dict[TreeKey, Report]

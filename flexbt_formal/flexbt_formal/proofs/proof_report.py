@@ -103,7 +103,7 @@ def _counterexample_lines(found: Counterexample) -> Iterator[str]:
 
 
 class Compared(NamedTuple):
-    """What was found of something beside its version before; ``only``: the one version that has it, ``before`` or
+    """The result for a version compared with the previous one; ``only``: the one version that has it, ``before`` or
     ``now``."""
 
     name: str

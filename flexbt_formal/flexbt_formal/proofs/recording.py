@@ -79,7 +79,7 @@ class _Recording:
         self._now += int(STEP_SECONDS * 1e9)
 
     def _picture(self, shown: _Shown, system: System, number: int) -> None:
-        """How it is after a step."""
+        """Snapshot after a step."""
         status = shown.status(system, self._stamp)
         self._statuses += 1
         status.executive_id, status.sequence, status.stamp = _EXECUTIVE, self._statuses, self._stamp
@@ -109,7 +109,7 @@ class _Recording:
 
 
 class _Shown:
-    """How a system looks as the run of an executive."""
+    """View of a system as the run of an executive."""
 
     def __init__(self, name: str, run_id: str) -> None:
         self.run_id = run_id

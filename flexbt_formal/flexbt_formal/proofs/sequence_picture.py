@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What happens between several, one after the other, as a sequence diagram: SVG, or in Mermaid's language."""
+"""Sequence diagrams of events between participants: SVG, or in Mermaid's language."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Arrow:
 
 @dataclass(frozen=True)
 class Note:
-    """What is said beside somebody's line of life; a ``wrong`` one is what the picture is about."""
+    """A note beside a participant's lifeline; a ``wrong`` one is what the diagram is about."""
 
     at: str
     lines: Sequence[str]
@@ -49,7 +49,7 @@ class Note:
 
 @dataclass(frozen=True)
 class SequenceDiagram:
-    """Who takes part, from left to right, and what happens, from the top down."""
+    """A sequence diagram: participants from left to right, events from the top down."""
 
     title: str
     participants: Sequence[str]

@@ -117,7 +117,7 @@ class ReachGoal(ExpandingAction):
 
     @property
     def host(self) -> LeafServices:
-        """What the BT server provides."""
+        """Services of the BT server."""
         services: LeafServices = self.services
         return services
 
@@ -271,7 +271,7 @@ def _leaves(above: TreeNode) -> Iterator[LeafNode]:
 
 
 def _reasons(above: TreeNode, action: str) -> Iterator[str]:
-    """Why leaves of an action failed last, where they have said so."""
+    """Return why leaves of an action failed last, where they have reported it."""
     for leaf in _leaves(above):
         reason = leaf.failure_reason()
         if leaf.name == action and reason != TreeNode.failure_reason(leaf):

@@ -65,7 +65,7 @@ class CheckProgress(NamedTuple):
 
 @dataclass(frozen=True)
 class Result:
-    """What was found of a property: its value is between ``low`` and ``high``.
+    """The result for a property: its value is between ``low`` and ``high``.
 
     ``how`` says in words by what method and how exactly. ``is_complete``: nothing was cut short. ``way``: when it can
     fail, the shortest way that was met to where it has failed, in words. ``has_failed``: one was found.

@@ -39,7 +39,7 @@ def is_model(text: str) -> bool:
 
 
 class RoamlModel:
-    """What the files of a model say. Attributes: ``properties``, and ``is_random``: whether it uses Math.random."""
+    """The contents of a model's files. Attributes: ``properties``, and ``is_random``: whether it uses Math.random."""
 
     def __init__(self, path: str) -> None:
         """Read all files. Raises TreeLoadError with file, line, what is wrong, and what to do."""

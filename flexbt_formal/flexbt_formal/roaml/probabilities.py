@@ -116,7 +116,7 @@ class ProbabilityBounds(NamedTuple):
 
     @property
     def error(self) -> float:
-        """How far the probability can be from the value: near 0 and 1 that is one end of the bounds."""
+        """Return how far the probability can be from the value: near 0 and 1 that is one end of the bounds."""
         return max(self.high - self.value, self.value - self.low)
 
 

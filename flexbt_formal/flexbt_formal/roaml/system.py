@@ -51,7 +51,7 @@ class GlobalState(NamedTuple):
 
 
 class ModelStep(NamedTuple):
-    """What happens: ``kind`` is send, deliver, write, ask, timer, or time."""
+    """An event: ``kind`` is send, deliver, write, ask, timer, or time."""
 
     kind: str
     subject: int
@@ -427,7 +427,7 @@ class ModelSystem:
         yield f'{who} sends {event}{f" ({shown})" if shown else ""}'
 
     def waiting(self, state: GlobalState) -> str:
-        """Why nothing can happen any more, when that is not the end of the time or of the tree; ''."""
+        """Return why nothing can happen any more; '' at the end of the time or of the tree."""
         found = []
         for event, _ in state.slots:
             who = [

@@ -72,7 +72,7 @@ class _Suspended(BaseException):
 
 
 class Conversation:
-    """What the plugins of a tick are told, and answer."""
+    """Requests to the plugins in a tick, and their answers."""
 
     def __init__(self) -> None:
         self.answers: Iterator[PluginAnswer] = iter(())
@@ -91,7 +91,7 @@ class Conversation:
 
 
 class _Services:
-    """What the nodes of the tree reach of the player."""
+    """The part of the player that the nodes of the tree use."""
 
     def __init__(self, conversation: Conversation) -> None:
         self.conversation = conversation
@@ -163,7 +163,7 @@ class PluginControl(_Plugin, ControlNode):
 
 @dataclass(frozen=True)
 class Situation:
-    """Where a tree is. ``pending``: the event that a plugin is sent now, and who that is; None between ticks.
+    """The position of a tree. ``pending``: the event that is being sent, and its plugin; None between ticks.
 
     ``accepts`` are the events that go on from here, ``inputs`` what the ports of plugins read that point to the
     blackboard, ``status`` what the last tick gave (0: there was none).
@@ -305,7 +305,7 @@ class TreePlayer:
 
     @staticmethod
     def _give(board: Blackboard, key: str, kind: DataType) -> None:
-        """An entry of a type, which is zero before it is set."""
+        """Add an entry of a type, which is zero before it is set."""
         entry = board.entry(key)
         if entry is None:
             entry = board.declare(key, _PORT_TYPES.get(kind.plain) if kind.plain is not None else None)

@@ -44,14 +44,14 @@ _CAPABILITY_KEYS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Mappings:
-    """How outcomes are called: of states (to normalized ones), of the machine (to propositions)."""
+    """Names of outcomes: of states (to normalized ones), of the machine (to propositions)."""
 
     state_outcomes: Mapping[str, str] = field(default_factory=dict)
     machine_outcomes: Mapping[str, str] = field(default_factory=dict)
     transition_outcomes: tuple[str, ...] = ()
 
     def updated(self, other: Mappings) -> Mappings:
-        """These, and those of another file, which count where both have one."""
+        """Return these with those of another file, which win where both have one."""
         return Mappings(
             {**self.state_outcomes, **other.state_outcomes},
             {**self.machine_outcomes, **other.machine_outcomes},
@@ -61,7 +61,7 @@ class Mappings:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """What a state class can do. Conditions are as they are written; those by outcome have normalized outcomes.
+    """The capabilities of a state class. Conditions are as they are written; those by outcome have normalized outcomes.
 
     ``resources`` are what it has for itself while it is active; None, when nothing is said of it: then everything.
     ``deadline`` is the line of the file that has one; its value is among the parameters, as ``timeout``.
@@ -344,14 +344,14 @@ def concurrent_pairs(file: CapabilityFile, interfaces: Mapping[str, StateInterfa
 
 
 class _Touched(NamedTuple):
-    """What of the memory and (``>KEY``) of userdata a capability reads, and what it changes."""
+    """Memory and userdata (``>KEY``) that a capability reads and changes."""
 
     reads: frozenset[str]
     changes: frozenset[str]
 
     @classmethod
     def by(cls, one: Capability, interface: StateInterface) -> _Touched:
-        """That of a capability, which a state of this interface carries out."""
+        """Return the memory use of a capability, which a state of this interface carries out."""
         effects = [entry.text.partition('=')[0] for entries in one.postconditions.values() for entry in entries]
         return cls(
             _names(entry.text for entry in one.preconditions) | _keys(interface.input_keys, one.userdata_in),

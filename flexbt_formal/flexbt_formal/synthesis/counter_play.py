@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How the world prevents a goal: a play that nothing beats, and its text in the words of the capabilities.
+"""Plays in which the world prevents a goal, and their text in the words of the capabilities.
 
 Outside of the winning states the world has a move after which the system is still outside, whatever it answers. A
 play goes on for ever without the guarantee that starves, or ends where the system has no answer.
@@ -45,7 +45,7 @@ class CounterPlay:
         self._begin()
 
     def answer(self, number: int) -> None:
-        """The system answers by one of ``answers``, and the world makes its next move. Raises IndexError."""
+        """Answer for the system by one of ``answers``, and make the next move of the world. Raises IndexError."""
         chosen = self.answers[number]
         before = self.state
         self.state = {**self.inputs, **chosen}
@@ -149,7 +149,7 @@ MAX_STEPS: Final = 40
 
 
 class PlayStep(NamedTuple):
-    """What is active, what the world answers, and what was chosen from what may follow."""
+    """A position of a play: what is active, what the world answers, and what was chosen of what may follow."""
 
     doing: str
     world: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Why there is no machine: the smallest conflict, in the words of the request.
+"""Explanations why there is no machine: the smallest conflict, in the words of the request.
 
 The questions are asked in this order, and the first answer counts: can it begin at all; could it succeed if the world
 helped; is there always something left to do; and only then: what does the world do to prevent the goal for ever.
@@ -26,7 +26,7 @@ SEARCH_TIME: Final = 10.0
 
 
 class FailureKind(Enum):
-    """What kind of failure it is; the values are how it begins to be told."""
+    """The kind of a failure; the values begin its message."""
 
     START = 'the initial conditions contradict each other'
     LUCK = 'the goal cannot be reached, even if everything goes well'
@@ -36,9 +36,12 @@ class FailureKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Why there is no machine. ``conflict`` is what was asked for and cannot be had together, in the words of the
-    files, with place; ``never`` what of that never becomes possible; ``steps`` one course of events, and ``stuck`` why
-    it ends; ``remedies`` what may help."""
+    """An explanation why there is no machine.
+
+    ``conflict`` are the demands that are impossible together, in the words of the files, with their places; ``never``
+    are those of them that never become possible. ``steps`` is one course of events, and ``stuck`` why it ends.
+    ``remedies`` are changes that may help.
+    """
 
     kind: FailureKind
     conflict: tuple[str, ...]
@@ -64,7 +67,7 @@ class Explanation:
 
 
 def explained(problem: SynthesisProblem, watch: Watch | None = None) -> Explanation:
-    """Why no strategy solves a problem, given that none does."""
+    """Return why no strategy solves a problem, given that none does."""
     return _Question(problem, watch or (lambda _: None)).answer()
 
 

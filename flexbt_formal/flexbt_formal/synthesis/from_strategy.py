@@ -26,7 +26,7 @@ _LABEL: Final = '%s:%s'
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """What a machine is at, in a node: capabilities that are active, or an outcome that is reached."""
+    """The activity of a machine in a node: active capabilities, or an outcome that is reached."""
 
     parts: tuple[MachinePart, ...] = ()
     end: str | None = None

@@ -51,7 +51,7 @@ ONE_ACTIVE: Final = 'one capability, or outcome of the machine, is active, or se
 
 
 class Liveness(Enum):
-    """What is assumed about failures, and what counts as success.
+    """The assumptions about failures, and the definition of success.
 
     FAIR: who is tried again and again in the same state completes at some time; nothing but the goal is success.
     ADVERSARIAL: nothing is assumed, but failing again and again is success, too (flexbe_synthesis' default).
@@ -65,7 +65,7 @@ class Liveness(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How a specification is made. ``retries``: a capability that failed so often once more in a row is given up."""
+    """Options of a translation. ``retries``: a capability that failed so often once more in a row is given up."""
 
     liveness: Liveness = Liveness.FAIR
     retries: int | None = None
@@ -75,7 +75,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class SynthesisProblem:
-    """What is to be solved, and how its valuations are read; ``notes`` are for the user."""
+    """A problem to solve, and how its valuations are read; ``notes`` are for the user."""
 
     specification: Specification
     vocabulary: Vocabulary
@@ -365,8 +365,8 @@ class Translation:
         return [name for name, outcomes in self._vocabulary.outcomes.items() if set(outcomes) - {hoped}]
 
     def _begin(self) -> None:
-        """Initial conditions. What is said of a variable replaces what holds of it otherwise; a request about one
-        variable replaces what the specification says of that variable alone."""
+        """Add the initial conditions. A condition about a variable replaces its default; a request about one variable
+        replaces what the specification says of that variable alone."""
         asked: list[tuple[str, str, str]] = []
         for text in self._request.initial_conditions:
             asked.append(
@@ -541,7 +541,7 @@ class Translation:
         self._add(section, f'{arrives} -> {effect}', f'{what} after {outcome} ({place})', place)
 
     def _frames(self) -> None:
-        """What nothing changes stays as it is."""
+        """Require that what nothing changes stays as it is."""
         self._rule = 'what nothing changes stays as it is'
         own = {f'{name}_m' for name in self._memory} | self._file.labels.keys()
         for name, variable in self._variables.items():
@@ -614,7 +614,7 @@ class Translation:
         return "'" in formula or 'next' in formula
 
     def _limits(self) -> None:
-        """A capability that has failed is not tried again: its state has tried as often as it may."""
+        """Require that a capability that has failed is not tried again: its state has tried as often as it may."""
         self._rule = 'a capability that was given up is not tried again'
         hoped = self._file.mappings.transition_outcomes[0]
         for name in self._failing():
@@ -624,7 +624,7 @@ class Translation:
             self._add(Section.SYS_TRANS, f"{name}_x' -> !{words.active(name, primed=True)}")
 
     def _owed(self) -> None:
-        """What was started and did not complete: upstream's assumptions, with or without pending flags."""
+        """Track what was started and did not complete: upstream's assumptions, with or without pending flags."""
         self._rule = 'what was started is owed until it completes'
         words = self._vocabulary
         hoped = self._file.mappings.transition_outcomes[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How activations, outcomes and memory are called in formulas, and how a valuation is read back.
+"""Names of activations, outcomes and memory in formulas, and how a valuation is read back.
 
 Either each capability ``a`` has an activation ``a_a`` and its outcomes ``a_c``, ``a_f`` (the first letters of
 ``completed``, ``failure``, as many as make them different), or (*parsed*) an integer ``capability`` tells which one is
@@ -26,14 +26,14 @@ class Vocabulary:
     numbers: Mapping[str, int] | None = None
 
     def active(self, capability: str, *, primed: bool = False) -> str:
-        """That a capability is active."""
+        """Return the proposition that a capability is active."""
         prime = "'" if primed else ''
         if self.numbers is not None:
             return f'({CAPABILITY}{prime}={self.numbers[capability]})'
         return f'{capability}_a{prime}'
 
     def arrives(self, capability: str, outcome: str) -> str:
-        """That an outcome of a capability arrives with the next step."""
+        """Return the proposition that an outcome of a capability arrives with the next step."""
         if self.numbers is not None:
             return f"({self.active(capability)} & {outcome}')"
         return f"{capability}_{self.suffixes[outcome]}'"

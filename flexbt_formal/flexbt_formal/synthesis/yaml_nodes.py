@@ -16,7 +16,7 @@ from .errors import SynthesisError
 
 
 class YamlEntry(NamedTuple):
-    """What somebody wrote, and in which line of the file (from 1)."""
+    """A text of a user with its line in the file (from 1)."""
 
     text: str
     line: int

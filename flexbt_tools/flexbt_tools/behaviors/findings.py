@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What ``behavior_tool check`` finds in a behavior."""
+"""Findings of ``behavior_tool check``."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is suspicious about a state machine that the engine takes.
+"""Rules for suspicious parts of a state machine that the engine accepts.
 
 A machine is looked at as a graph: its states and its outcomes are the nodes, the transitions are the edges.
 """

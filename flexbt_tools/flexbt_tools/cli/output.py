@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How commands write findings, pictures and skills: their arguments, forms and exit codes."""
+"""Output of findings, pictures and skills by commands: arguments, forms and exit codes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Reported(NamedTuple):
 
 
 def add_report_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[CheckRule]) -> None:
-    """What counts and how it is told: ``options.ignore``, ``options.remarks``, ``options.strict``, ``options.json``."""
+    """Add the options of a report: ``options.ignore``, ``options.remarks``, ``options.strict``, ``options.json``."""
     parser.add_argument(
         '--ignore',
         metavar='RULE',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What mocks are to do: read from YAML files, and from the command line.
+"""Plans of mocks, read from YAML files and from the command line.
 
 ::
 
@@ -52,7 +52,7 @@ class MockStep:
 
 @dataclass(frozen=True, slots=True)
 class MockRule:
-    """What the nodes that ``pattern`` means do: they follow ``steps``, or are ``REAL``, or ``PASS`` the ticks to their
+    """The plan of the nodes that match ``pattern``: they follow ``steps``, or are ``REAL``, or ``PASS`` ticks to their
     child. ``place`` is where the rule is written."""
 
     pattern: str

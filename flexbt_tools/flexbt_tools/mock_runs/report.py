@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is told of a run with mocks: each change of a status, and how it has ended."""
+"""Reports of a run with mocks: each change of a status, and the end of the run."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is wrong, or suspicious, in tree files."""
+"""Checks for errors and suspicious parts of tree files."""

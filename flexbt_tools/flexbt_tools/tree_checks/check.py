@@ -246,7 +246,7 @@ def _added(library: TreeLibrary, registry: NodeRegistry) -> Iterable[Diagnostic]
 
 
 def joined(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Findings for people: node types that are not registered are one for each file, at the first of their nodes."""
+    """Return the findings for people: one for all unregistered node types of a file, at the first of their nodes."""
     found: dict[tuple[str, int], list[Diagnostic]] = {}
     for number, one in enumerate(diagnostics):
         found.setdefault((one.place.file, -1 if one.place.unknown else number), []).append(one)

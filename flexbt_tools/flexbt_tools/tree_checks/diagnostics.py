@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What ``check`` finds: errors, for which the engine refuses a file, and what is only suspicious."""
+"""Findings of ``check``: errors, for which the engine refuses a file, and warnings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from flexbt_core.values.text import one_line
 
 
 class CheckSeverity(Enum):
-    """How bad it is: an error is wrong in each run that comes to it, a warning may be meant."""
+    """The severity of a finding: an error fails in each run that reaches it, a warning may be intended."""
 
     ERROR = 'error'
     WARNING = 'warning'

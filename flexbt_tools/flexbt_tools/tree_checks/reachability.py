@@ -92,7 +92,7 @@ def _rule(node: NodeDefinition) -> Outcomes:
 
 
 def incompleteness(node: NodeDefinition) -> str:
-    """Why the node cannot be ticked with the children that it has; '' when it can."""
+    """Return why the node cannot be ticked with its children; '' when it can."""
     node_class = node.manifest.node_class
     return node_class.incompleteness(len(node.children)) if issubclass(node_class, ControlNode) else ''
 

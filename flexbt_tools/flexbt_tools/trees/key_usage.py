@@ -113,7 +113,7 @@ def _uses_of_expression(attribute: str, expression: Expression) -> Iterator[KeyU
 
 
 class NodePlace(NamedTuple):
-    """Where an entry is used. ``number`` grows in the order of the nodes of the running tree, sub-trees included."""
+    """A use of an entry. ``number`` grows in the order of the nodes of the running tree, sub-trees included."""
 
     tree: TreeDefinition
     node: NodeDefinition

@@ -123,7 +123,7 @@ def find_tree(library: TreeLibrary, id: str) -> TreeKey:
 
 
 class _Lines(NamedTuple):
-    """What the branches of a tree are drawn with."""
+    """Characters that draw the branches of a tree."""
 
     child: str
     last_child: str

@@ -72,7 +72,7 @@ class Timer(NamedTuple):
 
 
 class Communication(NamedTuple):
-    """Who uses a service or an action: ``kind`` is the element that declares it."""
+    """The user of a service or an action: ``kind`` is the element that declares it."""
 
     kind: str
     name: str
@@ -82,7 +82,7 @@ class Communication(NamedTuple):
 
 @dataclass(frozen=True)
 class Instance:
-    """Which node of the tree a plugin is: its number from 1, what the file gives its ports, its children's numbers."""
+    """The node of the tree that a plugin is: its number from 1, the values of its ports, its children's numbers."""
 
     uid: int
     name: str
@@ -91,7 +91,7 @@ class Instance:
 
 
 class _Scope(NamedTuple):
-    """What the names in an expression can be."""
+    """Names that an expression can use."""
 
     variables: Mapping[str, int]
     types: Mapping[str, DataType]

@@ -95,7 +95,7 @@ class AutomatonState:
 
 
 class LocalState(NamedTuple):
-    """Where an automaton is: ``at`` is a state when it is negative (``-1 - number``), otherwise the address of a
+    """The position of an automaton: ``at`` is a state when it is negative (``-1 - number``), otherwise the address of a
     sending or writing that is due. ``event`` has the parameters of the event at hand, as long as its body goes on."""
 
     at: int
@@ -118,7 +118,7 @@ class _Enter(NamedTuple):
 
 
 class Around(NamedTuple):
-    """What expressions reach beside data and event: input ports that point to the blackboard, and random numbers."""
+    """Values that expressions can use beside data and event: ports that point to the blackboard, random numbers."""
 
     inputs: Mapping[str, Any]
     draws: Draws

@@ -41,7 +41,7 @@ class DataType:
 
     @property
     def zero(self) -> Any:
-        """What a value is that was never set."""
+        """Value of a variable that was never set."""
         if self.inner is not None:
             return ()
         if self.plain is not None:

@@ -37,7 +37,7 @@ def ros_name(name: str) -> str:
 
 
 def bt_event(uid: int, what: str) -> str:
-    """``what`` is tick, response, halt, or halt_response; ``uid`` counts the nodes of the tree from 1."""
+    """Return the name of an event of the node ``uid`` (from 1): ``what`` is tick, response, halt, or halt_response."""
     return f'bt_{FIRST_NODE - 1 + uid}_{what}'
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What ``Math.random()`` gives: real numbers by a generator, or all whole numbers that come of it, with their
+"""Values of ``Math.random()``: real numbers by a generator, or all whole numbers that come of it, with their
 probabilities, where an expression makes whole numbers of it at once."""
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class ManyValuesError(ModelFault):
 
 
 class Draws(Protocol):
-    """What an expression asks by lot; ``u`` is evenly distributed from 0 to below 1."""
+    """A random draw of an expression; ``u`` is evenly distributed from 0 to below 1."""
 
     def real(self) -> float:
         """``u``."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who wins: the states from which a specification can be fulfilled, and how far each is from the next guarantee.
+"""Solver of games: the states from which a specification can be fulfilled, and how far each is from the next guarantee.
 
 Three fixpoints in each other (Bloem et al. 2012), over transitions, so that assumptions and guarantees may speak of the
 next step. With transitions that the world has to take at some time (``Specification.live``) the set of states that

@@ -17,7 +17,7 @@ from .formula_parser import Ranges
 
 
 class Section(Enum):
-    """What a line of a specification is about; the values are the names in files."""
+    """The section of a line of a specification; the values are the names in files."""
 
     ENV_INIT = 'ENV_INIT'
     SYS_INIT = 'SYS_INIT'
@@ -55,7 +55,7 @@ class SpecificationLine:
 
     @property
     def meaning(self) -> str:
-        """What it says, for people."""
+        """Text of the line for people."""
         return self.origin or self.rule or self.text
 
 
@@ -78,7 +78,7 @@ class Specification:
 
     @property
     def ranges(self) -> Ranges:
-        """What a formula over the variables may have."""
+        """Values that the variables of a formula may have."""
         return {name: variable.bounds for name, variable in self.variables.items()}
 
     def of(self, section: Section) -> list[Formula]:
