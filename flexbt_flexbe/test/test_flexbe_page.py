@@ -20,7 +20,7 @@ TESTS = [
 
 
 def test_each_difference_is_a_row_and_each_row_has_its_test() -> None:
-    section = PAGE[PAGE.index('## What differs on purpose') : PAGE.index('## What is not here')]
+    section = PAGE[PAGE.index('## Intentional differences') : PAGE.index('## What is not supported')]
     rows = [line for line in section.splitlines() if line.startswith('| ') and not line.startswith('| What |')]
     named = {name for row in rows for name in re.findall(r'`(test_\w+)`', row.rpartition(' | ')[2])}
     written = {name for file in TESTS for name in re.findall(r'def (test_\w+)', file.read_text(encoding='utf-8'))}
@@ -38,7 +38,7 @@ def test_the_commands_are_the_consoles() -> None:
 
 
 def test_what_is_not_here_is_not_and_its_import_names_it() -> None:
-    section = PAGE[PAGE.index('## What is not here') : PAGE.index("## FlexBT's states in FlexBE's engine")]
+    section = PAGE[PAGE.index('## What is not supported') : PAGE.index("## FlexBT's states in FlexBE's engine")]
     offered, mixins, members = (
         re.findall(r'`([^`]+)`', part)
         for part in re.split(
