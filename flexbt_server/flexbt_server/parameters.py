@@ -84,7 +84,7 @@ def declare_parameters(node: Node) -> ServerParameters:
     written = declare.text(
         'nav2_branch',
         'jazzy',
-        f'branch of Nav2 of the trees that do not show it themselves: {", ".join(NAV2_BRANCHES)}',
+        f'Nav2 branch of trees that do not show theirs: {", ".join(NAV2_BRANCHES)}',
     )
     branch = next((known for known in NAV2_BRANCHES if known == written), None)
     if branch is None:
@@ -101,32 +101,28 @@ def declare_parameters(node: Node) -> ServerParameters:
             f"parameter 'btlog_directory': {btlog_directory} is not absolute; begin it with / or ~"
         )
     return ServerParameters(
-        default_tree=declare.text('default_tree', '', 'tree of a goal that names none: ID or package/path.xml'),
-        preload=declare.texts('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
+        default_tree=declare.text('default_tree', '', 'tree of a goal that names no tree: ID or package/path.xml'),
+        preload=declare.texts('preload', (), 'XML files to load at start-up, as package/path.xml'),
         allowed_directories=declare.fixed.directories(
-            'allowed_directories', (), 'directories, beside the package shares, that may hold XML files'
+            'allowed_directories', (), 'directories that may hold XML files, in addition to the package shares'
         ),
         nav2_branch=branch,
-        tick_rate=declare.real(
-            'tick_rate', 10.0, 0.1, 1000.0, 'least rate at which a running tree is ticked without a wake-up, Hz'
-        ),
+        tick_rate=declare.real('tick_rate', 10.0, 0.1, 1000.0, 'minimum tick rate when no event wakes the tree, Hz'),
         feedback_rate=declare.real(
-            'feedback_rate', 5.0, 0.1, 100.0, 'rate of the feedback of a running tree, Hz of wall time'
+            'feedback_rate', 5.0, 0.1, 100.0, 'feedback rate of a running tree, Hz of wall time'
         ),
         server_timeout=declare.real(
-            'server_timeout', 1.0, 0.01, 60.0, 'wait for a server and for its acceptance, s of wall time'
+            'server_timeout', 1.0, 0.01, 60.0, 'time to wait for a server, and for it to accept a goal, s of wall time'
         ),
-        cancel_timeout=declare.real(
-            'cancel_timeout', 2.0, 0.01, 60.0, 'how long leaves may take to halt, s of wall time'
-        ),
+        cancel_timeout=declare.real('cancel_timeout', 2.0, 0.01, 60.0, 'time that leaves have to halt, s of wall time'),
         start_timeout=declare.real(
-            'start_timeout', 10.0, 0.0, 600.0, 'age of this process up to which a server of a leaf is waited for, s'
+            'start_timeout', 10.0, 0.0, 600.0, 'seconds after start-up during which leaves wait for their servers'
         ),
         peer_timeout=declare.real('peer_timeout', PEER_TIMEOUT, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
-        robot_base_frame=declare.text('robot_base_frame', 'base_link', 'frame of the robot that the poses are of'),
+        robot_base_frame=declare.text('robot_base_frame', 'base_link', 'frame of the robot'),
         goal_reached_tol=declare.real(
-            'goal_reached_tol', 0.25, 0.0, 100.0, 'how far from its goal GoalReached takes the robot to be there, m'
+            'goal_reached_tol', 0.25, 0.0, 100.0, 'distance from the goal at which GoalReached succeeds, m'
         ),
         error_code_names=declare.texts(
             'error_code_names',
@@ -143,11 +139,13 @@ def declare_parameters(node: Node) -> ServerParameters:
             'memory that loaded trees may take, bytes; the least recently used are dropped to make room',
         ),
         groot2_port=declare.fixed.integer(
-            'groot2_port', 0, 0, 65534, 'port where Groot2 finds running trees (it asks at 1667), and the next; 0: off'
+            'groot2_port',
+            0,
+            0,
+            65534,
+            'port on which Groot2 finds running trees (its default: 1667), and the next one; 0: off',
         ),
-        groot2_address=declare.fixed.text(
-            'groot2_address', '127.0.0.1', 'address on which Groot2 is waited for; * for all'
-        ),
+        groot2_address=declare.fixed.text('groot2_address', '127.0.0.1', 'address to listen on for Groot2; * for all'),
         groot2_tree=declare.text('groot2_tree', '', 'ID of the tree that Groot2 is shown; if empty, the newest one'),
         btlog_directory=btlog_directory,
         btlog_keep=declare.fixed.integer(
@@ -155,7 +153,7 @@ def declare_parameters(node: Node) -> ServerParameters:
             100,
             1,
             1_000_000,
-            'newest log files that are kept in that directory; a run of ReachGoal leaves several',
+            'number of log files to keep in that directory; a run of ReachGoal leaves several',
         ),
         publish_statuses=declare.flag(
             'publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published'
@@ -225,7 +223,7 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
         ServerParameterError, UnfitParameterError: a value that cannot work.
     """
     served = declare.texts(
-        'navigators', (), f'actions that are served as by bt_navigator and waypoint_follower: {", ".join(NAVIGATORS)}'
+        'navigators', (), f'actions of bt_navigator and waypoint_follower to serve: {", ".join(NAVIGATORS)}'
     )
     for name in served:
         if name not in NAVIGATORS:
@@ -246,7 +244,7 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
         for text in declare.fixed.texts(
             'bt_search_directories',
             (),
-            'directories whose XML files are loaded at the start; goals may name their trees by ID',
+            'directories whose XML files are loaded at start-up; goals may name their trees by ID',
         )
     )
     for directory in directories:
@@ -262,15 +260,15 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
             f"parameter 'waypoint_task_executor_plugin': {task!r} is not one of {', '.join(TASKS)}; a robot that does "
             'something else at waypoints has a behavior or a tree that does it'
         )
-    pauses = declare.flag(f'{WAIT}.enabled', True, 'whether it pauses there')
+    pauses = declare.flag(f'{WAIT}.enabled', True, 'whether to pause at each waypoint')
     pause = declare.integer(
-        f'{WAIT}.waypoint_pause_duration', 0, 0, 86_400_000, 'how long it pauses, ms of the clock of the node'
+        f'{WAIT}.waypoint_pause_duration', 0, 0, 86_400_000, 'pause at each waypoint, ms of the node clock'
     )
-    asks = declare.flag(f'{INPUT}.enabled', True, 'whether it waits there for a message')
+    asks = declare.flag(f'{INPUT}.enabled', True, 'whether to wait for a message at each waypoint')
     asked = InputParameters(
         declare.text(f'{INPUT}.input_topic', f'{INPUT}/input', 'topic of the message, std_msgs/Empty'),
         declare.real(
-            f'{INPUT}.timeout', 10.0, 0.01, 86_400.0, 'how long it waits for it at most, s of the clock of the node'
+            f'{INPUT}.timeout', 10.0, 0.01, 86_400.0, 'maximum time to wait for the message, s of the node clock'
         ),
     )
     return NavigatorParameters(
@@ -280,15 +278,15 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
         global_frame=declare.text(
             'global_frame',
             'map',
-            'frame of robot and goals where none is named, and of the goals of navigators',
+            'frame of robot and goals by default, and of the goals of navigators',
         ),
         goal_key=declare.text('goal_blackboard_id', 'goal', 'blackboard key of the goal of navigate_to_pose'),
-        goals_key=declare.text('goals_blackboard_id', 'goals', 'blackboard key of those of navigate_through_poses'),
+        goals_key=declare.text('goals_blackboard_id', 'goals', 'blackboard key of the goals of navigate_through_poses'),
         path_key=declare.text('path_blackboard_id', 'path', 'blackboard key of the path that the robot follows'),
         statuses_key=declare.text(
             'waypoint_statuses_blackboard_id',
             'waypoint_statuses',
-            'blackboard key of what has become of each of them, for trees of the branch main',
+            'blackboard key of the statuses of the waypoints, for trees of the branch main',
         ),
         stop_on_failure=declare.flag(
             'stop_on_failure', True, 'whether follow_waypoints ends when a waypoint cannot be reached'

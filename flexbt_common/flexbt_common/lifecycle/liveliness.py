@@ -75,7 +75,7 @@ only when it is said again (measured; Fast DDS over shared memory)."""
 PEER_TIMEOUT: Final = 5.0
 """After this time a node that is late is taken for gone, s of wall time; unless the watcher sets another one."""
 
-PEER_TIMEOUT_TEXT: Final = 'how long a node may be late before it is taken for gone, s of wall time'
+PEER_TIMEOUT_TEXT: Final = 'time without a sign of life after which a node counts as gone, s of wall time'
 """Description of the parameter ``peer_timeout`` of nodes that watch others."""
 
 START_SECONDS: Final = 5.0
