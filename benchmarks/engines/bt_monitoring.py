@@ -5,8 +5,7 @@ Three trees of each shape take turns: one that was never watched, one that was w
 one that the BT server's stream watches. Of the latter the table has the time of a tick itself, in which the changes are
 logged; and the time with sending, when it is ticked at 100 Hz, as Nav2 does, and statuses are sent at 20 Hz, as the
 server does: five ticks and one flush, which reads the log and publishes. That is time of the thread on the processor.
-What counts is the median of the ratios of the rounds. The column *plain* is the ratio of the tick itself when neither
-tree has the acceleration of the engine.
+What counts is the median of the ratios of the rounds.
 
 In the shapes (a) to (e), those of bt_tick.py, every node changes its status two or three times in every tick. (n) is
 Nav2's navigate_to_pose_w_replanning_and_recovery while the robot drives, once for each 21 nodes; (r) has reactive
@@ -166,15 +165,7 @@ def compare(shape: str, count: int, rounds: int, nodes: Any, stream: Any, wheel:
     before.observe()
     run.read(RunStarted(watched))
     size = len(never.nodes)
-    with bt_tick.plain():
-        document = load_xml(xml, 'bench.xml', registry())
-        plain_library = TreeLibrary().stage([document])
-        plain_log: list[int] = []
-        plain_never = Tree(plain_library, 'T0')
-        plain_watched = Tree(plain_library, 'T0', observers=[StatusLog(plain_log)], after_round=plain_log.clear)
     samples = {
-        'plain off': Sample(plain_never.tick_exactly_once, size),
-        'plain on': Sample(plain_watched.tick_exactly_once, size),
         'off': Sample(never.tick_exactly_once, size),
         'watched before': Sample(before.tick_exactly_once, size),
         'on': Sample(watched.tick_exactly_once, size, run._flush),
@@ -194,7 +185,6 @@ def compare(shape: str, count: int, rounds: int, nodes: Any, stream: Any, wheel:
     off, on = samples['off'], samples['on']
     row['ratio watched before'] = bt_tick.median_ratio(samples['watched before'].ticks, off.ticks)
     row['ratio of the tick'] = bt_tick.median_ratio(on.ticks, off.ticks)
-    row['ratio plain'] = bt_tick.median_ratio(samples['plain on'].ticks, samples['plain off'].ticks)
     row['ratio with sending'] = bt_tick.median_ratio(on.batches, off.batches)
     if 'btcpp off' in samples:
         row['ratio btcpp'] = bt_tick.median_ratio(samples['btcpp on'].ticks, samples['btcpp off'].ticks)
@@ -240,8 +230,8 @@ def main() -> int:
     arguments = parser.parse_args()
     wheel = bt_tick.Wheel()
     nodes = registry()
-    print(f'{"":42}{"ns for a node, tick":>20}{"watched":>9}{"the tick":>10}{"with":>9}{"plain":>8}{"BT.CPP with":>13}')
-    print(f'{"":36}{"nodes":>6}{"off":>10}{"on":>10}{"before":>9}{"itself":>10}{"sending":>9}{"":>8}{"FileLogger":>13}')
+    print(f'{"":42}{"ns for a node, tick":>20}{"watched":>9}{"the tick":>10}{"with":>9}{"BT.CPP with":>13}')
+    print(f'{"":36}{"nodes":>6}{"off":>10}{"on":>10}{"before":>9}{"itself":>10}{"sending":>9}{"FileLogger":>13}')
     rows = []
     with domain_id() as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -261,7 +251,7 @@ def main() -> int:
                     print(
                         f'({shape}) {SHAPES[shape][0]:32}{row["nodes"]:6}{row["off"]:10.1f}{row["on"]:10.1f}'
                         f'{row["ratio watched before"]:9.2f}{row["ratio of the tick"]:10.2f}'
-                        f'{row["ratio with sending"]:9.2f}{row["ratio plain"]:8.2f}{peer}',
+                        f'{row["ratio with sending"]:9.2f}{peer}',
                         flush=True,
                     )
     kept = [row for row in rows if row['ratio of the tick'] <= TARGET]

@@ -4,7 +4,7 @@
 Shapes: (a) a sequence of leaves, (b) a reactive fallback over conditions, (c) a chain of decorators, (d) sub-trees with
 remapped ports that are written and read, (e) scripts and pre-conditions, and (f) a sequence of leaves written in Python
 for this engine and for the wheel. The engines take turns within each round, so that the noise of the machine meets
-them alike; what counts is the median of the ratios of the rounds. *Plain* is this engine without its acceleration.
+them alike; what counts is the median of the ratios of the rounds.
 
 A second table has other nodes, each of them many times below one ParallelAll, which ticks them all.
 
@@ -18,7 +18,6 @@ Usage: python3 benchmarks bt_tick [--rounds N] [--sizes 100,1000] [--shapes a,b,
 from __future__ import annotations
 
 import argparse
-import contextlib
 import gc
 import importlib
 import statistics
@@ -26,7 +25,7 @@ import sys
 import tempfile
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,7 +34,6 @@ from _figures import write_figures
 from flexbt_core.behavior_tree.engine.leaf import Condition
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.engine.tree import Tree
-from flexbt_core.behavior_tree.model import acceleration_seam
 from flexbt_core.behavior_tree.model.definition import TreeDocument, TreeLibrary
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
@@ -239,17 +237,6 @@ def our_tree(xml: str, nodes: NodeRegistry) -> Tree:
     return Tree(TreeLibrary().stage([load_xml(xml, 'bench.xml', nodes)]), 'T0')
 
 
-@contextlib.contextmanager
-def plain() -> Iterator[None]:
-    """Provide what is read and made meanwhile has no acceleration."""
-    installed = acceleration_seam.acceleration()
-    acceleration_seam.install(None)
-    try:
-        yield
-    finally:
-        acceleration_seam.install(installed)
-
-
 class Wheel:
     """BehaviorTree.CPP. The factory lives as long as its trees."""
 
@@ -298,12 +285,9 @@ def compare(shape: str, xml: str, rounds: int, wheel: Wheel) -> dict[str, Any]:
     ours = our_tree(xml, registry())
     nodes = len(ours.nodes)
     factory, theirs = wheel.tree(xml)
-    with plain():
-        unaccelerated = our_tree(xml, registry())
     engines: dict[str, Tick] = {
         'flexbt': ours.tick_exactly_once,
         'btcpp': theirs.tick_exactly_once,
-        'plain': unaccelerated.tick_exactly_once,
     }
     slow = py_trees_tick(shape, nodes)
     if slow is not None:
@@ -320,7 +304,6 @@ def compare(shape: str, xml: str, rounds: int, wheel: Wheel) -> dict[str, Any]:
     row: dict[str, Any] = {'shape': shape, 'nodes': nodes}
     row |= {name: statistics.median(values) for name, values in samples.items()}
     row['ratio'] = median_ratio(samples['flexbt'], samples['btcpp'])
-    row['ratio plain'] = median_ratio(samples['plain'], samples['btcpp'])
     if slow is not None:
         row['times faster than py_trees'] = 1 / median_ratio(samples['flexbt'], samples['py_trees'])
     return row
@@ -395,10 +378,7 @@ def main() -> int:
     parser.add_argument('--output', type=Path, default=Path('out/bt_tick.json'))
     arguments = parser.parse_args()
     wheel = Wheel()
-    print(
-        f'{"ns for a node and tick":36}{"nodes":>7}{"FlexBT":>9}{"BT.CPP":>9}{"py_trees":>10}'
-        f'{"ratio":>8}{"plain":>8}{"x":>7}'
-    )
+    print(f'{"ns for a node and tick":36}{"nodes":>7}{"FlexBT":>9}{"BT.CPP":>9}{"py_trees":>10}{"ratio":>8}{"x":>7}')
     sizes = [int(size) for size in arguments.sizes.split(',')]
     rows = []
     for shape in filter(None, arguments.shapes.split(',')):
@@ -409,7 +389,7 @@ def main() -> int:
             times = f'{row["times faster than py_trees"]:7.0f}' if 'py_trees' in row else ''
             print(
                 f'({shape}) {SHAPES[shape][0]:32}{row["nodes"]:7}{row["flexbt"]:9.1f}{row["btcpp"]:9.1f}'
-                f'{slow}{row["ratio"]:8.2f}{row["ratio plain"]:8.2f}{times}',
+                f'{slow}{row["ratio"]:8.2f}{times}',
                 flush=True,
             )
     print(
@@ -417,14 +397,13 @@ def main() -> int:
         f'{TARGET_PY_TREES:.0f} times faster than py_trees'
     )
     others = []
-    print(f'{"other nodes, ns for a node and tick":36}{"nodes":>7}{"FlexBT":>9}{"BT.CPP":>9}{"ratio":>18}{"plain":>8}')
+    print(f'{"other nodes, ns for a node and tick":36}{"nodes":>7}{"FlexBT":>9}{"BT.CPP":>9}{"ratio":>18}')
     for name in filter(None, arguments.others.split(',')):
         what, make = OTHERS[name]
         row = compare(name, make(OTHER_NODES), arguments.rounds, wheel)
         others.append(row | {'what': what})
         print(
-            f'{what:36}{row["nodes"]:7}{row["flexbt"]:9.1f}{row["btcpp"]:9.1f}{row["ratio"]:18.2f}'
-            f'{row["ratio plain"]:8.2f}',
+            f'{what:36}{row["nodes"]:7}{row["flexbt"]:9.1f}{row["btcpp"]:9.1f}{row["ratio"]:18.2f}',
             flush=True,
         )
     loaded = loading(10_000, arguments.rounds, wheel)

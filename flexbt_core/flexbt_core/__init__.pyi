@@ -71,9 +71,6 @@ from .behavior_tree.engine.observers import (
 from .behavior_tree.engine.observers import (
     TickCallbacks as TickCallbacks,
 )
-from .behavior_tree.engine.observers import (
-    log_reader as log_reader,
-)
 from .behavior_tree.engine.parents import (
     Control as Control,
 )

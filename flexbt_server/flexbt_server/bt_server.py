@@ -20,7 +20,6 @@ from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, run_managed_node
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_core.clock.work_thread import LateWork, WorkThread
 from flexbt_msgs.msg import BtLoadReport
@@ -61,8 +60,6 @@ class BtServer:
         registry = node_registry(
             lambda nodes, error: logger.error(f'{nodes} not added: {error!r}'), parameters.nav2_branch
         )
-        if parameters.publish_statuses:
-            acceleration().prepare(registry.node_classes)
         allowed = (*parameters.allowed_directories, *parameters.navigators.trusted)
         topics = TopicCaches(runtime)
         store = TreeStore(

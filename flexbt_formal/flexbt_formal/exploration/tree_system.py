@@ -61,7 +61,6 @@ _CONSTANT: Final = (
     '_values',
     'context',
     'blackboard',
-    'marks',
     'id',
     'name',
     'uid',

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.node import node_path
-from flexbt_core.behavior_tree.engine.observers import Log, log_reader
+from flexbt_core.behavior_tree.engine.observers import Log, LogReader
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.errors import Source, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeStatus
@@ -67,7 +67,7 @@ class LogWriter:
         self._start = start
         self._write = write
         self._on_error = on_error
-        self._reader = log_reader(tree.nodes, _change)
+        self._reader = LogReader(tree.nodes, _change)
         self._takes_no_more = len(tree.nodes) > protocol.MAX_UID
         self._written = 0
         self._has_failed = False

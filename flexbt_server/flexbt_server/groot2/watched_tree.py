@@ -16,7 +16,7 @@ from typing import Any, Final
 import msgpack
 
 from flexbt_core.behavior_tree.engine.node import TreeNode
-from flexbt_core.behavior_tree.engine.observers import log_reader
+from flexbt_core.behavior_tree.engine.observers import LogReader
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes, show_blackboard
@@ -74,7 +74,7 @@ class WatchedTree:
                 self._statuses += protocol.status_bytes(node.uid, node.status)
                 self._places[node.uid] = len(self._statuses) - 1
         self.log = log
-        self._reader = log_reader(tree.nodes, self._change)
+        self._reader = LogReader(tree.nodes, self._change)
         self._reading = threading.RLock()
         self._ended = False
         self._recorded: deque[tuple[int, int, int]] = deque(maxlen=RECORDED)

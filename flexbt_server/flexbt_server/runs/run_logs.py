@@ -17,7 +17,7 @@ from nav2_msgs.msg import BehaviorTreeLog, BehaviorTreeStatusChange
 
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_core.behavior_tree.engine.observers import LogReader, log_reader
+from flexbt_core.behavior_tree.engine.observers import LogReader
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_core.behavior_tree.model.status import NodeStatus
@@ -191,7 +191,7 @@ class _TreeLog(RunReader):
             self._logs.publish(self._names, self._changes.read(marks))
         if isinstance(event, RunStarted | TreeExpanded):
             self._names = {node.uid: node.name for node in event.tree.nodes}
-            self._changes = log_reader(event.tree.nodes, lambda uid, before, after: (uid, before, after))
+            self._changes = LogReader(event.tree.nodes, lambda uid, before, after: (uid, before, after))
 
 
 # Shows the runs of the server to Groot2; see :class:`Groot2Server`.

@@ -29,7 +29,7 @@ from rclpy.time import Time
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.engine.node import TreeNode
-from flexbt_core.behavior_tree.engine.observers import log_reader
+from flexbt_core.behavior_tree.engine.observers import LogReader
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_core.clock.clock import Clock, Timer
@@ -314,7 +314,7 @@ class RoundReader:
     """
 
     def __init__(self, nodes: Sequence[TreeNode]) -> None:
-        self._reader = log_reader(nodes, _END.pack)
+        self._reader = LogReader(nodes, _END.pack)
         self._rounds: dict[tuple[bytes, tuple[int, ...]], tuple[list[bytes], bytes]] = {}
         self._remembered = 0
 

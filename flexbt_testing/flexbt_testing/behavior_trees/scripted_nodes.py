@@ -38,7 +38,7 @@ from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
-from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
+from flexbt_core.behavior_tree.script.interpreter import WARM_UP, ScriptLibrary
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.monitors.tree_monitor import TreeMonitor
@@ -125,7 +125,7 @@ class Deco(Decorator):
 def registry() -> NodeRegistry:
     """Return the registry of the engine with the scripted nodes."""
     # Code is made of a script at its second run, so that all that runs more often tests both of its forms.
-    nodes = builtin_registry(ScriptLibrary(warm_up=1))
+    nodes = builtin_registry(ScriptLibrary(min(1, WARM_UP)))
     nodes.register_classes((Act, Sync, Cond, Deco))
     return nodes
 

@@ -10,10 +10,10 @@ them that is true (``_while``: false) decides the result, and the node is not ti
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Final
 
-from flexbt_core.behavior_tree.model.definition import ParsedScript, RunnableScript
+from flexbt_core.behavior_tree.model.definition import ParsedScript
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
@@ -27,147 +27,166 @@ _DECISIONS: Final[Mapping[str, tuple[bool, NodeStatus]]] = {
     '_skipIf': (True, SKIPPED),
     '_while': (False, SKIPPED),
 }
+# With what the node completes when a post-condition runs, in the order in which they run.
+_COMPLETIONS: Final[Mapping[str, tuple[NodeStatus, ...]]] = {
+    '_onSuccess': (SUCCESS,),
+    '_onFailure': (FAILURE,),
+    '_post': (SUCCESS, FAILURE),
+}
 
 
-class NodeScript(NamedTuple):
-    """A script of a node, and the attribute that it is in. A pre-condition gives ``result`` when it is ``decisive``."""
+class NodeScript:
+    """A script of a node, and the attribute that it is in."""
 
-    attribute: str
-    text: str
-    bound: RunnableScript
-    decisive: bool = True
-    result: NodeStatus = IDLE
+    __slots__ = ('_node', 'attribute', 'bound', 'text')
+
+    def __init__(self, node: TreeNode, attribute: str, script: ParsedScript) -> None:
+        self._node = node
+        self.attribute = attribute
+        self.text = script.text
+        self.bound = script.bind(node.blackboard, condition=attribute in _DECISIONS)
 
     def __str__(self) -> str:
         return f'[{self.text}] of {self.attribute} holds'
 
-    def run(self, node: TreeNode) -> bool | None:
+    def run(self) -> bool | None:
         """Run it. Raises NodeExecutionError."""
         try:
             return self.bound.run()
         except ScriptError as error:
-            raise self.fault(node, error) from error
+            raise self.fault(error) from error
 
-    def fault(self, node: TreeNode, error: ScriptError) -> NodeExecutionError:
+    def fault(self, error: ScriptError) -> NodeExecutionError:
         """Return the error of the node whose script has failed."""
         reason = f'{self.attribute}: {error.reason}'
-        return node.fault(ScriptError(error.script, error.offset, reason, is_absent=error.is_absent))
+        return self._node.fault(ScriptError(error.script, error.offset, reason, is_absent=error.is_absent))
+
+
+class _PreCondition(NodeScript):
+    """A script that is asked before a tick of the node: what it decides takes the place of the tick."""
+
+    __slots__ = ('_decides', '_decisive', '_ongoing', '_tick', 'result')
+
+    def __init__(
+        self, node: TreeNode, attribute: str, script: ParsedScript, decides: Callable[[_PreCondition], NodeStatus]
+    ) -> None:
+        super().__init__(node, attribute, script)
+        self._decides = decides
+        self._decisive, self.result = _DECISIONS[attribute]
+        self._ongoing = attribute == '_while'
+
+    def before(self, tick: Tick) -> Tick:
+        """Return ``tick`` with the question before it."""
+        self._tick = tick
+        return self._ask_and_tick
+
+    def _ask_and_tick(self) -> NodeStatus:
+        node = self._node
+        node.decided_by = None
+        status = node.status
+        if status is IDLE or status is SKIPPED or (status is RUNNING and self._ongoing):
+            # What is in a slot is fetched first here and below: Python is slower to call it at once.
+            run = self.bound.run
+            try:
+                holds = run()
+            except ScriptError as error:
+                raise self.fault(error) from error
+            if holds is self._decisive:
+                return self._decides(self)
+        tick = self._tick
+        return tick()
+
+
+class _PostCondition(NodeScript):
+    """A script that runs when the node completes."""
+
+    __slots__ = ('_tick', 'statuses')
+
+    def __init__(self, node: TreeNode, attribute: str, script: ParsedScript) -> None:
+        super().__init__(node, attribute, script)
+        self.statuses = _COMPLETIONS[attribute]
+
+    def after(self, tick: Tick) -> Tick:
+        """Return ``tick`` with the script after it, for where nobody sees the result before that."""
+        self._tick = tick
+        return self._tick_and_run
+
+    def _tick_and_run(self) -> NodeStatus:
+        node = self._node
+        before = node.status
+        tick = self._tick
+        status = tick()
+        if status in self.statuses:
+            run = self.bound.run
+            try:
+                run()
+            except ScriptError as error:
+                node.status = RUNNING if node.running_at_completion else before
+                raise self.fault(error) from error
+        return status
 
 
 class Conditions:
     """The scripts of one node."""
 
-    __slots__ = ('_halted', '_node', '_pending', '_post', '_pre')
+    __slots__ = ('_halted', '_inner', '_node', '_post', '_pre', 'pending')
 
     def __init__(self, node: TreeNode, scripts: Mapping[str, ParsedScript]) -> None:
-        def bound(*attributes: str) -> tuple[NodeScript, ...]:
-            return tuple(
-                NodeScript(
-                    attribute,
-                    scripts[attribute].text,
-                    scripts[attribute].bind(node.blackboard, condition=attribute in _DECISIONS),
-                    *_DECISIONS.get(attribute, (True, IDLE)),
-                )
-                for attribute in attributes
-                if attribute in scripts
-            )
-
         self._node = node
-        self._pre = bound(*_DECISIONS)
-        self._post = {SUCCESS: bound('_onSuccess', '_post'), FAILURE: bound('_onFailure', '_post')}
-        self._halted = bound('_onHalted')
-        # Whether the post-conditions are still to be run in this tick.
-        self._pending = False
+        self._pre = [_PreCondition(node, one, scripts[one], self._decide) for one in _DECISIONS if one in scripts]
+        self._post = [_PostCondition(node, one, scripts[one]) for one in _COMPLETIONS if one in scripts]
+        self._halted = NodeScript(node, '_onHalted', scripts['_onHalted']) if '_onHalted' in scripts else None
+        self.pending = False
+        """Whether the post-conditions are still to be run in this tick."""
 
     @property
-    def completing(self) -> bool:
-        """Whether there are scripts for a completion."""
-        return any(self._post.values())
-
-    @property
-    def halting(self) -> bool:
-        """Whether there is a script for a halt."""
-        return bool(self._halted)
+    def run_at_store(self) -> bool:
+        """Whether the post-conditions run when the node stores its result. Unobserved, they run after the tick."""
+        node = self._node
+        return bool(self._post) and bool(node.context.observers or node.running_at_completion is None)
 
     def around(self, tick: Tick) -> Tick:
-        """``tick`` with the conditions around it."""
-        if self.completing:
-            tick = self._before_post_conditions(tick)
-        return self._after_pre_conditions(tick) if self._pre else tick
+        """Return ``tick`` with the conditions around it."""
+        if self.run_at_store:
+            self._inner = tick
+            tick = self._tick_and_complete
+        else:
+            for post in self._post:
+                tick = post.after(tick)
+        for pre in reversed(self._pre):
+            tick = pre.before(tick)
+        return tick
 
-    # -- pre-conditions ----------------------------------------------------------------------------------------------
-
-    def _after_pre_conditions(self, tick: Tick) -> Tick:
-        node = self._node
-
-        def ask_and_tick() -> NodeStatus:
-            place = self._deciding()
-            if place is not None:
-                return self.decide(place)
-            node.decided_by = None
-            return tick()
-
-        return ask_and_tick
-
-    def _deciding(self) -> int | None:
-        """Return the place of the first pre-condition that decides, of those that are to be asked now."""
-        node = self._node
-        status = node.status
-        first = 0
-        if status is RUNNING:
-            first = len(self._pre) - self.asks_while_running
-        elif status is not IDLE and status is not SKIPPED:
-            return None
-        for place, script in enumerate(self._pre[first:], first):
-            if script.run(node) is script.decisive:
-                return place
-        return None
-
-    @property
-    def asks_while_running(self) -> bool:
-        """Whether the last pre-condition is asked while the node is RUNNING, too."""
-        return bool(self._pre) and self._pre[-1].attribute == '_while'
-
-    def decide(self, place: int) -> NodeStatus:
-        """Return the result that this pre-condition gives. The node completes with it, or is halted when it was
-        RUNNING."""
-        script = self._pre[place]
+    def _decide(self, script: _PreCondition) -> NodeStatus:
+        """Complete the node with the result that this pre-condition gives, or halt it when it was RUNNING."""
         node, result = self._node, script.result
-        self._pending = False
         if result is not SKIPPED:
             node.decided_by = script if result is FAILURE else None
-            self._run(result)
+            self.complete(result)
             node.status = result
         elif node.status is RUNNING:
             node.halt_node()
         return result
 
-    # -- post-conditions ---------------------------------------------------------------------------------------------
-
-    def _before_post_conditions(self, tick: Tick) -> Tick:
-        def tick_and_complete() -> NodeStatus:
-            self._pending = True
-            status = tick()
+    def _tick_and_complete(self) -> NodeStatus:
+        self.pending = True
+        status = self._inner()
+        if self.pending:
             if status is SUCCESS or status is FAILURE:
                 # Only when the result stood already, and was not stored again.
                 self.complete(status)
-            self._pending = False
-            return status
-
-        return tick_and_complete
+            self.pending = False
+        return status
 
     def complete(self, status: NodeStatus) -> None:
-        """Run the scripts for the node's completing with this status, once in a tick. Before the status is stored:
-        when one raises, the node has not completed."""
-        if self._pending:
-            self._pending = False
-            self._run(status)
-
-    def _run(self, status: NodeStatus) -> None:
-        for script in self._post[status]:
-            script.run(self._node)
+        """Run the scripts for the node's completing with this status, before it is stored: when one raises, the node
+        has not completed."""
+        self.pending = False
+        for script in self._post:
+            if status in script.statuses:
+                script.run()
 
     def halted(self) -> None:
         """Run the script for the node's having been halted."""
-        for script in self._halted:
-            script.run(self._node)
+        if self._halted is not None:
+            self._halted.run()

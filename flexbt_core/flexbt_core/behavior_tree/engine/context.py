@@ -62,7 +62,7 @@ class TreeContext:
     ``resting`` is the host's: a context around each wait within a tick. ``waited`` is whether there was one.
     ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
-    ``log`` is for what is installed as acceleration. ``monitor`` checks the run, if anything does.
+    ``log`` is where changes are written, when a log alone hears of them. ``monitor`` checks the run, if anything does.
     ``expansions`` has the trees that are to be made below nodes before the next round.
     """
 

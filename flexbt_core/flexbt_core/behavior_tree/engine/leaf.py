@@ -206,11 +206,10 @@ class StatefulAction(LeafNode):
             raise self.fault(error) from error
         if status is RUNNING:
             self.status = status  # first, so that what was begun is stopped where it is refused
-        else:
-            self.cancel_wake()
-            if status is SKIPPED:
-                return status
-        self.status = self.checked(status)
+            return self.checked(status)
+        self.cancel_wake()
+        if status is not SKIPPED:
+            self.status = self.checked(status)
         return status
 
     def halt(self) -> None:

@@ -50,6 +50,13 @@ class NodeConfig(NamedTuple):
 class NodeConditions(Protocol):
     """The pre- and post-conditions of a node."""
 
+    pending: bool
+    """Whether the post-conditions are still to be run in this tick."""
+
+    @property
+    def run_at_store(self) -> bool:
+        """Whether the post-conditions run when the node stores its result, by :meth:`complete`."""
+
     def around(self, tick: Tick) -> Tick:
         """``tick`` with the conditions around it."""
 
@@ -70,15 +77,14 @@ class TreeNode(ABC):
     __slots__ = (
         '_entries',
         '_scope',
-        '_stored_status',
         '_values',
         'blackboard',
         'conditions',
         'context',
         'decided_by',
         'id',
-        'marks',
         'name',
+        'stored_status',
         'uid',
     )
 
@@ -105,11 +111,9 @@ class TreeNode(ABC):
     decided_by: object
     """What has decided the last result in the place of a tick, as text says it: a pre-condition, or a callback. None:
     the tick itself."""
-    marks: tuple[int, ...]
-    """For what is installed as acceleration."""
 
     def __init__(self, config: NodeConfig) -> None:
-        self._stored_status: NodeStatus = IDLE
+        self.stored_status: NodeStatus = IDLE
         self.conditions = None
         self.decided_by = None
         self.id = config.id
@@ -127,20 +131,20 @@ class TreeNode(ABC):
     @property
     def status(self) -> NodeStatus:
         """What the node remembers of its last tick. To store a result runs the post-conditions first."""
-        return self._stored_status
+        return self.stored_status
 
     @status.setter
     def status(self, status: NodeStatus) -> None:
         conditions = self.conditions
-        if conditions is not None and (status is SUCCESS or status is FAILURE):
+        if conditions is not None and conditions.pending and (status is SUCCESS or status is FAILURE):
             conditions.complete(status)
         self.store_status(status)
 
     def store_status(self, status: NodeStatus) -> None:
-        """Store a status and tells the observers, if it is another one than before."""
-        before = self._stored_status
+        """Store a status, and tell the observers if it is another one than before. No post-conditions run."""
+        before = self.stored_status
         if status is not before:
-            self._stored_status = status
+            self.stored_status = status
             for observer in self.context.observers:
                 observer(self, before, status)
 
@@ -373,6 +377,12 @@ class TreeNode(ABC):
         return status
 
 
+WATCHED_STATUS: Final = vars(TreeNode)['status']
+"""The property above. A node has it only where its setter has something to do (see ``observers.watch``)."""
+# Everywhere else ``status`` is the slot itself: to call the property takes several times as long as a simple tick.
+TreeNode.status = vars(TreeNode)['stored_status']  # type: ignore[method-assign]
+
+
 def node_path(scope: str, id: str, name: str, uid: int) -> str:
     """Return the path of a node in the sub-tree instance ``scope``; see :attr:`TreeNode.path`."""
     own = f'{name}::{uid}' if name == id else name
@@ -402,7 +412,7 @@ def tick_function(node: TreeNode) -> Tick:
 
 def halt_child(child: TreeNode) -> None:
     """Halt the child when it is RUNNING, and sets it to IDLE in any case."""
-    status = child.status
+    status = child.stored_status
     if status is not IDLE:
         if status is RUNNING:
             child.halt_node()

@@ -13,15 +13,16 @@ another callback holds up::
 from __future__ import annotations
 
 import threading
+import types
 from collections.abc import Callable, Iterable, Sequence
+from operator import attrgetter
 from typing import Any, Final, Generic, Protocol, TypeVar
 
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
 
 from .context import Tick, TreeContext
-from .node import TreeNode
+from .node import WATCHED_STATUS, TreeNode, kept_by_class
 
 PreTick = Callable[[TreeNode], NodeStatus]
 """Called after the pre-conditions of a node. SUCCESS or FAILURE replaces its tick; with anything else it is ticked."""
@@ -154,9 +155,9 @@ def _replacement(node: TreeNode, callback: Callable[[], NodeStatus]) -> NodeStat
 # status that it has now. Reading, which knows the status that each node has had, makes the changes of them, in the
 # order in which the statuses were stored.
 
-SHIFT: Final = 4
-"""The bits of a mark that are not the number of the node."""
-PLACES: Final = (1 << SHIFT) - 1
+_SHIFT: Final = 4
+"""The bits of a mark that are the number of the status."""
+_STATUS: Final = (1 << _SHIFT) - 1
 
 T = TypeVar('T')
 
@@ -174,11 +175,15 @@ class StatusLog:
         self.log = log
 
     def __call__(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        self.log.append(node.uid << SHIFT | after)
+        self.log.append(node.uid << _SHIFT | after)
 
 
 class LogReader(Generic[T]):
-    """Makes transitions of marks. Made by :func:`log_reader`."""
+    """Makes transitions of the log of a tree.
+
+    It has to be made before the first mark is written, and to read all of them. A transition is what ``make`` returns
+    for a node's uid and the numbers of its statuses before and after.
+    """
 
     def __init__(self, nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> None:
         self.statuses = bytearray([0, *(node.status for node in nodes)])
@@ -189,26 +194,59 @@ class LogReader(Generic[T]):
     def read(self, marks: Iterable[int]) -> list[T]:
         """Return the changes that these marks mean, which follow those that were read before."""
         statuses = self.statuses
+        made = self._made
         transitions: list[T] = []
         for mark in marks:
-            uid, status = mark >> SHIFT, mark & PLACES
-            transitions.append(self._transition(uid, statuses[uid], status))
+            uid, status = mark >> _SHIFT, mark & _STATUS
+            # There are not many different changes: the transition of each is made once.
+            change = mark << _SHIFT | statuses[uid]
+            transition = made.get(change)
+            if transition is None:
+                transition = made[change] = self._make(uid, statuses[uid], status)
             statuses[uid] = status
+            transitions.append(transition)
         return transitions
 
-    def _transition(self, uid: int, before: int, after: int) -> T:
-        """There are not many different ones: each is made once."""
-        change = (uid << SHIFT | after) << SHIFT | before
-        made = self._made.get(change)
-        if made is None:
-            made = self._made[change] = self._make(uid, before, after)
-        return made
+
+# How the changes of statuses are noticed. To store a status must cost next to nothing, so the attribute ``status`` of a
+# node is a slot. A node whose changes somebody has to hear of, or whose post-conditions run when it stores its result,
+# gets a class derived from its own in which ``status`` is a property. Nothing else differs.
 
 
-def log_reader(nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> LogReader[T]:
-    """Return what reads the log of the tree of these nodes.
+def watch(node: TreeNode) -> None:
+    """Give a node the class that suits its observers and its conditions."""
+    observers = node.context.observers
+    node_class: Any = vars(type(node)).get('unwatched', type(node))
+    if node.conditions is not None and node.conditions.run_at_store:
+        node_class = _watched(node_class)
+    elif len(observers) == 1 and isinstance(observers[0], StatusLog):
+        node.context.log = observers[0].log
+        node_class = _logged(node_class)
+    elif observers:
+        node_class = _watched(node_class)
+    if node_class is not type(node):
+        node.__class__ = node_class
 
-    Has to be made before the first mark is written, and to read all of them. A transition is what ``make`` gives for a
-    node's uid and the numbers of its statuses before and after.
-    """
-    return acceleration().class_of(LogReader)(nodes, make)
+
+@kept_by_class
+def _watched(plain: type[Any]) -> type[Any]:
+    """Return ``plain`` with observers, and with post-conditions that run when the result is stored."""
+    return _derived(plain, WATCHED_STATUS)
+
+
+@kept_by_class
+def _logged(plain: type[Any]) -> type[Any]:
+    """Return ``plain`` for a tree of which only a log hears: one call writes a change."""
+    return _derived(plain, property(attrgetter('stored_status'), _store_and_log))
+
+
+def _store_and_log(node: TreeNode, status: NodeStatus) -> None:
+    if node.stored_status is not status:
+        node.stored_status = status
+        node.context.log.append(node.uid << _SHIFT | status)
+
+
+def _derived(plain: type[Any], status: property) -> type[Any]:
+    names = {'__module__': plain.__module__, '__qualname__': plain.__qualname__, '__doc__': plain.__doc__}
+    namespace = {**names, '__slots__': (), 'status': status, 'unwatched': plain}
+    return types.new_class(plain.__name__, (plain,), exec_body=lambda made: made.update(namespace))

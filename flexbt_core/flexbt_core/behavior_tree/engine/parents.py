@@ -66,7 +66,7 @@ class ControlNode(TreeNode):
     def reset_children(self) -> None:
         """Halt the children that are RUNNING, and sets all to IDLE, in their order."""
         for child in self.children:
-            if child.status is RUNNING:
+            if child.stored_status is RUNNING:
                 child.halt_node()
             child.status = IDLE
 

@@ -123,12 +123,6 @@ class NodeRegistry:
         others = self.nav2_branches.get(self.nav2_branch_of(elements) or '')
         return self if others is None else BranchTypes(self, others)
 
-    @property
-    def node_classes(self) -> Iterator[type[TreeNode]]:
-        """All classes, those of branches of Nav2 too."""
-        for manifests in (self._manifests, *self.nav2_branches.values()):
-            yield from (manifest.node_class for manifest in manifests.values())
-
     def get(self, id: str) -> NodeManifest | None:
         return self._manifests.get(id)
 

@@ -11,7 +11,6 @@ import types
 from collections.abc import Callable, Container, Sequence
 from typing import Any, Final, TypeVar
 
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import (
@@ -27,7 +26,7 @@ from flexbt_core.clock.clock import Clock, SteadyClock
 from .context import Tick, TreeContext
 from .leaf import ExpandingAction, LeafNode
 from .node import StatusObserver, TreeNode, tick_function
-from .observers import TickCallbacks
+from .observers import TickCallbacks, watch
 from .parents import ControlNode, DecoratorNode
 from .tree_builder import Instance, Substitute, SubTreeInstance, instantiate
 
@@ -96,7 +95,8 @@ class Tree:
             node.uid = uid
         self.root = self.nodes[0]
         self._depth = sum(part.depth for part in parts)
-        acceleration().fit(self.nodes)
+        for node in self.nodes:
+            watch(node)
         self._entry = self._fetch_entry()
 
     # -- ticking -----------------------------------------------------------------------------------------------------
@@ -394,7 +394,8 @@ class Tree:
         self.context.observers = observers
         self._after_round = after_round
         self._on_expanded = on_expanded
-        acceleration().fit(self.nodes)
+        for node in self.nodes:
+            watch(node)
         self.context.rewrapped += self.nodes
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
@@ -117,13 +116,9 @@ class _Builder:
             definition.values,
         )
         try:
-            node_class: type[TreeNode] = manifest.node_class
-            if not definition.conditions:
-                node_class = acceleration().node_class(node_class, self._context.observers)
-            node = node_class(config)
+            node: TreeNode = manifest.node_class(config)
             if definition.conditions:
-                node.conditions = acceleration().class_of(Conditions)(node, definition.conditions)
-                acceleration().fit([node])
+                node.conditions = Conditions(node, definition.conditions)
         except PortError as error:
             self._errors.append(scope.tree.error(definition, f'port [{error.port}]: {error.reason}', error.port))
             return

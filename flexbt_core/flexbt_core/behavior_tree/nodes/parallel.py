@@ -75,10 +75,7 @@ class _ParallelControl(ControlNode):
 
     def _finish(self, status: NodeStatus) -> NodeStatus:
         self._row = self._ticks
-        for child in self.children:
-            if child.status is RUNNING:
-                child.halt_node()
-            child.status = IDLE
+        self.reset_children()
         self.status = status
         return status
 

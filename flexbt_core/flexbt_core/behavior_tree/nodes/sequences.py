@@ -21,17 +21,18 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPP
 class _OrderedControl(ControlNode):
     """Position within the children, kept from tick to tick.
 
-    ``_passing`` is the status after which the next child is tried.
+    ``passing`` is the status after which the next child is tried.
     """
 
-    __slots__ = ('_index', '_skipped')
+    __slots__ = ('_index', '_passing', '_skipped')
 
-    _passing: ClassVar[NodeStatus]
+    passing: ClassVar[NodeStatus]
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._index = 0
         self._skipped = 0
+        self._passing = self.passing  # Python reads a slot sooner than an attribute of the class
 
     def halt(self) -> None:
         self._index = self._skipped = 0
@@ -78,12 +79,12 @@ class _SteadyControl(_OrderedControl):
             raise
         if status is passing or status is SKIPPED:
             if passing is FAILURE:
-                self._failed = self.last_failed() if self._skipped else len(ticks) - 1
+                self._failed = self.last_failed() if self._skipped else -1
             if self._skipped:
                 return self._finish(passing)
             # As reset_children does; a call would be much of the time that a short row takes.
             for child in self.children:
-                if child.status is RUNNING:
+                if child.stored_status is RUNNING:
                     child.halt_node()
                 child.status = IDLE
             self._index = 0
@@ -102,7 +103,7 @@ class Sequence(_SteadyControl):
 
     __slots__ = ()
 
-    _passing = SUCCESS
+    passing = SUCCESS
     outcomes = InOrder(passing=SUCCESS)
     example = Example(
         '<Sequence><Script code="a := 1"/><ScriptCondition code="a == 2"/><Script code="a := 3"/></Sequence>',
@@ -117,7 +118,7 @@ class Fallback(_SteadyControl):
     __slots__ = ()
 
     tries_all = True
-    _passing = FAILURE
+    passing = FAILURE
     outcomes = InOrder(passing=FAILURE)
     example = Example(
         """
@@ -165,7 +166,7 @@ class _YieldingControl(_OrderedControl):
             return self._finish(passing)
         # As reset_children does.
         for child in self.children:
-            if child.status is RUNNING:
+            if child.stored_status is RUNNING:
                 child.halt_node()
             child.status = IDLE
         self._index = 0
@@ -186,7 +187,7 @@ class AsyncSequence(_YieldingControl):
 
     __slots__ = ()
 
-    _passing = SUCCESS
+    passing = SUCCESS
     outcomes = InOrder(passing=SUCCESS, yields=True)
     example = Example(
         '<AsyncSequence><Script code="a := 1"/><Script code="a := 2"/></AsyncSequence>',
@@ -201,7 +202,7 @@ class AsyncFallback(_YieldingControl):
     __slots__ = ()
 
     tries_all = True
-    _passing = FAILURE
+    passing = FAILURE
     outcomes = InOrder(passing=FAILURE, yields=True)
     example = Example('<AsyncFallback><AlwaysFailure/><AlwaysSuccess/></AsyncFallback>', ticks=(RUNNING, SUCCESS))
 
@@ -214,7 +215,7 @@ class SequenceWithMemory(_YieldingControl):
 
     __slots__ = ()
 
-    _passing = SUCCESS
+    passing = SUCCESS
     outcomes = InOrder(passing=SUCCESS, yields=True, remembers=True)
     example = Example(
         """
@@ -251,11 +252,11 @@ class SequenceWithMemory(_YieldingControl):
 class _ReactiveControl(ControlNode):
     __slots__ = ()
 
-    _passing: NodeStatus
+    passing: ClassVar[NodeStatus]
 
     def execute(self) -> NodeStatus:
         self.status = RUNNING
-        passing = self._passing
+        passing = self.passing
         ticks = self._ticks
         skipped = 0
         remaining = iter(ticks)
@@ -288,7 +289,7 @@ class ReactiveSequence(_ReactiveControl):
 
     __slots__ = ()
 
-    _passing = SUCCESS
+    passing = SUCCESS
     outcomes = InOrder(passing=SUCCESS)
     example = Example(
         """
@@ -309,7 +310,7 @@ class ReactiveFallback(_ReactiveControl):
     __slots__ = ()
 
     tries_all = True
-    _passing = FAILURE
+    passing = FAILURE
     outcomes = InOrder(passing=FAILURE)
     example = Example(
         """

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import weakref
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.behavior_tree.model.acceleration_seam import acceleration
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, MISSING, Blackboard, Entry
 from flexbt_core.behavior_tree.model.errors import (
     BehaviorTreeError,
@@ -20,29 +20,33 @@ from flexbt_core.behavior_tree.model.errors import (
 )
 from flexbt_core.behavior_tree.model.ports import PortType
 
+from .code_writer import Factory, NotSpecializable, Variable, specialize, variable_of
 from .parser import Assignment, Binary, Comparison, Conditional, Constant, Expression, Name, Unary, parse_script
 from .values import BINARY, SMALL_TEXT, UNARY, Value, assigned, check_room, choose, compare, truth
 
-WARM_UP: Final = 8
+WARM_UP: Final = 0 if os.environ.get('FLEXBT_ACCELERATION') == '0' else 8
+"""Runs of a script on a blackboard before code is made for it; 0: none is."""
+_MOST_FACTORIES: Final = 16
 _ENUM_NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 
 
 class CompiledScript:
     """A script, independent of nodes and blackboards. Made by :class:`ScriptLibrary`.
 
-    ``names`` are the keys of the entries that it uses. ``warm_up`` is for what is installed as acceleration.
+    ``names`` are the keys of the entries that it uses.
     """
 
-    __slots__ = ('__weakref__', '_closures', 'enums', 'names', 'statements', 'text', 'warm_up')
+    __slots__ = ('__weakref__', '_closures', '_enums', '_factories', '_statements', 'names', 'text', 'warm_up')
 
     def __init__(self, text: str, enums: Mapping[str, int], warm_up: int) -> None:
         """Raise ScriptError when the text is no script. The empty text is one that does nothing."""
         self.text = text
         self.warm_up = warm_up
-        self.enums = enums
-        self.statements = parse_script(text)
+        self._enums = enums
+        self._factories: dict[tuple[object, ...], Factory | None] = {}
+        self._statements = parse_script(text)
         compiler = ClosureCompiler(text, enums)
-        self._closures = tuple(map(compiler.compile, self.statements))
+        self._closures = tuple(map(compiler.compile, self._statements))
         self.names = compiler.names
 
     def __repr__(self) -> str:
@@ -51,13 +55,13 @@ class CompiledScript:
     @property
     def empty(self) -> bool:
         """Whether it does nothing."""
-        return not self.statements
+        return not self._statements
 
     def bind(self, board: Blackboard, *, condition: bool = False) -> BoundScript:
         """Return the script on ``board``. Raises ScriptError when it is to be a ``condition``, and is empty."""
         if condition and self.empty:
             raise ScriptError(self.text, 0, 'the script is empty, and so is no condition')
-        return acceleration().class_of(BoundScript)(self, board, condition=condition)
+        return BoundScript(self, board, condition=condition)
 
     def scope(self, board: Blackboard) -> ScriptScope:
         """Return the place of the script on ``board``."""
@@ -75,7 +79,19 @@ class CompiledScript:
         try:
             return truth(value)
         except ConversionError as error:
-            raise ScriptError(self.text, _offset(self.statements[-1]), str(error), is_absent=error.is_absent) from None
+            raise ScriptError(self.text, _offset(self._statements[-1]), str(error), is_absent=error.is_absent) from None
+
+    def factory(self, variables: Mapping[str, Variable], condition: bool) -> Factory | None:
+        """Return what makes the code for entries of these kinds; None when the closures are to run the script."""
+        key = (condition, *variables.values())
+        if key not in self._factories:
+            if len(self._factories) >= _MOST_FACTORIES:
+                self._factories.clear()
+            try:
+                self._factories[key] = specialize(self._statements, variables, self._enums, condition=condition)
+            except NotSpecializable:
+                self._factories[key] = None
+        return self._factories[key]
 
 
 SCRIPT: Final = PortType('script', CompiledScript)
@@ -85,22 +101,42 @@ CONDITION: Final = PortType('condition', CompiledScript)
 
 
 class BoundScript:
-    """A script on a blackboard."""
+    """A script on a blackboard.
 
-    __slots__ = ('condition', 'scope', 'script')
+    ``run()`` runs it. Of a condition it returns the truth, otherwise None. It raises ScriptError, and what the script
+    has done before that stays done. At first the closures run the script, later the code for what the entries hold.
+    """
+
+    __slots__ = ('_condition', '_countdown', '_scope', '_script', 'run')
 
     def __init__(self, script: CompiledScript, board: Blackboard, *, condition: bool) -> None:
-        self.script = script
-        self.condition = condition
-        self.scope = script.scope(board)
+        self._script = script
+        self._condition = condition
+        self._scope = script.scope(board)
+        self._countdown = script.warm_up
+        self.run: Callable[[], bool | None] = self._evaluate
 
-    def run(self) -> bool | None:
-        """Run the script; of a condition it gives the truth, otherwise None.
+    def _evaluate(self) -> bool | None:
+        """Run the closures; also in the place of code that does not fit."""
+        if self._countdown:
+            self._countdown -= 1
+            if not self._countdown:
+                self._countdown = self._script.warm_up
+                self._specialize()
+        value = self._script.evaluate(self._scope)
+        return self._script.truth(value) if self._condition else None
 
-        Raises ScriptError. What the script has done before that stays done.
-        """
-        value = self.script.evaluate(self.scope)
-        return self.script.truth(value) if self.condition else None
+    def _specialize(self) -> None:
+        """Make the code for what the entries hold now, if there is such code."""
+        self.run = self._evaluate
+        entries = self._scope.entries
+        variables = [variable_of(entry) for entry in entries]
+        known = {name: one for name, one in zip(self._script.names, variables, strict=True) if one is not None}
+        # Two names of one entry: a local variable of the code could not stand for it.
+        if len(known) == len(set(map(id, entries))) == len(entries):
+            factory = self._script.factory(known, self._condition)
+            if factory is not None:
+                self.run = factory(entries, self._evaluate)
 
 
 class ScriptLibrary:
@@ -111,9 +147,9 @@ class ScriptLibrary:
     """
 
     def __init__(self, warm_up: int = WARM_UP) -> None:
-        """``warm_up`` is the number of runs of a script on a blackboard before acceleration, if it is installed, makes
-        code for what the script finds there, and of runs for which the code did not fit before it is made anew: many
-        scripts run only a few times."""
+        """``warm_up`` is the number of runs of a script on a blackboard before code is made for what the script finds
+        there, and of runs for which the code did not fit before it is made anew: many scripts run only a few times. 0:
+        no code is made."""
         self._warm_up = warm_up
         self._enums: dict[str, int] = {}
         self._scripts: weakref.WeakValueDictionary[str, CompiledScript] = weakref.WeakValueDictionary()
@@ -136,8 +172,8 @@ class ScriptLibrary:
         script = self._scripts.get(text)
         if script is None:
             # Not all at the same moment: to make code takes time.
-            warm_up = self._warm_up + len(self._scripts) % self._warm_up
-            script = self._scripts[text] = acceleration().class_of(CompiledScript)(text, dict(self._enums), warm_up)
+            warm_up = self._warm_up and self._warm_up + len(self._scripts) % self._warm_up
+            script = self._scripts[text] = CompiledScript(text, dict(self._enums), warm_up)
         return script
 
 
@@ -148,7 +184,7 @@ def _offset(statement: Expression) -> int:
 # Scripts as nested closures: the meaning of every expression, whatever the values, and every error.
 #
 # A closure takes the :class:`Scope` in which it is to be evaluated, so one set of closures serves all nodes with the
-# same script. ``script_specialization`` has a faster form for the values that are met most.
+# same script. ``code_writer`` has a faster form for the values that are met most.
 
 
 class ScriptScope:

@@ -9,7 +9,7 @@ import pytest
 
 from flexbt_core.behavior_tree.engine.leaf import ExpandingAction, StatefulAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.engine.observers import StatusLog, log_reader
+from flexbt_core.behavior_tree.engine.observers import LogReader, StatusLog
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
@@ -137,7 +137,7 @@ class Watched:
 
     def _read_by(self) -> None:
         paths = {node.uid: node.path for node in self.tree.nodes}
-        self.reader = log_reader(self.tree.nodes, lambda uid, before, after: (paths[uid], NodeStatus(after)))
+        self.reader = LogReader(self.tree.nodes, lambda uid, before, after: (paths[uid], NodeStatus(after)))
 
     def _expanded(self) -> None:
         self.read()

@@ -1,27 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes Python code for the expressions and assignments of scripts, for known kinds of values.
+"""Python code for scripts, for the kinds of values that their entries hold at the moment.
 
-See ``script_specialization`` for what becomes of it.
+The code first checks that the entries still hold values of these kinds. It then computes with local variables, and
+writes the entries last. For anything else (another kind, an error, a number that is too large, a division by zero) it
+calls ``slow`` *before it has written anything*: the closures then run the whole script, and raise what there is to
+raise. So the code never decides what a script means. It is only several times as fast.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Literal, NamedTuple
 
 from flexbt_core.behavior_tree.model.blackboard import Entry
 from flexbt_core.behavior_tree.model.ports import INT64
-from flexbt_core.behavior_tree.script.parser import (
-    Assignment,
-    Binary,
-    Comparison,
-    Conditional,
-    Constant,
-    Expression,
-    Name,
-    Unary,
-)
-from flexbt_core.behavior_tree.script.values import SAME_NUMBER, SMALL_TEXT
+
+from .parser import Assignment, Binary, Comparison, Conditional, Constant, Expression, Name, Unary
+from .values import SAME_NUMBER, SMALL_TEXT
+
+Factory = Callable[[Sequence[Entry], Callable[[], 'bool | None']], Callable[[], 'bool | None']]
+"""Makes the code for the entries of one node, and what is called where the code does not fit."""
 
 Kind = Literal['integer', 'bool', 'real', 'text']
 
@@ -59,7 +58,7 @@ def variable_of(entry: Entry) -> Variable | None:
     return Variable(kind, max(declared.minimum, -_LARGEST), min(declared.maximum, _LARGEST))
 
 
-class Code(NamedTuple):
+class _Code(NamedTuple):
     """Python code for an expression, and what it gives.
 
     ``bound`` is the greatest absolute value of an integer or bool. ``integral`` says that the language calls it an
@@ -79,7 +78,53 @@ class Code(NamedTuple):
         return self.text if self.kind == 'real' else f'({self.text} * 1.0)'
 
 
-class CodeWriter:
+def specialize(
+    statements: Sequence[Expression],
+    variables: Mapping[str, Variable],
+    enums: Mapping[str, int],
+    *,
+    condition: bool,
+) -> Factory:
+    """Return what makes the code of a script for entries of these kinds, in this order.
+
+    The code returns the truth of the last statement when the script is a ``condition``, otherwise None.
+
+    Raises:
+        NotSpecializable: there is no such code.
+    """
+    writer = _CodeWriter(variables, enums)
+    result = writer.statements(statements)
+    lines = writer.lines
+    if condition:
+        lines.append(f'result = {writer.truth(result)}')
+    body = [
+        *writer.guards(),
+        'try:',
+        *(f'    {line}' for line in lines or ['pass']),
+        'except (ArithmeticError, ValueError):',
+        '    return slow()',
+        *writer.commits(),
+        f'return {"result" if condition else None}',
+    ]
+    known = {'slow': 'slow'}
+    for place in range(len(variables)):
+        known |= {f'e{place}': f'entries[{place}]', f't{place}': f'entries[{place}].type'}
+    words = set(re.findall(r'\w+', '\n'.join(body)))
+    # As defaults of parameters that nobody gives, they take less memory than as variables of a closure.
+    parameters = ', '.join(f'{name}={value}' for name, value in known.items() if name in words)
+    code = [
+        'def bind(entries, slow):',
+        f'    def run({parameters}):',
+        *(f'        {line}' for line in body),
+        '    return run',
+    ]
+    namespace: dict[str, Any] = {}
+    exec(compile('\n'.join(code), '<script>', 'exec'), namespace)  # noqa: S102 - the writer made it; see there
+    factory: Factory = namespace['bind']
+    return factory
+
+
+class _CodeWriter:
     """Writes the code of scripts, in parts.
 
     First come the :meth:`guards` of the entries; then ``lines``, which raise ArithmeticError or ValueError for what the
@@ -93,26 +138,20 @@ class CodeWriter:
         self._enums = enums
         self._locals = {name: f'v{index}' for index, name in enumerate(variables)}
         self.lines: list[str] = []
-        self.may_raise = False
         self._used: set[str] = set()
         self._writes: dict[str, int] = {}
         self._temporaries = 0
         self._depth = 0
 
-    @property
-    def writes(self) -> bool:
-        """Whether an entry is written."""
-        return bool(self._writes)
-
-    def statements(self, statements: Sequence[Expression]) -> Code:
+    def statements(self, statements: Sequence[Expression]) -> _Code:
         """Add the lines of a script; gives the code of the value of its last statement."""
-        result = Code('False', 'bool')
+        result = _Code('False', 'bool')
         for statement in statements:
             result = self._assign(statement) if isinstance(statement, Assignment) else self._expression(statement)
         return result
 
-    def guards(self, slow: str = 'slow()') -> list[str]:
-        """Read the entries, and gives what ``slow`` gives unless they are as expected."""
+    def guards(self) -> list[str]:
+        """Return the lines that read the entries, and call ``slow`` unless they are as expected."""
         lines = []
         for place, (name, variable) in enumerate(self._variables.items()):
             if name not in self._used:
@@ -124,7 +163,7 @@ class CodeWriter:
                 if name in self._writes:
                     # The bounds of the type are a part of the code.
                     wrong += f' or e{place}.type is not t{place}'
-            lines.append(f'if {wrong}: return {slow}')
+            lines.append(f'if {wrong}: return slow()')
         return lines
 
     def commits(self) -> list[str]:
@@ -139,7 +178,7 @@ class CodeWriter:
     def _check(self, holds: str) -> None:
         self.lines.append(f'if not ({holds}): raise ValueError')
 
-    def _name(self, code: Code) -> str:
+    def _name(self, code: _Code) -> str:
         """Return a name for the value of the code."""
         if code.simple:
             return code.text
@@ -148,16 +187,16 @@ class CodeWriter:
         self.lines.append(f'{name} = {code.text}')
         return name
 
-    def _small_text(self, joined: str) -> Code:
+    def _small_text(self, joined: str) -> _Code:
         """Return a text that an operator has made. Large ones are for the closures, which know how many there may
         be."""
-        text = self._name(Code(joined, 'text'))
+        text = self._name(_Code(joined, 'text'))
         self._check(f'len({text}) <= {SMALL_TEXT}')
-        return Code(text, 'text')
+        return _Code(text, 'text')
 
     # -- statements --------------------------------------------------------------------------------------------------
 
-    def _assign(self, statement: Assignment) -> Code:
+    def _assign(self, statement: Assignment) -> _Code:
         name = statement.target
         target = self._variables[name]
         self._used.add(name)
@@ -186,7 +225,7 @@ class CodeWriter:
         self._writes[name] = self._writes.get(name, 0) + 1
         return self._variable(name)
 
-    def truth(self, code: Code) -> str:
+    def truth(self, code: _Code) -> str:
         """Return the code as a condition."""
         match code.kind:
             case 'bool':
@@ -199,7 +238,7 @@ class CodeWriter:
 
     # -- expressions -------------------------------------------------------------------------------------------------
 
-    def _expression(self, expression: Expression) -> Code:
+    def _expression(self, expression: Expression) -> _Code:
         self._depth += 1
         if self._depth > _MAX_DEPTH:
             raise NotSpecializable
@@ -207,7 +246,7 @@ class CodeWriter:
         self._depth -= 1
         return code
 
-    def _dispatch(self, expression: Expression) -> Code:
+    def _dispatch(self, expression: Expression) -> _Code:
         match expression:
             case Constant(_, value):
                 return _constant(value)
@@ -224,13 +263,13 @@ class CodeWriter:
                 return self._conditional(condition, then, otherwise)
         raise NotSpecializable  # an assignment within an expression
 
-    def _variable(self, name: str) -> Code:
+    def _variable(self, name: str) -> _Code:
         self._used.add(name)
         kind = self._variables[name].kind
         bound = {'integer': _LARGEST, 'bool': 1}.get(kind, 0)
-        return Code(self._locals[name], kind, bound, integral=kind in _INTEGERS, simple=True)
+        return _Code(self._locals[name], kind, bound, integral=kind in _INTEGERS, simple=True)
 
-    def _unary(self, symbol: str, operand: Expression) -> Code:
+    def _unary(self, symbol: str, operand: Expression) -> _Code:
         code = self._expression(operand)
         if code.kind == 'text':
             raise NotSpecializable
@@ -238,15 +277,15 @@ class CodeWriter:
             case '!':
                 return _truth_value(f'(not {code.text})' if code.kind == 'bool' else f'({code.text} == 0)')
             case '~' if code.kind in _INTEGERS:
-                return Code(f'(-1 - {code.text})', 'integer', code.bound + 1)
+                return _Code(f'(-1 - {code.text})', 'integer', code.bound + 1)
             case '-' if isinstance(operand, Constant) and code.kind == 'integer' and operand.value:
-                return Code(f'(-{code.text})', 'integer', code.bound, simple=True)
+                return _Code(f'(-{code.text})', 'integer', code.bound, simple=True)
             case '-':
                 # Of doubles: there is a negative zero.
-                return Code(f'(-{code.real})', 'real')
+                return _Code(f'(-{code.real})', 'real')
         raise NotSpecializable
 
-    def _operate(self, symbol: str, left: Code, right: Code) -> Code:
+    def _operate(self, symbol: str, left: _Code, right: _Code) -> _Code:
         if symbol in ('&&', '||'):
             # Both are computed, as there; and neither can do anything.
             first, second = self.truth(left), self.truth(right)
@@ -265,22 +304,21 @@ class CodeWriter:
                 raise NotSpecializable
             if left.kind == right.kind == 'bool':
                 return _truth_value(text)
-            return Code(text, 'integer', 1 << max(left.bound, right.bound).bit_length())
+            return _Code(text, 'integer', 1 << max(left.bound, right.bound).bit_length())
         if integers and symbol in ('+', '-') and left.bound + right.bound <= _EXACT:
-            return Code(text, 'integer', left.bound + right.bound)
-        self.may_raise = self.may_raise or symbol == '/'
+            return _Code(text, 'integer', left.bound + right.bound)
         if symbol == '/' or not integers:
-            return Code(text, 'real')
-        return Code(f'({left.real} {symbol} {right.text})', 'real')
+            return _Code(text, 'real')
+        return _Code(f'({left.real} {symbol} {right.text})', 'real')
 
-    def _comparison(self, expression: Comparison) -> Code:
+    def _comparison(self, expression: Comparison) -> _Code:
         codes = [self._expression(operand) for operand in expression.operands]
         # An operand between two operators is compared twice, but computed once.
         codes[1:-1] = [code._replace(text=self._name(code)) for code in codes[1:-1]]
         links = map(_compared, expression.operators, codes, codes[1:])
         return _truth_value(f'({" and ".join(links)})')
 
-    def _conditional(self, condition: Expression, then: Expression, otherwise: Expression) -> Code:
+    def _conditional(self, condition: Expression, then: Expression, otherwise: Expression) -> _Code:
         chosen, first, second = map(self._expression, (condition, then, otherwise))
         if chosen.kind == 'text' or first.integral is not second.integral:
             raise NotSpecializable
@@ -295,37 +333,37 @@ class CodeWriter:
         else:
             raise NotSpecializable
         text = f'({branches[0]} if {holds} else {branches[1]})'
-        return Code(text, kind, max(first.bound, second.bound), first.integral)
+        return _Code(text, kind, max(first.bound, second.bound), first.integral)
 
 
-def _truth_value(text: str) -> Code:
-    return Code(text, 'bool', 1)
+def _truth_value(text: str) -> _Code:
+    return _Code(text, 'bool', 1)
 
 
-def _integer(value: int, integral: bool = False) -> Code:
+def _integer(value: int, integral: bool = False) -> _Code:
     if abs(value) > _EXACT:
         raise NotSpecializable
-    return Code(f'({value})', 'integer', abs(value), integral, simple=True)
+    return _Code(f'({value})', 'integer', abs(value), integral, simple=True)
 
 
-def _constant(value: int | float | str) -> Code:
+def _constant(value: int | float | str) -> _Code:
     if isinstance(value, int):
         return _integer(value, integral=True)
     if isinstance(value, float):
         if value in (0.0, 1.0):
-            return Code(repr(value == 1.0), 'bool', 1, simple=True)
-        return Code(repr(value), 'real', simple=True)
-    return Code(repr(value), 'text', simple=True)
+            return _Code(repr(value == 1.0), 'bool', 1, simple=True)
+        return _Code(repr(value), 'real', simple=True)
+    return _Code(repr(value), 'text', simple=True)
 
 
-def _text(code: Code) -> str:
+def _text(code: _Code) -> str:
     """Return a number or text as text, see text_of."""
     if code.kind == 'text':
         return code.text
     return f"format({code.text}, '{'d' if code.integral else 'f'}')"
 
 
-def _compared(symbol: str, left: Code, right: Code) -> str:
+def _compared(symbol: str, left: _Code, right: _Code) -> str:
     """See compare() in script_values."""
     if (left.kind == 'text') is not (right.kind == 'text'):
         raise NotSpecializable
