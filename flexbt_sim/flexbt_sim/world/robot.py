@@ -48,7 +48,6 @@ class Robot(Carrier):
         carried = [(kind, getattr(model, kind.name)) for kind in DEVICES]
         self.devices: dict[str, Device] = {kind.name: kind(self, one) for kind, one in carried if one}
         self.sensors = tuple(one for one in self.devices.values() if isinstance(one, Sensor))
-        self._ticked = tuple(one for one in self.devices.values() if type(one).tick is not Device.tick)
         self.battery = self.device(Battery)
         self._is_exact = model.odometry == OdometryModel() and not model.drive.slip
         """The odometry follows the pose then, and is not integrated."""
@@ -71,7 +70,7 @@ class Robot(Carrier):
         self._measured = compose(self.odometry, inverse(pose))
         self.pose = pose
         self.linear = self.angular = self._linear = self._angular = 0.0
-        self.twist = (0.0, 0.0)
+        self._grip = 1.0
         self.in_contact = False
         self._wanted = (0.0, 0.0)
         self._until = -math.inf
@@ -97,6 +96,11 @@ class Robot(Carrier):
     def odometry(self) -> Pose:
         """Where it is by its wheels, from where it was at the start."""
         return compose(self._measured, self.pose) if self._is_exact else self._odometry
+
+    @property
+    def twist(self) -> tuple[float, float]:
+        """Its speed over ground, m/s and rad/s, which slipping wheels do not measure."""
+        return self.linear * self._grip, self.angular * self._grip
 
     def is_driven(self, now: float) -> bool:
         """Return whether it moves, or has a command, which may be to stand, that its watchdog has not ended."""
@@ -174,12 +178,6 @@ class Robot(Carrier):
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
         """Move for a short time, s, at speeds that are taken as constant."""
-        self._follow(surroundings, duration)
-        for device in self._ticked:
-            device.tick(duration)
-
-    def _follow(self, surroundings: WorldView, duration: float) -> None:
-        """Follow the command that there is."""
         model = self.model.drive
         linear, angular = self._wanted if surroundings.time < self._until else (0.0, 0.0)
         if self.battery is not None:
@@ -193,7 +191,6 @@ class Robot(Carrier):
             self._get_lost(duration)
         if linear == angular == self._linear == self._angular == 0.0:
             self.linear = self.angular = 0.0
-            self.twist = (0.0, 0.0)
             return  # and so it stays
         self._linear = self.linear = _approach(self._linear, linear, model.linear_acceleration * duration)
         self._angular = self.angular = _approach(self._angular, angular, model.angular_acceleration * duration)
@@ -220,8 +217,7 @@ class Robot(Carrier):
     def _move(self, surroundings: WorldView, duration: float) -> None:
         linear, angular = self.linear, self.angular
         slip = self.model.drive.slip
-        grip = 1.0 - 2.0 * slip * self._slip.random() if slip else 1.0
-        self.twist = (linear * grip, angular * grip)
+        self._grip = grip = 1.0 - 2.0 * slip * self._slip.random() if slip else 1.0
         start = self.pose
         reach = abs(linear) + abs(angular) * self.shape.turning_radius
         if reach == 0.0 or surroundings.time + duration <= self.clear_until:
@@ -236,7 +232,6 @@ class Robot(Carrier):
         if moved < duration:
             self.contacts += not was_in_contact
             self.linear = self._linear = 0.0
-            self.twist = (0.0, self.twist[1])
             self._turn_on(surroundings, angular * grip, duration - moved)
 
     def _turn_on(self, surroundings: WorldView, angular: float, duration: float) -> None:
@@ -247,7 +242,6 @@ class Robot(Carrier):
         self._measure(0.0, angular, moved)
         if moved < duration:
             self.angular = self._angular = 0.0
-            self.twist = (0.0, 0.0)
 
     def _measure(self, linear: float, angular: float, duration: float) -> None:
         """Odometry of a movement of the wheels."""

@@ -191,8 +191,8 @@ class ZoneModel(ModelSpecification):
 
     kind: str = key(
         '`no_go`: navigation keeps out of it; who enters it all the same is told in the log, and counted; `slow`: '
-        'robots in it are held to a speed; `sensor_shadow`: lidar and range finder of a robot in it return nothing, and '
-        'its localization goes on by odometry alone',
+        'robots in it are held to a speed; `sensor_shadow`: lidar and range finder of a robot in it return nothing, '
+        'and its localization goes on by odometry alone',
         choices=('no_go', 'slow', 'sensor_shadow'),
     )
     area: Shape = key('what it covers: a radius, [length, width], or the corners of a polygon')

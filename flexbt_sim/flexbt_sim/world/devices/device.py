@@ -36,19 +36,20 @@ class DeviceFault(FaultModel):
 
 
 class Carrier(Body):
-    """A robot as its devices see it.
-
-    ``twist`` is its speed over ground, m/s ahead and rad/s, which slipping wheels do not measure.
-    """
+    """A robot as its devices see it."""
 
     is_mobile = True
     in_contact = False
     in_shadow = False
-    twist = (0.0, 0.0)
 
     def __init__(self, name: str, shape: Shape, pose: Pose, seed: int) -> None:
         super().__init__(name, shape, pose)
         self.seed = seed
+
+    @property
+    def twist(self) -> tuple[float, float]:
+        """Its speed over ground, m/s and rad/s."""
+        return 0.0, 0.0
 
     @property
     def is_powered(self) -> bool:
@@ -86,9 +87,6 @@ class Device:
 
     def reset(self) -> None:
         """Return to the state at the start, random numbers included."""
-
-    def tick(self, duration: float) -> None:
-        """Update the state after a step, s, of the robot. Overridden by the devices that need every step."""
 
     def begin(self, slot: str, fault: DeviceFault) -> None:
         """Start a fault."""
@@ -155,7 +153,7 @@ class Sensor(Device):
     @property
     def noise_factor(self) -> float:
         """By how much faults make its noise greater."""
-        return math.prod(one.noise_factor for one in self.faults.values())
+        return math.prod(one.noise_factor for one in self.faults.values()) if self.faults else 1.0
 
     def comes_due(self, now: float) -> bool:
         """Return whether to :meth:`take` a reading now, and schedule the next one."""
@@ -171,10 +169,9 @@ class Sensor(Device):
     def take(self, now: float, ranges: Floats | None = None) -> None:
         """Take a reading. ``ranges`` are the exact distances along :meth:`beams`, m, infinite where nothing is met."""
         drawn = self.draw()
-        faults = self.faults.values()
-        if any(one.silences for one in faults):
+        if self.faults and any(one.silences for one in self.faults.values()):
             return
-        if self.time is None or not any(one.freezes for one in faults):
+        if self.time is None or not (self.faults and any(one.freezes for one in self.faults.values())):
             self.measure(drawn, ranges)
         self.time = now
 

@@ -47,17 +47,20 @@ class Imu(Sensor):
         super().reset()
         self.angular_velocity, self.acceleration = 0.0, (0.0, 0.0)
         self._twist = self._change = (0.0, 0.0)
+        self._since = -math.inf
 
     @property
     def pose(self) -> Pose:
         return self.model.pose
 
-    def tick(self, duration: float) -> None:
-        """Keep how fast the speeds change. A step that takes no time changes nothing."""
-        if duration:
-            (linear, angular), (was_linear, was_angular) = self.robot.twist, self._twist
-            self._change = (linear - was_linear) / duration, (angular - was_angular) / duration
-            self._twist = linear, angular
+    def comes_due(self, now: float) -> bool:
+        """See how fast the speeds have changed since the last reading was due, whether anybody reads it or not."""
+        if now + 1e-9 >= self.due:
+            duration, (linear, angular), (was_linear, was_angular) = now - self._since, self.robot.twist, self._twist
+            if duration > 0.0:
+                self._change = (linear - was_linear) / duration, (angular - was_angular) / duration
+            self._since, self._twist = now, (linear, angular)
+        return super().comes_due(now)
 
     def measure(self, drawn: NDArray[Any], ranges: object) -> None:
         model, pose = self.model, self.model.pose
