@@ -483,7 +483,7 @@ from flexbt_msgs.msg import ExecutiveStatus
 
 with NodeRuntime.open('forger', namespace='late') as forger:
     node = forger.node
-    statuses = forger.call(lambda: node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched()))
+    statuses = forger.call(lambda: node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos()))
     forged = ExecutiveStatus(executive_id=sys.argv[1], heartbeat_period=10.0, run_id='forged', sequence=2**62)
     while True:
         forged.sequence += 1

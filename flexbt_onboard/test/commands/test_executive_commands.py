@@ -256,7 +256,7 @@ def test_a_fault_in_a_command_is_its_answer_and_told_and_the_run_goes_on(
     def broken(*_arguments: object) -> None:
         raise ZeroDivisionError('of a test')
 
-    monkeypatch.setattr('flexbt_core.state_machine.engine.operator_commands.mark', broken)
+    monkeypatch.setattr('flexbt_core.state_machine.engine.operator_commands._mark', broken)
     assert 'ZeroDivisionError: of a test' in bench.refused(ExecutiveCommand.LOCK, path='/A')
     bench.logged('ZeroDivisionError')
     monkeypatch.setattr(bench.executive._authority, 'claim', broken)
@@ -423,7 +423,7 @@ for number in range(4):
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node(f'many{number}', context=context)
-    publishers.append(node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command()))
+    publishers.append(node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos()))
 while True:
     for publisher in publishers:
         publisher.publish(ExecutiveCommand(id=uuid.uuid4().hex, kind=ExecutiveCommand.NOTE, text='many'))

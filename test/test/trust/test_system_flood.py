@@ -58,7 +58,7 @@ kind = sys.argv[1]
 KINDS = [number for number in range(25) if number != ExecutiveCommand.STOP]  # which is never refused
 rclpy.init()
 node = rclpy.create_node('flooder_' + kind)
-commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
+commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
 presence = node.create_publisher(PeerStatus, names.EXECUTIVE_PRESENCE, 10)
 large = serialize_message(ExecutiveCommand(id='x' * 10_000_000, kind=ExecutiveCommand.NOTE, text='y'))
 begun = time.monotonic()
