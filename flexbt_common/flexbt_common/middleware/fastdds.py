@@ -92,7 +92,6 @@ def participant_address(node: Node) -> int | None:
 _IGNORE: Final = (
     '_ZN8eprosima7fastdds3dds17DomainParticipant18ignore_participantERKNS_8fastrtps4rtps16InstanceHandle_tE'
 )
-_GUID: Final = '_ZNK8eprosima7fastdds3dds17DomainParticipant4guidEv'
 _PREFIX_SIZE: Final = 12
 _PARTICIPANT_ENTITY: Final = b'\x00\x00\x01\xc1'  # ENTITYID_PARTICIPANT (DDSI-RTPS 9.3.1.3)
 
@@ -128,16 +127,12 @@ def ignore_each_other(first: Node, second: Node) -> None:
 
 
 def _prefix_of(node: Node) -> bytes:
-    """Return what the identifiers of all that is in the participant of a node begin with; empty when it is not
-    known."""
-    participant = participant_address(node)
-    if participant is None:
-        return b''
-    try:
-        guid = loaded_function(_FASTDDS_LIBRARY, _GUID, ctypes.POINTER(ctypes.c_uint8 * _PREFIX_SIZE), ctypes.c_void_p)
-    except AttributeError:
-        return b''
-    return bytes(guid(participant).contents)
+    """Return what the identifiers of all that is in the participant of a node begin with; empty when it is not known,
+    or when several nodes have this name."""
+    own = node.get_name(), node.get_namespace()
+    endpoints = node.get_publishers_info_by_topic('/parameter_events')  # each node publishes it
+    found = [bytes(one.endpoint_gid) for one in endpoints if (one.node_name, one.node_namespace) == own]
+    return found[0][:_PREFIX_SIZE] if len(found) == 1 else b''
 
 
 # That the room of large messages is given back: else a process keeps it for ever, once for each topic and service.
