@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grammars of the languages that people write goals, formulas and expressions in. The parser is lark's."""
+"""Grammars of the languages that people write goals, formulas and expressions in. The parser is lark's.
+
+lark is imported when the first text is parsed: a BT server that can plan starts without it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, Final
-
-from lark import Lark, Token
-from lark.exceptions import UnexpectedCharacters, UnexpectedToken
 
 SyntaxTree = Any
 """A lark.Tree, whose children are trees and tokens: the types that lark declares lack the tokens' places."""
@@ -44,11 +44,15 @@ class Grammar:
         self._deepest = deepest
 
     @cached_property
-    def _parser(self) -> Lark:
+    def _parser(self) -> Any:
+        from lark import Lark
+
         return Lark(self._rules, parser='lalr', maybe_placeholders=False)
 
     def parse(self, text: str) -> SyntaxTree:
         """Return the syntax tree of a text. Raises GrammarError."""
+        from lark.exceptions import UnexpectedCharacters, UnexpectedToken
+
         if len(text) > self._longest:
             raise GrammarError(self._longest, f'more than {self._longest:,} characters')
         try:
@@ -73,7 +77,7 @@ class Grammar:
         if missing is not None:
             where = f"after '{read[-1]}'" if read else 'at the beginning'
             return GrammarError(place, f'{missing} is missing {where}')
-        opening = next((one for one in reversed(read) if isinstance(one, Token) and one in _CLOSING), None)
+        opening: Any = next((one for one in reversed(read) if isinstance(one, str) and one in _CLOSING), None)
         if opening is not None and (not found or found in _CLOSING.values()):
             return GrammarError(opening.start_pos + 1, f"'{opening}' is not closed by '{_CLOSING[opening]}'")
         if found in _CLOSING.values():

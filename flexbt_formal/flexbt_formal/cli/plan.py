@@ -52,32 +52,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='mission (YAML: skills, start, goal, disturbances; robots), or scene of BTPG (JSON, beside its actions)',
     )
-    parser.add_argument('--goal', metavar='GOAL', help="instead of the file's: '(on(cup, table) | held) & !open(door)'")
+    parser.add_argument('--goal', metavar='GOAL', help="replaces the file's: '(on(cup, table) | held) & !open(door)'")
     parser.add_argument(
-        '--start', metavar='LITERAL', action='append', help="holds at the start, instead of the file's; repeatable"
+        '--start',
+        metavar='LITERAL',
+        action='append',
+        help="literal that holds at the start; replaces the file's; repeatable",
     )
-    parser.add_argument('-o', '--output', metavar='FILE', help='the tree (default: the standard output)')
+    parser.add_argument('-o', '--output', metavar='FILE', help='file to write the tree to (default: standard output)')
     parser.add_argument(
-        '--draw', metavar='FILE', help='draw what is done in which states, and what may come: SVG, .dot or .mmd'
+        '--draw', metavar='FILE', help='draw the plan as a map of states and actions: SVG, .dot or .mmd'
     )
     parser.add_argument(
-        '--name', metavar='ID', type=_tree_id, default='Plan', help='of the tree (default: %(default)s)'
+        '--name', metavar='ID', type=_tree_id, default='Plan', help='ID of the tree (default: %(default)s)'
     )
     parser.add_argument(
         '--time-limit',
         metavar='SECONDS',
         type=arguments.positive,
         default=60.0,
-        help='for planning (default: %(default)g)',
+        help='time for planning (default: %(default)g)',
     )
     parser.add_argument(
         '--disturbed',
         metavar='NUMBER',
         type=_number,
         default=1,
-        help='times that others may disturb, for which the tree is planned and tried (default: %(default)s)',
+        help='number of disturbances that the tree is planned and tested for (default: %(default)s)',
     )
-    parser.add_argument('--quiet', action='store_true', help='no progress, and no summary')
+    parser.add_argument('--quiet', action='store_true', help='print no progress and no summary')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)
 

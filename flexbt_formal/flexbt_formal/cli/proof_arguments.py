@@ -50,26 +50,26 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
         metavar='S',
         type=arguments.positive,
         default=DEFAULT_SECONDS,
-        help='end after so many seconds of processor time, and tell what was followed (default: %(default)g)',
+        help='stop after this processor time, and report what was explored (default: %(default)g)',
     )
     parser.add_argument(
         '--situations',
         metavar='N',
         type=_count,
         default=DEFAULT_CONFIGURATIONS,
-        help='end with so many situations (default: %(default)d)',
+        help='stop at this number of situations (default: %(default)d)',
     )
-    parser.add_argument('--save-test', metavar='FILE', help='write what is wrong as a test for pytest')
+    parser.add_argument('--save-test', metavar='FILE', help='write the counterexamples as a test for pytest')
     parser.add_argument(
-        '--save-recording', metavar='FILE', help='write the ways to what is wrong as a recording, for console replay'
+        '--save-recording', metavar='FILE', help='write the counterexamples as a recording, for console replay'
     )
     parser.add_argument(
         '--draw',
         metavar='FILE',
-        help='draw what is wrong as sequence diagrams, SVG or (.mmd) Mermaid: FILE, FILE-2 ...',
+        help='draw the counterexamples as sequence diagrams, SVG or Mermaid (.mmd): FILE, FILE-2 ...',
     )
-    parser.add_argument('--anew', action='store_true', help='follow again what was followed to its end before')
-    parser.add_argument('--quiet', action='store_true', help='no progress')
+    parser.add_argument('--anew', action='store_true', help='explore again what is in the cache')
+    parser.add_argument('--quiet', action='store_true', help='print no progress')
     arguments.add_json(parser)
 
 
@@ -85,10 +85,10 @@ def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:
         metavar='TEXT',
         action='append',
         default=[],
-        help=f'what the mission requires of the {what}, such as "never /Drive > failed"; repeatable',
+        help=f'requirement of the {what}, such as "never /Drive > failed"; repeatable',
     )
     parser.add_argument(
-        '--requirements', metavar='FILE', help='YAML file of what is required, by the names of behaviors and trees'
+        '--requirements', metavar='FILE', help='YAML file of requirements, by the names of behaviors and trees'
     )
 
 

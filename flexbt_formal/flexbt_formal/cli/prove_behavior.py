@@ -33,17 +33,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='KEY',
         action='append',
         default=[],
-        help='a key that is on the blackboards of the trees before, from outside; repeatable',
+        help='key that is set on the blackboards from outside; repeatable',
     )
     arguments.add_node_types(parser, allow_unknown=False)
     parser.add_argument(
         '--operator',
         choices=[one.value for one in Operator],
         default=Operator.ANSWERS.value,
-        help='what the operator does: nothing, answers what is asked, or also pauses and forces (default: %(default)s)',
+        help='operator: does nothing, answers decisions, or also pauses and forces (default: %(default)s)',
     )
     parser.add_argument(
-        '--forces', metavar='N', type=int, choices=range(4), default=0, help='outcomes that are forced, 0 to 3'
+        '--forces', metavar='N', type=int, choices=range(4), default=0, help='number of forced outcomes, 0 to 3'
     )
     parser.add_argument(
         '--autonomy',
@@ -56,14 +56,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--against',
         metavar='OLD',
-        help='the version before, an installed behavior or a file (.yaml): tell what the behavior does otherwise now',
+        help='previous version, an installed behavior or a file (.yaml): report how the behavior differs from it',
     )
     parser.add_argument(
         '--against-trees',
         metavar='FILE',
         action='append',
         default=[],
-        help='as --trees, for the version before (default: those of --trees); repeatable',
+        help='--trees of the previous version (default: those of --trees); repeatable',
     )
     proof_arguments.add_limits(parser)
 
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             required=required,
             required_of_trees=by_name,
             given=options.given,
-            on_progress=progress.tell,
+            on_progress=progress.show,
             cache=proof_arguments.proof_cache(options),
         )
     except RestoreError as error:
@@ -138,7 +138,7 @@ def _compared(
             seconds=options.seconds,
             configurations=options.situations,
             given=options.given,
-            on_progress=lambda name, done: progress.tell(f'{name}, against before', done),
+            on_progress=lambda name, *counts: progress.show(f'{name}, against before', *counts),
         )
     finally:
         progress.end()

@@ -6,13 +6,14 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, Final
 
 from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_core.values.text import did_you_mean, one_line
 from flexbt_core.values.text_files import open_regular
 from flexbt_formal.proofs.proof_report import ProgressLine
-from flexbt_formal.roaml.checking import CheckLimits, CheckProgress, Method, Result, check
+from flexbt_formal.roaml.checking import CheckLimits, Method, Result, check
 from flexbt_formal.roaml.language.source_text import ModelFault
 from flexbt_formal.roaml.model import RoamlModel, is_model
 from flexbt_formal.roaml.properties import ModelProperty
@@ -30,13 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--method',
         choices=[one.value for one in Method],
         default=Method.AUTO.value,
-        help='all states are followed (exact), or random runs are made; auto: these when those are too many',
+        help='explore all states (exact), or make random runs (statistical); auto: random runs if states are too many',
     )
     group.add_argument(
         '--order',
         choices=[one.value for one in Order],
         default=Order.TURNS.value,
-        help='in which order automata go on that could at the same time (default: %(default)s)',
+        help='order of automata that can step at the same time (default: %(default)s)',
     )
     limits = CheckLimits()
     group.add_argument(
@@ -44,12 +45,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='E',
         type=_part,
         default=limits.error,
-        help='random runs are enough when the probability is within this (default: %(default)g) ...',
+        help='stop random runs when the probability is known within E (default: %(default)g) ...',
     )
     group.add_argument(
-        '--confidence', metavar='C', type=_part, default=limits.confidence, help='... with this one (%(default)g)'
+        '--confidence',
+        metavar='C',
+        type=_part,
+        default=limits.confidence,
+        help='... with this confidence (default: %(default)g)',
     )
-    group.add_argument('--seed', metavar='N', type=int, default=limits.seed, help='of the random numbers (%(default)d)')
+    group.add_argument(
+        '--seed', metavar='N', type=int, default=limits.seed, help='seed of the random numbers (default: %(default)d)'
+    )
 
 
 def _part(text: str) -> float:
@@ -94,10 +101,6 @@ def run(options: argparse.Namespace) -> ExitCode:
     if not options.json:
         print(one_line(f'model {file}: {len(asked)} {"property" if len(asked) == 1 else "properties"}'))
     for one in asked:
-
-        def tell(now: CheckProgress, name: str = one.name) -> None:
-            progress.show(f'{name}: {now.done} done, {now.left} to do, {now.seconds:.0f} s')
-
         try:
             result = check(
                 model,
@@ -105,7 +108,7 @@ def run(options: argparse.Namespace) -> ExitCode:
                 order=Order(options.order),
                 method=Method(options.method),
                 limits=limits,
-                on_progress=tell,
+                on_progress=partial(progress.show, one.name),
             )
         except ModelFault as error:
             raise UnfitError(f'the property {one.name!r} cannot be decided: {error}') from error

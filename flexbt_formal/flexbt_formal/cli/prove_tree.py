@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import TreeLoadError
@@ -25,9 +26,13 @@ from . import proof_arguments, prove_model
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_files(parser)
-    parser.add_argument('--tree', metavar='ID', help='only this tree (default: all that are no sub-trees)')
+    parser.add_argument('--tree', metavar='ID', help='only this tree (default: all trees that are not sub-trees)')
     parser.add_argument(
-        '--given', metavar='KEY', action='append', default=[], help='a key that is on the blackboard before; repeatable'
+        '--given',
+        metavar='KEY',
+        action='append',
+        default=[],
+        help='key that is set on the blackboard from outside; repeatable',
     )
     arguments.add_node_types(parser, allow_unknown=False)
     proof_arguments.add_faults(parser, 'servers that are gone for good')
@@ -37,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='OLD',
         action='append',
         default=[],
-        help='file of the version before, or - for the standard input: tell what the trees do otherwise now; '
-        'repeatable',
+        help='file of the previous version, or - for standard input: report how the trees differ from it; repeatable',
     )
     proof_arguments.add_limits(parser)
     prove_model.add_arguments(parser)
@@ -67,7 +71,7 @@ def run(options: argparse.Namespace) -> ExitCode:
                 faults=options.faults,
                 required=required[key],
                 cache=proof_arguments.proof_cache(options),
-                on_progress=lambda now, name=name: progress.tell(name, now),  # type: ignore[misc]
+                on_progress=partial(progress.show, name),
             )
         except TreeLoadError as error:
             raise RefusedError(error.errors) from error
@@ -122,9 +126,7 @@ def _compared(
                         (library, now),
                         given=options.given,
                         limits=limits,
-                        on_progress=lambda done, name=name: progress.tell(  # type: ignore[misc]
-                            f'tree {name}, against before', done
-                        ),
+                        on_progress=partial(progress.show, f'tree {name}, against before'),
                     )
                 )
             else:

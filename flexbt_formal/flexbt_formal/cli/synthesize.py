@@ -7,7 +7,6 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from flexbt_formal.synthesis.explanation import Explanation
 from flexbt_formal.synthesis.machine import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_python, machine_as_yaml, state_instantiations
 from flexbt_formal.synthesis.request_files import MachineRequest, as_structured_slugs, read_request
-from flexbt_formal.synthesis.synthesis import Synthesis, synthesize
+from flexbt_formal.synthesis.synthesis import Synthesis, synthesize, time_limited
 from flexbt_formal.synthesis.translation import Liveness, Options
 from flexbt_onboard.behaviors.machine_behavior import state_modules
 from flexbt_tools.cli import arguments
@@ -34,10 +33,16 @@ _FORMS = ('yaml', 'python', 'flexbe')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('file', metavar='FILE', nargs='?', help='capability file (YAML); none where --spec says all')
+    parser.add_argument(
+        'file', metavar='FILE', nargs='?', help='capability file (YAML); not needed with a complete --spec'
+    )
     asked = parser.add_argument_group('what is asked for')
     asked.add_argument(
-        '--goal', metavar='FORMULA', action='append', default=[], help='what is to hold; repeatable (all)'
+        '--goal',
+        metavar='FORMULA',
+        action='append',
+        default=[],
+        help='what the machine has to reach; with several, all of them',
     )
     asked.add_argument(
         '--initial', metavar='FORMULA', action='append', default=[], help='what holds at the start; repeatable'
@@ -46,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--outcome', metavar='NAME', action='append', default=[], help='outcome of the machine; repeatable'
     )
     asked.add_argument('--request', metavar='FILE', help='request (YAML) with goals, initial_conditions, sm_outcomes')
-    asked.add_argument('--spec', metavar='FILE', help='specification to be added: YAML, or structuredslugs')
+    asked.add_argument('--spec', metavar='FILE', help='specification to add: YAML, or structuredslugs')
     world = parser.add_argument_group('states and the world')
     world.add_argument(
         '--mappings', metavar='FILE', action='append', default=[], help='mappings of outcomes (default: the usual ones)'
@@ -59,14 +64,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--liveness',
         choices=[one.value for one in Liveness],
         default=Liveness.FAIR.value,
-        help='fair: who is tried again and again completes at some time; adversarial: failing for ever is success; '
+        help='fair: a capability that is retried completes at some time; adversarial: failing forever is success; '
         'fair-outcomes: as in flexbe_synthesis (default: %(default)s)',
     )
-    world.add_argument('--retries', metavar='N', type=int, help='a state is repeated N times, then it is given up')
-    world.add_argument('--pending', action='store_true', help="flexbe_synthesis' flags for what is owed")
-    world.add_argument('--parsed', action='store_true', help='one integer for all activations')
+    world.add_argument('--retries', metavar='N', type=int, help='retry a state N times, then give it up')
+    world.add_argument('--pending', action='store_true', help="use flexbe_synthesis' flags for pending completions")
+    world.add_argument('--parsed', action='store_true', help='use one integer for all activations')
     result = parser.add_argument_group('the answer')
-    result.add_argument('-o', '--output', metavar='FILE', help='write the machine there (default: standard output)')
+    result.add_argument(
+        '-o', '--output', metavar='FILE', help='file to write the machine to (default: standard output)'
+    )
     result.add_argument(
         '--form',
         choices=_FORMS,
@@ -76,11 +83,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     result.add_argument(
         '--draw',
         metavar='FILE',
-        help='where there is none: draw how the world prevents it, as a sequence diagram, SVG or (.mmd) Mermaid',
+        help='if there is no machine, draw how the world prevents it: a sequence diagram, SVG or Mermaid (.mmd)',
     )
-    result.add_argument('--certificate', metavar='FILE', help='write the strategy there, as JSON, with what proves it')
-    result.add_argument('--specification', action='store_true', help='print the formulas (structuredslugs) and end')
-    result.add_argument('--step', action='store_true', help='where there is none: be the machine, step by step')
+    result.add_argument('--certificate', metavar='FILE', help='file to write the strategy to, as JSON with its proof')
+    result.add_argument('--specification', action='store_true', help='print the formulas (structuredslugs) and exit')
+    result.add_argument(
+        '--step', action='store_true', help='if there is no machine, play the machine yourself, step by step'
+    )
     result.add_argument(
         '--time-limit', metavar='S', type=arguments.positive, help=f'seconds (default: {_DEFAULT_LIMIT:g})'
     )
@@ -114,7 +123,7 @@ def _answered(options: argparse.Namespace) -> ExitCode:
     limit = options.time_limit or request.timeout or _DEFAULT_LIMIT
     began = time.monotonic()
     try:
-        answer = synthesize(problem, _watch(began, limit))
+        answer = synthesize(problem, time_limited(limit, '--time-limit allows more', _show))
     except SynthesisTimeout as error:
         print(*escape_lines(str(error)), sep='\n', file=sys.stderr)
         return ExitCode.UNFINISHED
@@ -127,19 +136,9 @@ def _retries(number: int | None) -> int | None:
     return number
 
 
-def _watch(began: float, limit: float) -> Callable[[str], None]:
-    """Show progress where somebody looks, and keeps the time limit."""
-    shown = [began]
-
-    def watch(doing: str) -> None:
-        now = time.monotonic()
-        if now - began > limit:
-            raise SynthesisTimeout(f'no answer within {limit:g} s ({doing}); --time-limit gives it more')
-        if now - shown[0] > 0.5 and sys.stderr.isatty():
-            shown[0] = now
-            print(f'\r\x1b[K{now - began:5.1f} s  {doing}', end='', file=sys.stderr, flush=True)
-
-    return watch
+def _show(doing: str, seconds: float) -> None:
+    if sys.stderr.isatty():
+        print(f'\r\x1b[K{seconds:5.1f} s  {doing}', end='', file=sys.stderr, flush=True)
 
 
 def _told(options: argparse.Namespace, answer: Synthesis, interfaces: StateInterfaces, seconds: float) -> ExitCode:

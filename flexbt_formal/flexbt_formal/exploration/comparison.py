@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
 from .configuration import Configuration
-from .explorer import ANSWERS_OF_A_STEP, ExplorationLimits, ExplorationProgress, ProgressReporter
+from .explorer import ANSWERS_OF_A_STEP, ExplorationLimits, OnProgress, unreported
 from .model import TIMER, EnvironmentChoices, Label, System
 from .virtual_time import VirtualClock
 
@@ -84,7 +84,7 @@ def compare(
     before: Callable[[], Described],
     now: Callable[[], Described],
     limits: ExplorationLimits | None = None,
-    on_progress: Callable[[ExplorationProgress], None] | None = None,
+    on_progress: OnProgress = unreported,
     *,
     most: int = 3,
 ) -> Comparison:
@@ -256,10 +256,10 @@ class _SideBySide:
         before: _Version,
         now: _Version,
         limits: ExplorationLimits,
-        on_progress: Callable[[ExplorationProgress], None] | None,
+        on_progress: OnProgress,
     ) -> None:
         self._before, self._now, self._limits = before, now, limits
-        self._teller = ProgressReporter(on_progress)
+        self._on_progress = on_progress
         self._from: dict[tuple[bytes, bytes], _Place | None] = {}
         self._found: dict[tuple[object, ...], tuple[_Place, _Seen, _Seen]] = {}
         self._steps = 0
@@ -286,7 +286,7 @@ class _SideBySide:
         ahead = deque([first])
         while ahead:
             pair = ahead.popleft()
-            self._teller.tell(lambda: self._progress(len(ahead)))
+            self._on_progress(len(self._from), len(ahead))
             source = (pair[0].key, pair[1].key)
             for label, answers, before, now in self._steps_from(pair):
                 place = _Place(source, label, answers)
@@ -304,9 +304,6 @@ class _SideBySide:
             if len(self._from) > self._limits.configurations:
                 return f'the limit of {self._limits.configurations} situations'
         return self._cut
-
-    def _progress(self, waiting: int) -> ExplorationProgress:
-        return ExplorationProgress(len(self._from), waiting, self._steps, time.process_time() - self._begin)
 
     def _steps_from(
         self, pair: tuple[Configuration, Configuration]

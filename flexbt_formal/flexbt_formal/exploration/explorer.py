@@ -27,33 +27,16 @@ ANSWERS_OF_A_STEP: Final = 4096
 """Ways to answer in one step that are tried; there may be more where many conditions are asked in one tick."""
 _CHECKED: Final = 100
 """Of so many configurations one is compared with what the steps from the beginning lead to."""
-_PROGRESS_SECONDS: Final = 0.5
 _ALIKE: Final = 3
 """Counterexamples of one property that are reported; the rest are counted."""
 
 
-class ExplorationProgress(NamedTuple):
-    """Progress of an exploration."""
-
-    configurations: int
-    waiting: int
-    steps: int
-    seconds: float
+OnProgress = Callable[[int, int], None]
+"""A function to which progress is reported often: the situations that are known, and those of them still to follow."""
 
 
-class ProgressReporter:
-    """A reporter of progress, twice a second; with ``on_progress`` None it reports nothing."""
-
-    def __init__(self, on_progress: Callable[[ExplorationProgress], None] | None) -> None:
-        self._on_progress = on_progress
-        self._told = time.monotonic()
-
-    def tell(self, progress: Callable[[], ExplorationProgress]) -> None:
-        """Report the progress if it is time."""
-        now = time.monotonic()
-        if self._on_progress is not None and now - self._told >= _PROGRESS_SECONDS:
-            self._told = now
-            self._on_progress(progress())
+def unreported(*_: object) -> None:
+    """Report no progress."""
 
 
 @dataclass
@@ -87,7 +70,7 @@ def explore(
     name: str,
     bounds: str = '',
     limits: ExplorationLimits | None = None,
-    on_progress: Callable[[ExplorationProgress], None] | None = None,
+    on_progress: OnProgress = unreported,
     *,
     faults: int = 1,
 ) -> Report:
@@ -104,13 +87,13 @@ class _Exploration:
         self,
         make: Callable[[], System],
         limits: ExplorationLimits,
-        on_progress: Callable[[ExplorationProgress], None] | None,
+        on_progress: OnProgress,
         faults: int,
     ) -> None:
         self._make = make
         self._faults = faults
         self._limits = limits
-        self._teller = ProgressReporter(on_progress)
+        self._on_progress = on_progress
         self._system = make()
         self._graph = ConfigurationGraph()
         self._found = _Found()
@@ -132,7 +115,7 @@ class _Exploration:
         expanded = 0
         while ahead:
             _, configuration = ahead.popleft()
-            self._teller.tell(lambda: self._progress(len(ahead)))
+            self._on_progress(len(self._graph), len(ahead))
             self._system.restore(configuration)
             system = self._system
             for label, answer, is_due in [(one, system.answer(one), system.is_due(one)) for one in system.labels()]:
@@ -221,9 +204,6 @@ class _Exploration:
                 f'after "{way}" the engine is not where it was: something is remembered that is not kept'
             )
         self._checked += 1
-
-    def _progress(self, waiting: int) -> ExplorationProgress:
-        return ExplorationProgress(len(self._graph), waiting, self._steps, time.process_time() - self._begin)
 
     # -- what it means -----------------------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -24,9 +25,9 @@ from flexbt_formal.exploration.comparison import compare
 from flexbt_formal.exploration.explorer import (
     DEFAULT_CONFIGURATIONS,
     ExplorationLimits,
-    ExplorationProgress,
     explore,
     replay,
+    unreported,
 )
 from flexbt_formal.exploration.machine_system import MachineBounds, MachineSystem, Operator
 from flexbt_formal.exploration.model import Report
@@ -72,7 +73,7 @@ def prove_behavior(
     required: Sequence[StatedRequirement] = (),
     required_of_trees: Mapping[str, Sequence[StatedRequirement]] = MappingProxyType({}),
     given: Collection[str] = (),
-    on_progress: Callable[[str, ExplorationProgress], None] | None = None,
+    on_progress: Callable[[str, int, int], None] = unreported,
     cache: ProofCache | None = None,
 ) -> BehaviorProof:
     """Explore a behavior within ``seconds`` of processor time in all. What a tree does not use of its time, those after
@@ -94,7 +95,6 @@ def prove_behavior(
         for number, key in enumerate(ahead):
             share = _SHARE_OF_TREES * (end - time.process_time()) / (len(ahead) - number)
             limits = ExplorationLimits(min(most, share), configurations)
-            tell = named_progress(f'tree {key.id}', on_progress)
             trees[key] = prove_tree(
                 used.library,
                 key,
@@ -103,7 +103,7 @@ def prove_behavior(
                 faults=bounds.faults,
                 required=required_of_trees.get(key.id, ()),
                 observed=boards.observed,
-                on_progress=tell,
+                on_progress=partial(on_progress, f'tree {key.id}'),
                 cache=cache,
             )
         ahead = [key for key, report in trees.items() if report.stopped_by]
@@ -115,7 +115,7 @@ def prove_behavior(
         f'machine of {name}',
         f'{bounds}{unknown if without else ""}{requirements_text(required)}',
         ExplorationLimits(max(0.0, end - time.process_time()), configurations),
-        named_progress('the machine', on_progress),
+        partial(on_progress, 'the machine'),
         faults=bounds.faults,
     )
     note = boards.note(trees)
@@ -177,13 +177,6 @@ def replay_behavior(
     return replay(lambda: MachineSystem(machine, states, bounds, required, reduces=False), moves_of(moves))
 
 
-def named_progress(
-    name: str, tell: Callable[[str, ExplorationProgress], None] | None
-) -> Callable[[ExplorationProgress], None] | None:
-    """Return who is told of the progress of one of several, by this name."""
-    return None if tell is None else lambda progress: tell(name, progress)
-
-
 # Two versions of a behavior side by side: the trees that the same states run, and the machines.
 
 
@@ -203,7 +196,7 @@ def compare_behaviors(
     seconds: float,
     configurations: int,
     given: Collection[str] = (),
-    on_progress: Callable[[str, ExplorationProgress], None] | None = None,
+    on_progress: Callable[[str, int, int], None] = unreported,
 ) -> list[Compared]:
     """Compare the trees that the same states run, and the machines, within ``seconds`` of processor time in all.
 
@@ -226,12 +219,12 @@ def compare_behaviors(
         assert earlier is not None
         called = f'tree {key.id}' if earlier.id == key.id else f'tree {key.id} (before: {earlier.id}) of {path}'
         versions = ((before.used.library, earlier), (now.used.library, key))
-        tell = named_progress(called, on_progress)
-        found.append(compare_trees(*versions, given=given, limits=limits(), on_progress=tell, name=called))
+        report = partial(on_progress, called)
+        found.append(compare_trees(*versions, given=given, limits=limits(), on_progress=report, name=called))
 
     def make(version: Version) -> MachineSystem:
         models = state_models(version.used, {}, Blackboards.of(version.used, given))
         return MachineSystem(version.machine, models, bounds, reduces=False)
 
-    tell = named_progress('the machine', on_progress)
-    return [*found, Compared(f'machine of {name}', compare(lambda: make(before), lambda: make(now), limits(), tell))]
+    report = partial(on_progress, 'the machine')
+    return [*found, Compared(f'machine of {name}', compare(lambda: make(before), lambda: make(now), limits(), report))]

@@ -4,16 +4,17 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.values.text import pluralize
 from flexbt_formal.exploration.comparison import Comparison
-from flexbt_formal.exploration.explorer import ExplorationProgress
 from flexbt_formal.exploration.model import Counterexample, Label, Move, Report, System
 
 _SHOWN: Final = 20
+_PROGRESS_SECONDS: Final = 0.5
 _REMEDIES: Final = {
     Property.NO_DEADLOCK: 'have the node call wake() or wake_at(), give it a time limit, or another outcome for that',
     Property.CAN_END: 'lead out of there: by a limit of attempts or a Timeout in a tree, by a transition in a machine',
@@ -34,24 +35,25 @@ _REMEDIES: Final = {
 
 
 class ProgressLine:
-    """One line of the standard error, written over and over; nothing where that is no terminal."""
+    """A line of progress on the standard error, rewritten twice a second; without a terminal it shows nothing."""
 
     def __init__(self, is_shown: bool) -> None:
         self._is_shown = is_shown and sys.stderr.isatty()
+        self._name = ''
+        self._began = self._shown = 0.0
 
-    def tell(self, name: str, progress: ExplorationProgress) -> None:
-        """Show how far an exploration has come."""
-        self.show(
-            f'{name}: {progress.configurations} situations, {progress.waiting} to follow, {progress.seconds:.0f} s'
-        )
-
-    def show(self, text: str) -> None:
-        """Show a text in the place of the one before."""
-        if self._is_shown:
+    def show(self, name: str, known: int, left: int) -> None:
+        """Show how far the work of a name is: the situations or runs that are known, and those still to do."""
+        now = time.monotonic()
+        if name != self._name:
+            self._name, self._began, self._shown = name, now, now
+        if self._is_shown and now - self._shown >= _PROGRESS_SECONDS:
+            self._shown = now
+            text = f'{name}: {known} known, {left} to do, {now - self._began:.0f} s'
             print(f'\r{text}'.ljust(79)[:79], end='', file=sys.stderr, flush=True)
 
     def end(self) -> None:
-        """Take the line away."""
+        """Remove the line."""
         if self._is_shown:
             print('\r'.ljust(80) + '\r', end='', file=sys.stderr, flush=True)
 

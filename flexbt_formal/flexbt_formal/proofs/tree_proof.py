@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES, Nav
 from flexbt_core.monitors.properties import Violation
 from flexbt_core.monitors.requirement_text import StatedRequirement, parse_requirement, problems_with
 from flexbt_formal.exploration.comparison import compare
-from flexbt_formal.exploration.explorer import ExplorationLimits, ExplorationProgress, explore, replay
+from flexbt_formal.exploration.explorer import ExplorationLimits, OnProgress, explore, replay, unreported
 from flexbt_formal.exploration.model import Report, servers_gone
 from flexbt_formal.exploration.tree_system import TreeSystem
 from flexbt_server.node_types import node_registry
@@ -39,7 +39,7 @@ def prove_tree(
     faults: int = 1,
     required: Sequence[StatedRequirement] = (),
     observed: Iterable[str] = (),
-    on_progress: Callable[[ExplorationProgress], None] | None = None,
+    on_progress: OnProgress = unreported,
     cache: ProofCache | None = None,
 ) -> Report:
     """Explore a tree. ``given`` are keys that are on the blackboard before it begins; ``faults`` is how many of its
@@ -90,7 +90,7 @@ def compare_trees(
     *,
     given: Iterable[str] = (),
     limits: ExplorationLimits | None = None,
-    on_progress: Callable[[ExplorationProgress], None] | None = None,
+    on_progress: OnProgress = unreported,
     name: str = '',
 ) -> Compared:
     """Follow two versions of a tree side by side, as :func:`prove_tree` follows one; ``name`` is what they are called.

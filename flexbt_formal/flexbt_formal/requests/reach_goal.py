@@ -92,14 +92,14 @@ class ReachGoal(ExpandingAction):
     )
 
     ports = {
-        'mission': input_port(STRING, description='its file: package/relative/path, or where trees may be'),
-        'goal': input_port(STRING, default='', description='in place of the goal that the mission names'),
+        'mission': input_port(STRING, description='mission file: package/relative/path, or a path where trees may be'),
+        'goal': input_port(STRING, default='', description="replaces the mission's goal"),
         'time_limit': input_port(
-            DOUBLE, default='5.0', description='for each search, s; the best way until then counts'
+            DOUBLE, default='5.0', description='time for each search, s; the best plan until then is used'
         ),
-        'attempts': input_port(UNSIGNED, default='3', description='how often it is planned at most'),
-        'sensor_timeout': input_port(DOUBLE, default='5.0', description='for what sensors have still to tell, s'),
-        'plan': output_port(STRING, description='the actions of the plan that runs, in their order'),
+        'attempts': input_port(UNSIGNED, default='3', description='maximum number of plans'),
+        'sensor_timeout': input_port(DOUBLE, default='5.0', description='time to wait for missing sensor values, s'),
+        'plan': output_port(STRING, description='the actions of the running plan, in order'),
     }
     example = Example(
         '<ReachGoal mission="flexbt_demo_behaviors/goals/cup.yaml" goal="thing_in(cup, office)" plan="{plan}"/>'

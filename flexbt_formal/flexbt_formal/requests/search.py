@@ -15,7 +15,6 @@ import re
 import resource
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,7 +29,7 @@ from flexbt_formal.synthesis.errors import SynthesisError, SynthesisTimeout
 from flexbt_formal.synthesis.machine import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_yaml, state_instantiations
 from flexbt_formal.synthesis.request_files import MachineRequest
-from flexbt_formal.synthesis.synthesis import synthesize
+from flexbt_formal.synthesis.synthesis import synthesize, time_limited
 from flexbt_formal.synthesis.translation import Liveness, Options
 from flexbt_onboard.behaviors.machine_behavior import state_modules, states_of
 from flexbt_onboard.errors import BrokenBehaviorError
@@ -41,7 +40,6 @@ from .synthesis_answers import explanation_lines
 from .synthesis_files import MAX_BYTES, StateInterfaces, SynthesisFiles, read_problem
 
 _NICENESS: Final = 10
-_NEWS_SECONDS: Final = 0.5
 _SYSTEM: Final = re.compile(r'[\w-][\w.-]{0,254}')
 
 Tell = Callable[[Mapping[str, Any]], None]
@@ -103,7 +101,10 @@ def _answered(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     modules = state_modules()
     tell({'doing': 'the files are read'})
     problem = read_problem(files, request, StateInterfaces(modules), how)
-    answer = synthesize(problem, _watch(asked['seconds'], tell))
+    answer = synthesize(
+        problem,
+        time_limited(asked['seconds'], 'give it more time, or ask for less', lambda doing, _: tell({'doing': doing})),
+    )
     if answer.machine is None:
         assert answer.explanation is not None
         return {
@@ -156,21 +157,6 @@ def _file(name: str, directories: Sequence[Path]) -> Path:
             f'no system in the capability_directories of the executive{among}; or name a file as package/path.yaml',
         )
     return known[name]
-
-
-def _watch(seconds: float, tell: Tell) -> Callable[[str], None]:
-    began = told = time.monotonic()
-
-    def watch(doing: str) -> None:
-        nonlocal told
-        now = time.monotonic()
-        if now - began > seconds:
-            raise SynthesisTimeout(f'no answer within {seconds:g} s ({doing}); give it more time, or ask for less')
-        if now - told > _NEWS_SECONDS:
-            told = now
-            tell({'doing': doing})
-
-    return watch
 
 
 if __name__ == '__main__':

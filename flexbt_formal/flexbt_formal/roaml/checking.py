@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, NamedTuple, Protocol
 
+from flexbt_formal.exploration.explorer import OnProgress, unreported
 from flexbt_formal.roaml.language.draws import ManyValuesError
 
 from .model import RoamlModel
@@ -26,8 +27,6 @@ _REUSE: Final = 4
 _RUN: Final = 1_000_000
 """Steps of a random run, after which it is undecided."""
 _ORDERS: Final = {Order.TURNS: 'taking turns', Order.RANDOM: 'in random order', Order.ANY: 'in any order'}
-_REPORTED: Final = 0.5
-"""Seconds between two reports of progress."""
 
 
 class Method(Enum):
@@ -53,14 +52,6 @@ class CheckLimits:
     def looks(self) -> dict[int, float]:
         """After how many random runs it is looked whether they are enough, with which doubt; the most runs last."""
         return looks(self.error, self.confidence)
-
-
-class CheckProgress(NamedTuple):
-    """``done`` states or runs; ``left`` of them that are known to be still to do."""
-
-    done: int
-    left: int
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -103,7 +94,7 @@ def check(
     order: Order = Order.TURNS,
     method: Method = Method.AUTO,
     limits: CheckLimits | None = None,
-    on_progress: Callable[[CheckProgress], None] | None = None,
+    on_progress: OnProgress = unreported,
 ) -> Result:
     """Return the probability of a property. Raises ModelFault for a model that cannot go on, and ValueError for a
     method that does not go with the model or the order."""
@@ -120,19 +111,19 @@ def check(
     system, watched = model.system(asked, generator.random)
     left, right = (judge_of(one, model.events, watched) for one in (asked.left, asked.right))
     path = Path(system, left, right, asked, order)
-    tell = _Teller(on_progress, begin)
     notes: list[str] = []
-    until = begin + limits.seconds
+    watch = _Watch(on_progress, begin + limits.seconds)
     followed = 0
     rounds = (
         Rounds(path, limits.states) if order is not Order.ANY and not path.is_bounded and system.has_timers else None
     )
     if method is not Method.STATISTICAL and not model.is_random:
         share = 1.0 if method is Method.EXACT or order is Order.ANY else 0.5
+        first = _Watch(on_progress, begin + limits.seconds * share)
         try:
             if rounds is not None:
                 try:
-                    found = _flowed(path, rounds, begin, begin + limits.seconds * share, limits.states, tell)
+                    found = _flowed(path, rounds, begin, limits.states, first)
                 except EndlessError:
                     rounds = None
                 else:
@@ -140,7 +131,7 @@ def check(
                         return found
                     followed = found.size
             if rounds is None:
-                explorer = _Explorer(path, begin + limits.seconds * share, limits.states, tell)
+                explorer = _Explorer(path, limits.states, first)
                 if explorer.run() or method is Method.EXACT or order is Order.ANY:
                     return explorer.result(begin)
             notes.append('there are too many states to follow all of them')
@@ -151,16 +142,20 @@ def check(
             rounds = None
     if rounds is not None and not rounds.is_cut and not model.is_random and followed > _REUSE * len(rounds):
         try:
-            return _sampled(path, limits, begin, until, tell, notes, _RoundRuns(path, rounds, generator))
+            return _sampled(path, limits, begin, watch, notes, _RoundRuns(path, rounds, generator))
         except (EndlessError, ManyValuesError):
             generator.seed(limits.seed)
     system.draws = True
-    return _sampled(path, limits, begin, until, tell, notes, _StepRuns(path, generator))
+    return _sampled(path, limits, begin, watch, notes, _StepRuns(path, generator))
 
 
-def _flowed(path: Path, rounds: Rounds, begin: float, until: float, most: int, tell: _Teller) -> Result:
+def _flowed(path: Path, rounds: Rounds, begin: float, most: int, watch: _Watch) -> Result:
     """Exact, time by time. Raises EndlessError."""
-    flow = Flow(rounds, path, lambda done, left: done <= 20 * most and len(rounds) <= most and tell(done, left) < until)
+
+    def may_go_on(done: int, left: int) -> bool:
+        return done <= 20 * most and len(rounds) <= most and watch.has_time(done, left)
+
+    flow = Flow(rounds, path, may_go_on)
     is_complete = flow.run()
     asked = path.asked
     low, high = flow.good, (flow.good if is_complete else 1.0 - flow.bad)
@@ -180,29 +175,25 @@ def _flowed(path: Path, rounds: Rounds, begin: float, until: float, most: int, t
     )
 
 
-class _Teller:
-    def __init__(self, callback: Callable[[CheckProgress], None] | None, begin: float) -> None:
-        self._callback = callback
-        self._begin = begin
-        self._next = time.monotonic() + _REPORTED
+class _Watch(NamedTuple):
+    """The time limit of a check, which also reports its progress."""
 
-    def __call__(self, done: int, left: int) -> float:
-        """Return the processor time now; tells of the progress from time to time."""
-        now = time.process_time()
-        if self._callback is not None and time.monotonic() >= self._next:
-            self._next = time.monotonic() + _REPORTED
-            self._callback(CheckProgress(done, left, now - self._begin))
-        return now
+    on_progress: OnProgress
+    until: float
+
+    def has_time(self, done: int, left: int) -> bool:
+        """Report how much is done and left, and return whether there is time left."""
+        self.on_progress(done, left)
+        return time.process_time() < self.until
 
 
 class _Explorer:
     """The graph of what can follow, by breadth: states 0 and 1 are where the property has failed, or is satisfied."""
 
-    def __init__(self, path: Path, until: float, most: int, tell: _Teller) -> None:
+    def __init__(self, path: Path, most: int, watch: _Watch) -> None:
         self._path = path
-        self._until = until
         self._most = most
-        self._tell = tell
+        self._watch = watch
         self.graph: list[GraphChoices] = [[], []]
         self._numbers: dict[tuple[GlobalState, int], int] = {}
         self._states: list[tuple[GlobalState, int] | None] = [None, None]
@@ -245,7 +236,7 @@ class _Explorer:
         """Return whether the time is over, which is looked at after each 64 steps."""
         self._made += 1
         if self._made % 64 == 0:
-            self._is_late = self._tell(len(self.graph), left) >= self._until
+            self._is_late = not self._watch.has_time(len(self.graph), left)
         return self._is_late
 
     def _reached(self, source: int, state: GlobalState, count: int, ahead: deque[int]) -> int:
@@ -378,9 +369,7 @@ class _Runs(Protocol):
     def way(self) -> tuple[str, ...]: ...
 
 
-def _sampled(
-    path: Path, limits: CheckLimits, begin: float, until: float, tell: _Teller, notes: list[str], runs: _Runs
-) -> Result:
+def _sampled(path: Path, limits: CheckLimits, begin: float, watch: _Watch, notes: list[str], runs: _Runs) -> Result:
     """Random runs until there are enough for the error that is asked, or the time is over."""
     looks_at = limits.looks
     wanted = max(looks_at)
@@ -392,7 +381,7 @@ def _sampled(
     asked = path.asked
     while done < wanted:
         try:
-            outcome = runs.one(lambda: tell(done, wanted - done) < until)  # noqa: B023
+            outcome = runs.one(lambda: watch.has_time(done, wanted - done))  # noqa: B023
         except OverError:
             break
         done += 1

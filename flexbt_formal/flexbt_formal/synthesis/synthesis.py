@@ -3,18 +3,22 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from flexbt_formal.synthesis.games.certificate import check_certificate
 from flexbt_formal.synthesis.games.solver import Game, Watch
 from flexbt_formal.synthesis.games.strategy import Strategy, strategy_of
 
-from .errors import SynthesisError
+from .errors import SynthesisError, SynthesisTimeout
 from .explanation import Explanation, explained
 from .from_strategy import machine_of
 from .machine import SynthesizedMachine
 from .translation import SynthesisProblem
+
+_REPORT_SECONDS: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,25 @@ class Synthesis:
     strategy: Strategy | None = None
     explanation: Explanation | None = None
     figures: dict[str, Any] = field(default_factory=dict)
+
+
+def time_limited(limit: float, remedy: str, report: Callable[[str, float], None]) -> Watch:
+    """Return a watch that reports twice a second what is being done, with the seconds so far.
+
+    It raises SynthesisTimeout after ``limit`` seconds.
+    """
+    began = reported = time.monotonic()
+
+    def watch(doing: str) -> None:
+        nonlocal reported
+        now = time.monotonic()
+        if now - began > limit:
+            raise SynthesisTimeout(f'no answer within {limit:g} s ({doing}); {remedy}')
+        if now - reported > _REPORT_SECONDS:
+            reported = now
+            report(doing, now - began)
+
+    return watch
 
 
 def synthesize(problem: SynthesisProblem, watch: Watch | None = None) -> Synthesis:

@@ -18,7 +18,6 @@ from flexbt_console.mirror.trees import MirroredStatus
 from flexbt_console.recording.player import RunPlayer
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
-from flexbt_formal.exploration import explorer
 from flexbt_formal.exploration.machine_system import MachineBounds
 from flexbt_formal.proofs.behavior_proof import prove_behavior
 from flexbt_formal.proofs.proof_report import ProgressLine
@@ -557,8 +556,7 @@ def test_a_behavior_beside_the_one_before(tmp_path: Path, monkeypatch: pytest.Mo
     new = version('new', '<Wait/>', 'Plan')
     assert behavior('prove', old, '--against', old)[0] == 0
     told: list[str] = []
-    monkeypatch.setattr(explorer, '_PROGRESS_SECONDS', 0.0)
-    monkeypatch.setattr(ProgressLine, 'tell', lambda self, name, progress: told.append(name))
+    monkeypatch.setattr(ProgressLine, 'show', lambda self, name, *counts: told.append(name))
     code, out, _ = behavior('prove', new, '--against', old)
     assert {f'{one}, against before' for one in ('tree Plan', 'tree Drive', 'the machine')} <= {*told}
     assert code == 1 and 'tree Plan, against before: ' in out and 'tree Drive, against before: does the same' in out

@@ -302,7 +302,7 @@ def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench) -> None:
     ('ports', 'mission', 'reason'),
     [
         ('goal="cup_at(cellar)"', MISSION, "'cellar' is no object"),
-        ('goal="cup_at(office) &amp;"', MISSION, 'a literal is missing'),
+        ('goal="cup_at(office) &amp;"', MISSION, 'a literal, such as on(cup, table), is missing'),
         ('goal="cup_at(office) &amp; cup_at(hall)"', MISSION, 'can never hold at once'),
         ('', MISSION.replace('goal:', 'gaol:'), 'gaol'),
         ('', MISSION.replace('goal: cup_at(office)', ''), 'names no goal; add it there'),

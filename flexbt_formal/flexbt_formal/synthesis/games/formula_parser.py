@@ -9,9 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
-from typing import Final
-
-from lark import Token
+from typing import Any, Final
 
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_formal.grammar import Grammar, GrammarError, SyntaxTree
@@ -97,7 +95,7 @@ class _Reader:
             return Join(_JOINS[tree.data], parts)
         return Not(parts[0]) if tree.data == 'negation' else parts[0]
 
-    def _atom(self, first: SyntaxTree, op: Token | None = None, second: SyntaxTree = None, *, primed: bool) -> Formula:
+    def _atom(self, first: SyntaxTree, op: str | None = None, second: SyntaxTree = None, *, primed: bool) -> Formula:
         word = first.children[0]
         if op is None and str(word).lower() in ('true', 'false') and word not in self._variables:
             return TRUE if word.lower() == 'true' else FALSE
@@ -133,7 +131,7 @@ class _Reader:
             raise self._error(f'there is no variable {short_repr(token)}{did_you_mean(token, list(self._names))}')
         return VariableName(token, primed or len(tree.children) > 1)
 
-    def _check_label(self, variable: str, value: Token) -> None:
+    def _check_label(self, variable: str, value: Any) -> None:
         if value.type == 'NAME' and value not in self._variables:
             known = self._labels[variable].values()
             raise self._error(f"'{variable}' has no value {short_repr(str(value))}{did_you_mean(str(value), known)}")
