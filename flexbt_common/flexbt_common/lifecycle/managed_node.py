@@ -398,6 +398,10 @@ class NodeScope:
         if not self.closed:
             fn()
 
+    def run_or_post(self, fn: Callable[[], object]) -> None:
+        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
+        self._host.run_or_post(partial(self._run, fn))
+
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
         """Run ``fn`` as the host does.
 

@@ -235,6 +235,8 @@ class Runtime(Protocol):
 
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None: ...
 
+    def run_or_post(self, fn: Callable[[], object]) -> None: ...
+
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T: ...
 
     def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T: ...
@@ -395,12 +397,12 @@ class NodeRuntime:
 
     def run_or_post(self, fn: Callable[[], object]) -> None:
         """Run ``fn`` at once, on this thread, if the executor has nothing to do, and :meth:`post` it otherwise; not on
-        the executor thread.
+        the executor thread. What this thread has posted before comes first.
 
         While ``fn`` runs nothing else does on the executor thread. For a thread that has to wait anyway until ``fn`` is
         done: to have another one woken for it takes longer than most of what there is to do.
         """
-        if self.closed or not self._executor.run_here(fn):
+        if self.closed or self._posted or not self._executor.run_here(fn):  # first what was posted before
             self.post(fn)
 
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:

@@ -146,6 +146,16 @@ def test_what_has_time_is_called_when_the_executor_is_awake_and_else_at_the_end_
         assert [type(fault) for fault in faults] == [ZeroDivisionError]  # the others are of the same kind
 
 
+def test_what_may_run_on_the_thread_that_asks_comes_after_what_that_thread_has_posted() -> None:
+    with NodeRuntime.open('ordered') as runtime:
+        order: list[int] = []
+        for number in range(0, 200, 2):
+            runtime.post(partial(order.append, number))
+            runtime.run_or_post(partial(order.append, number + 1))
+        runtime.call(lambda: None)
+        assert order == list(range(200))
+
+
 def test_nothing_that_is_posted_gets_lost_with_the_ring_of_the_bell(monkeypatch: pytest.MonkeyPatch) -> None:
     runtime = NodeRuntime('deaf', args=[])
     trigger = runtime._doorbell.trigger

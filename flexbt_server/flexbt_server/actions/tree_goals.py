@@ -467,7 +467,7 @@ class _GoalReader(RunReader):
     def read(self, event: RunEvent) -> None:
         match event:
             case RunAdopted() | OfferRefused() | RunEnded():
-                self._runtime.post(lambda: self._goals.note(self._running, event))
+                self._runtime.run_or_post(lambda: self._goals.note(self._running, event))
             case RunWarning(text):
                 self._runtime.node.get_logger().warning(text)
             case PropertyViolated(text):
