@@ -83,12 +83,7 @@ class BtServer:
             services=ServiceLinks(runtime, parameters.peer_timeout),
             topics=topics,
             triggers=TriggerServices(runtime),
-            ending=EndingGoals(
-                runtime.steady,
-                parameters.cancel_timeout,
-                logger.warning,
-                lambda action: str(runtime.node.resolve_service_name(f'{action}/_action/send_goal')),
-            ),
+            ending=EndingGoals(runtime, parameters.cancel_timeout),
             frames=RobotFrames(
                 runtime,
                 topics.cache(SubscribedTopic(PoseStamped, parameters.pose_topic)),
@@ -112,7 +107,7 @@ class BtServer:
         self.execute = runtime.call(lambda: ExecuteServer(runtime, parameters.default_tree, goals, boards, admission))
         self.control = runtime.call(lambda: ControlServer(runtime, goals))
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
-        self.data = runtime.call(lambda: DataServers(runtime, boards, reader, goals.wake, admission))
+        self.data = runtime.call(lambda: DataServers(runtime, boards, reader, goals, admission))
         self.navigators = runtime.call(
             lambda: Navigators(runtime, parameters.navigators, goals, boards, services, default_trees, refusal)
         )

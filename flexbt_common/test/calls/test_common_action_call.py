@@ -320,7 +320,7 @@ def test_a_result_that_the_answer_to_a_late_cancel_overtakes_counts(
 def test_a_cancel_at_a_server_that_does_not_know_the_goal_loses_it(
     link: ActionServerLink, cancels_answered: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('flexbt_common.calls.links.WATCH_SECONDS', 1000.0)  # only the cancel can tell
+    monkeypatch.setattr('flexbt_common.calls.action_call.WATCH_SECONDS', 1000.0)  # only the cancel can tell
     done, accepted = Done(), threading.Event()
     with NodeRuntime.open('server') as first:
         ScriptedActionServer(first, Wait, 'wait')

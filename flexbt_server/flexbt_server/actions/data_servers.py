@@ -20,7 +20,7 @@ from flexbt_msgs.msg import BtLoadError, BtLoadReport
 from flexbt_server.trees.blackboards import Blackboards, entries_of, write_all
 from flexbt_server.trees.tree_store import FileReport, TreeStore
 
-from .tree_goals import MESSAGE_LIMIT
+from .tree_goals import MESSAGE_LIMIT, TreeGoals
 
 LoadResult = BtLoad.Result
 
@@ -121,7 +121,7 @@ def _message(report: FileReport) -> BtLoadReport:
 
 
 class DataServers:
-    """Serves BtGetData and BtSetData. ``on_write(blackboard)`` is told when entries were written.
+    """The servers of BtGetData and BtSetData. The trees among ``goals`` are woken when entries were written.
 
     Values are converted on the thread of ``reader``, as those of goals for trees: in the order of all these goals.
     """
@@ -131,13 +131,13 @@ class DataServers:
         runtime: Runtime,
         boards: Blackboards,
         reader: WorkThread,
-        on_write: Callable[[str], None],
+        goals: TreeGoals,
         admission: GoalAdmission,
     ) -> None:
         self._runtime = runtime
         self._boards = boards
         self._reader = reader
-        self._on_write = on_write
+        self._goals = goals
         for action, name, answer in (
             (BtGetData, names.BT_GET_DATA, self._get),
             (BtSetData, names.BT_SET_DATA, self._set),
@@ -195,7 +195,7 @@ class DataServers:
         except (FlexbtError, BlackboardError) as error:
             message = sanitize_for_message(f'nothing was written: {error}', MESSAGE_LIMIT)
             return BtSetData.Result(code=BtSetData.Result.FAILURE, message=message)
-        self._runtime.post(lambda: self._on_write(request.blackboard))
+        self._runtime.post(lambda: self._goals.wake(request.blackboard))
         return BtSetData.Result(code=BtSetData.Result.SUCCESS)
 
 

@@ -22,7 +22,7 @@ from flexbt_common.errors import TransformError
 from flexbt_common.lifecycle.liveliness import STARTED
 from flexbt_common.runtime.node_runtime import CALL_SECONDS, Runtime
 from flexbt_common.transform_listener import TransformListener
-from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.clock.clock import Timer
 from flexbt_server.trees.tree_store import TreeStore
 
 from .topic_cache import TopicCache, TopicCaches
@@ -167,35 +167,37 @@ class EndingGoal:
 
 
 class EndingGoals:
-    """Those of all trees of a server. From any thread.
+    """The canceled goals of all trees of a server that have not ended. From any thread.
 
     A tree is over when its time to halt is; what its goals do is not: as long as one may move an actuator, no other
     goal for that actuator, or for the same server, is sent, by whatever tree.
 
-    ``warn(message)`` is told when a goal has not ended ``patience`` seconds after its cancel, and when it has after
-    that; ``resolve(action)`` gives the full name of an action.
+    A warning is logged when a goal has not ended ``patience`` seconds after its cancel, and when it has after that.
     """
 
-    def __init__(
-        self, steady: Clock, patience: float, warn: Callable[[str], None], resolve: Callable[[str], str]
-    ) -> None:
-        self._steady = steady
+    def __init__(self, runtime: Runtime, patience: float) -> None:
+        self._node = runtime.node
+        self._steady = runtime.steady
         self._patience = patience
-        self._warn = warn
-        self._resolve = resolve
         self._alarms: dict[EndingGoal, Timer] = {}
         self._overdue: set[EndingGoal] = set()
         self._waiting: set[Callable[[], None]] = set()
         self._lock = threading.Lock()
 
     def add(self, action: str, resources: Collection[str]) -> EndingGoal:
-        """Return a goal was canceled; it is given to :meth:`remove` when it is known to have ended."""
+        """Add a goal that was canceled, and return it for :meth:`remove`, once it is known to have ended."""
         goal = EndingGoal(
             action, self._resolve(action), frozenset(resources), self._steady.now(), time.strftime('%H:%M:%S')
         )
         with self._lock:
             self._alarms[goal] = self._steady.call_at(goal.since + self._patience, lambda: self._late(goal))
         return goal
+
+    def _resolve(self, action: str) -> str:
+        return str(self._node.resolve_service_name(f'{action}/_action/send_goal'))
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text)
 
     def remove(self, goal: EndingGoal) -> None:
         """Wake those that wait for a goal that has ended."""
@@ -242,7 +244,7 @@ class EndingGoals:
             self._waiting.add(wake)
 
     def stop_waiting(self, wake: Callable[[], None]) -> None:
-        """Harmless when it does not wait."""
+        """Take back :meth:`wait`. Harmless when it does not wait."""
         with self._lock:
             self._waiting.discard(wake)
 

@@ -65,7 +65,7 @@ def test_the_size_of_all_values_is_bounded(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_what_is_more_than_a_message_is_not_sent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_common.values.limits.MESSAGE', 10_000)
+    monkeypatch.setattr('flexbt_server.trees.blackboards.MESSAGE', 10_000)
     board = Blackboards().get('')
     for key in 'abc':
         board.set(key, 'x' * 4000)

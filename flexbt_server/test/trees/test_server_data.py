@@ -107,7 +107,7 @@ def test_an_internal_fault_is_told_in_full(
     def fails(*_: Any) -> None:
         raise fault
 
-    monkeypatch.setattr('flexbt_server.trees.blackboards.entries_of', fails)
+    monkeypatch.setattr('flexbt_server.actions.data_servers.entries_of', fails)
     for name in ('find', 'load'):
         monkeypatch.setattr(TreeStore, name, fails)
     client = world.client
