@@ -33,12 +33,12 @@ def positive(text: str) -> float:
 
 def add_files(parser: argparse.ArgumentParser) -> None:
     """One or several tree files: ``options.files``."""
-    parser.add_argument('files', metavar='FILE', nargs='+', help='XML file of trees; - is the standard input')
+    parser.add_argument('files', metavar='FILE', nargs='+', help='XML file of trees; - for standard input')
 
 
 def add_file(parser: argparse.ArgumentParser) -> None:
     """One tree file: ``options.file``."""
-    parser.add_argument('file', metavar='FILE', help='XML file of trees; - is the standard input')
+    parser.add_argument('file', metavar='FILE', help='XML file of trees; - for standard input')
 
 
 def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = True) -> None:
@@ -54,16 +54,16 @@ def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = Tru
         '--nav2-branch',
         choices=NAV2_BRANCHES,
         default=NAV2_BRANCHES[0],
-        help='branch of Nav2 for which files were written that do not show it themselves (default: %(default)s)',
+        help='branch of Nav2 that files are for, unless they show it (default: %(default)s)',
     )
     if allow_unknown:
-        parser.add_argument('--allow-unknown', action='store_true', help='node types may be unknown')
+        parser.add_argument('--allow-unknown', action='store_true', help='allow unknown node types')
 
 
 def add_trees(parser: argparse.ArgumentParser) -> None:
     """Which trees: ``options.tree``, ``options.expand``."""
     parser.add_argument('--tree', metavar='ID', help='only this tree')
-    parser.add_argument('--expand', action='store_true', help='sub-trees in their place instead of by themselves')
+    parser.add_argument('--expand', action='store_true', help='show sub-trees in place instead of separately')
 
 
 def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[TreeKey]:
@@ -79,7 +79,10 @@ def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[Tree
 def add_ports(parser: argparse.ArgumentParser, default: str) -> None:
     """``options.ports``."""
     parser.add_argument(
-        '--ports', choices=PORTS, default=default, help='those that the file gives, all, or none (default: %(default)s)'
+        '--ports',
+        choices=PORTS,
+        default=default,
+        help='ports to show: those in the file, all, or none (default: %(default)s)',
     )
 
 
@@ -95,7 +98,7 @@ def add_inputs(parser: argparse.ArgumentParser) -> None:
         metavar='KEY',
         action='append',
         default=[],
-        help='a blackboard key that is written from outside; repeatable',
+        help='blackboard key that is written from outside; repeatable',
     )
 
 
@@ -106,7 +109,7 @@ def add_skills(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         action='append',
         default=[],
-        help='YAML file of what leaves and states need and bring about, beyond what their classes declare; repeatable',
+        help='YAML file of skills, in addition to those that classes declare; repeatable',
     )
 
 

@@ -51,7 +51,7 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
         dest='parameters',
         action='append',
         default=[],
-        help='value of a parameter of the behavior; repeatable (the defaults hold for the rest)',
+        help='value of a parameter of the behavior; repeatable (others keep their defaults)',
     )
 
 
@@ -73,7 +73,7 @@ def add_tree_files(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         action='append',
         default=[],
-        help='tree file that the BT server has loaded already; repeatable',
+        help='tree file that the BT server has already loaded; repeatable',
     )
 
 
@@ -150,7 +150,7 @@ def add_skills_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='LITERAL',
         action='append',
         default=[],
-        help='what holds at the start, as in "at(kitchen)"; for --capabilities; repeatable',
+        help='literal that holds at the start, such as "at(kitchen)"; for --capabilities; repeatable',
     )
     add_skill_arguments(parser).add_argument(
         '--capabilities', metavar='NAME', help='print a capability file of this name, for behavior_tool synthesize'
@@ -176,8 +176,8 @@ def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
     add_parameters(parser)
     add_picture_arguments(parser)
-    parser.add_argument('--no-trees', action='store_true', help='only the state machine')
-    parser.add_argument('--expand', action='store_true', help='sub-trees in their place')
+    parser.add_argument('--no-trees', action='store_true', help='draw only the state machine')
+    parser.add_argument('--expand', action='store_true', help='draw sub-trees in place')
     arguments.add_ports(parser, 'none')
     add_tree_files(parser)
     arguments.add_node_types(parser, allow_unknown=False)

@@ -56,7 +56,7 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_node_types(parser)
     arguments.add_inputs(parser)
     arguments.add_skills(parser)
-    parser.add_argument('--shared', action='store_true', help='all trees run on one blackboard, as the server does it')
+    parser.add_argument('--shared', action='store_true', help='run all trees on one blackboard, as the server does')
     add_report_arguments(parser, [rule for rule in RULES if rule is not REFUSED])
 
 
@@ -78,7 +78,7 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_file(parser)
     arguments.add_trees(parser)
     arguments.add_ports(parser, 'given')
-    parser.add_argument('--ascii', action='store_true', help='only ASCII characters')
+    parser.add_argument('--ascii', action='store_true', help='use only ASCII characters')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)
 
@@ -132,11 +132,13 @@ def run_draw(options: argparse.Namespace) -> ExitCode:
 
 
 def add_model_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--builtin', action='store_true', help='also the nodes of BehaviorTree.CPP, which Groot2 knows')
+    parser.add_argument(
+        '--builtin', action='store_true', help='include the nodes of BehaviorTree.CPP, which Groot2 knows'
+    )
     parser.add_argument(
         '--xsd',
         action='store_true',
-        help='an XML schema of tree files instead, of all node types, for any XML editor',
+        help='print an XML schema of tree files instead, with all node types, for any XML editor',
     )
     arguments.add_node_types(parser, allow_unknown=False)
 
@@ -247,7 +249,7 @@ _EXIT_CODES: Final = {'SUCCESS': ExitCode.OK, 'ERROR': ExitCode.NODE_ERROR, 'TIM
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_files(parser)
-    parser.add_argument('--tree', metavar='ID', help='the tree to run (default: the main one of the first file)')
+    parser.add_argument('--tree', metavar='ID', help='tree to run (default: the main tree of the first file)')
     parser.add_argument(
         '--mock',
         metavar='FILE|NODE=STATUS,...',
@@ -262,23 +264,25 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--blackboard', metavar='FILE', help='entries of the blackboard, JSON as --save-blackboard writes it'
     )
-    parser.add_argument('--save-blackboard', metavar='FILE', help='write the blackboard, as it is at the end, as JSON')
-    parser.add_argument('--read-inputs', action='store_true', help='mocks raise when an input is missing, as nodes do')
+    parser.add_argument('--save-blackboard', metavar='FILE', help='write the final blackboard, as JSON')
     parser.add_argument(
-        '--rate', metavar='HZ', type=arguments.positive, default=DEFAULT_RATE, help='least rate of ticks (default: 10)'
+        '--read-inputs', action='store_true', help='let mocks raise when an input is missing, as nodes do'
+    )
+    parser.add_argument(
+        '--rate', metavar='HZ', type=arguments.positive, default=DEFAULT_RATE, help='minimum tick rate (default: 10)'
     )
     parser.add_argument(
         '--timeout',
         metavar='SECONDS',
         type=arguments.positive,
         default=_DEFAULT_TIMEOUT,
-        help='end of the run, on the clock of the tree (default: 600)',
+        help="end the run at this time on the tree's clock (default: 600)",
     )
-    parser.add_argument('--real-time', action='store_true', help='wait, instead of jumping from event to event')
     parser.add_argument(
-        '--btlog', metavar='FILE', type=_log_file, help='write a log file, which Groot2 and bt_tool log open'
+        '--real-time', action='store_true', help='run in real time, instead of jumping from event to event'
     )
-    parser.add_argument('--quiet', action='store_true', help='only the result')
+    parser.add_argument('--btlog', metavar='FILE', type=_log_file, help='write a log file for Groot2 and bt_tool log')
+    parser.add_argument('--quiet', action='store_true', help='print only the result')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)
 
@@ -344,7 +348,7 @@ def _main_tree(library: TreeLibrary) -> TreeKey:
 
 
 def add_log_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('file', metavar='FILE', type=Path, help='the log file')
+    parser.add_argument('file', metavar='FILE', type=Path, help='log file')
     arguments.add_json(parser)
 
 

@@ -39,10 +39,10 @@ def add_report_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[Ch
         action='append',
         default=[],
         choices=[rule.name for rule in ignorable],
-        help='do not look for this; repeatable: %(choices)s',
+        help='skip this rule; repeatable: %(choices)s',
     )
-    parser.add_argument('--remarks', action='store_true', help='print what is only a remark, too (info)')
-    parser.add_argument('--strict', action='store_true', help='warnings count as errors do for the exit code')
+    parser.add_argument('--remarks', action='store_true', help='also print remarks (info)')
+    parser.add_argument('--strict', action='store_true', help='count warnings as errors in the exit code')
     arguments.add_json(parser)
 
 
@@ -80,9 +80,9 @@ _SUFFIXES: Final = {'.svg': 'svg', '.dot': 'dot', '.gv': 'dot', '.mmd': 'mermaid
 def add_picture_arguments(parser: argparse.ArgumentParser) -> None:
     """Format and place of the picture."""
     parser.add_argument(
-        '--format', choices=_FORMATS, help='default: by the name of the output file, or svg, which Graphviz makes'
+        '--format', choices=_FORMATS, help='default: by the name of the output file, or svg (needs Graphviz)'
     )
-    parser.add_argument('-o', '--output', metavar='FILE', help='file to write (default: the standard output)')
+    parser.add_argument('-o', '--output', metavar='FILE', help='file to write (default: standard output)')
 
 
 def output_picture(
@@ -119,7 +119,7 @@ def _picture(form: str, dot: Callable[[], Iterator[str]], mermaid: Callable[[], 
 
 def add_skill_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
     """``options.skill``, ``options.yaml``, ``options.json``; gives the group of the forms."""
-    parser.add_argument('--skill', metavar='NAME', action='append', default=[], help='only this one; repeatable')
+    parser.add_argument('--skill', metavar='NAME', action='append', default=[], help='only this skill; repeatable')
     form = parser.add_mutually_exclusive_group()
     form.add_argument('--yaml', action='store_true', help='print a file of manifests')
     arguments.add_json(form)

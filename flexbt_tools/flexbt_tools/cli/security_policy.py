@@ -65,7 +65,7 @@ def main(words: Sequence[str] | None = None) -> int:
         nargs='*',
         type=_namespace,
         metavar='NAMESPACE',
-        help='of a robot, as /robot1 (default: /)',
+        help='namespace of a robot, such as /robot1 (default: /)',
     )
     root = policy(parser.parse_args(words).namespaces or ['/'])
     ElementTree.indent(root)
