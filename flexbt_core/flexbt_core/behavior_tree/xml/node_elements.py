@@ -231,7 +231,7 @@ class NodeReader:
             if script.empty and not may_be_empty:
                 raise ScriptError(text, 0, 'the script is empty')
         except ScriptError as error:
-            place = value_offset(self._source, element.offsets[attribute], text, error.offset)
+            place = value_offset(self._source, element.offset_of(attribute), text, error.offset)
             self._errors.append(self._source.error(place, f'script of [{attribute}]: {error.reason}', str(element)))
             return None
         return script
@@ -305,8 +305,8 @@ class NodeReader:
                 values[name] = PortValue(str(default), None, default)
 
     def _error(self, element: Element, message: str, attribute: str | None = None, unknown: str = '') -> None:
-        offset = element.offset if attribute is None else element.offsets.get(attribute, element.offset)
-        self._errors.append(replace(self._source.error(offset, message, str(element)), unknown=unknown))
+        where = element.offset_of(attribute)
+        self._errors.append(replace(self._source.error(where, message, str(element)), unknown=unknown))
 
 
 def _origin(manifest: NodeManifest) -> str:

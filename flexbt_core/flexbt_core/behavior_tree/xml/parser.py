@@ -45,6 +45,10 @@ class Element:
         """Where each attribute is written, from the beginning of the element on."""
         self.children: list[Element] = []
 
+    def offset_of(self, attribute: str | None) -> int:
+        """Return where an attribute is written; where the element is, for None and for what is not written."""
+        return self.offset if attribute is None else self.offset + self.places.get(attribute, 0)
+
     @property
     def offsets(self) -> dict[str, int]:
         """Where each attribute is written."""

@@ -236,7 +236,7 @@ class _Loader:
             self._trees[id] = TreeDefinition(id, root, source, element.offset)
 
     def _error(self, source: Source, element: Element, message: str, attribute: str | None = None) -> None:
-        offset = element.offset if attribute is None else element.offsets.get(attribute, element.offset)
+        offset = element.offset_of(attribute)
         self.errors.append(source.error(offset, message, str(element)))
 
     def _warn(self, source: Source, element: Element, message: str) -> None:

@@ -48,7 +48,7 @@ class SourceElement:
         raise ModelError([self.error(message, attribute)])
 
     def error(self, message: str, attribute: str = '') -> LoadError:
-        offset = self.element.offsets.get(attribute, self.element.offset)
+        offset = self.element.offset_of(attribute)
         return self.source.error(offset, message, f'<{self.tag}>')
 
     def get(self, name: str) -> str | None:
