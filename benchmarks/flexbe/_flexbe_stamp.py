@@ -15,7 +15,7 @@ ADDRESS: Final = 'FLEXBE_BENCHMARK_SOCKET'
 
 
 def entered(label: str) -> None:
-    """Called by a state when it is entered."""
+    """Note the time at which a state is entered."""
     now = time.monotonic_ns()  # the same clock in all processes
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         sender.sendto(f'{now} {label}'.encode(), os.environ[ADDRESS])

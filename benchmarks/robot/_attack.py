@@ -71,7 +71,7 @@ Attack = tuple[Callable[[], object], float]
 
 
 def clock(node: Node) -> Attack:
-    """Times before 1970."""
+    """Send times before 1970."""
     publisher = node.create_publisher(Clock, names.CLOCK, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE))
     message = Clock()
     message.clock.sec = -5

@@ -39,7 +39,7 @@ def main(kind: str, count: int, amount: float, parent: int) -> None:
 
 
 def forge_robots(node: Node, count: int, rate: float) -> None:
-    """Executives that run something, each with a status that goes on."""
+    """Publish executives that run something, each with a status that goes on."""
     publishers = [
         node.create_publisher(ExecutiveStatus, f'/z{number}/{names.EXECUTIVE_STATUS}', names.transient_local_qos())
         for number in range(count)
@@ -59,7 +59,7 @@ def forge_robots(node: Node, count: int, rate: float) -> None:
 
 
 def forge_names(node: Node, count: int, seconds: float) -> None:
-    """Executives that come and go."""
+    """Publish executives that come and go."""
     turn = 0
     while True:
         turn += 1

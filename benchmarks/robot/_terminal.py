@@ -37,7 +37,7 @@ class Terminal:
         self._reader.start()
 
     def close(self) -> None:
-        """The process has ended."""
+        """Close the terminal of a process that has ended."""
         self._reader.join()
         os.close(self._file)
 

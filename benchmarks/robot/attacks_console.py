@@ -76,7 +76,7 @@ class Target:
         return next(iter(list(self.stops.values())[count:]), None)
 
     def run(self) -> None:
-        """A behavior runs."""
+        """Publish that a behavior runs."""
 
         def begin() -> None:
             self.executive.status.state = 3
@@ -179,7 +179,7 @@ class Line(Console):
         super().__init__('stop', stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def megabytes(self) -> int:
-        """It has ended."""
+        """Return 0: it has ended."""
         return 0
 
 
@@ -194,7 +194,7 @@ CONSOLES: Final[dict[str, Any]] = {
 
 
 async def page(address: str) -> None:
-    """A browser, as far as the server sees it: reads all that comes, and sends what the parent says."""
+    """Act as a browser for the server: read all that comes, and send what the parent says."""
     async with ClientSession() as session, session.ws_connect(f'{address}link', max_msg_size=0) as socket:
         await socket.send_json({'hello': None})
         reader = asyncio.StreamReader()

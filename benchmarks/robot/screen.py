@@ -67,7 +67,7 @@ class Robot(NullRobot):
         )  # fmt: skip
 
     def change(self) -> None:
-        """The next status: it drives."""
+        """Publish the next status: the robot drives."""
         pose = FramedPose(1.0 + self.snapshot.sequence * 0.01 % 8.0, 1.0)
         self.snapshot = replace(self.snapshot, sequence=self.snapshot.sequence + 1, robot_pose=pose)
         self.mirror.receive_snapshot(replace(self.snapshot, stamp=1.0 + self.snapshot.sequence * 0.1))

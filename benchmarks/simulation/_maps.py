@@ -67,7 +67,7 @@ def clutter(cells: Cells, resolution: float, random: Random) -> list[Line]:
 
 
 def yard(cells: Cells, resolution: float, random: Random) -> list[Line]:
-    """Buildings and what is left between them, for cars."""
+    """Draw buildings and what is left between them, for cars."""
     return blocks(cells, resolution, random, round(cells.size * resolution**2 / 120.0), 6.0)
 
 

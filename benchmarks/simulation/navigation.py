@@ -83,7 +83,7 @@ class Places:
         self._occupied = numpy.argwhere(costmap.obstacles)
 
     def begin(self, seed: int) -> None:
-        """What is drawn from now on does not depend on what was drawn before."""
+        """Make what is drawn from now on independent of what was drawn before."""
         self._random = numpy.random.default_rng(seed)
 
     def _pose(self, cells: NDArray[numpy.int64]) -> Pose:
@@ -221,7 +221,7 @@ def every(period: float, world: World, do: Callable[[], None]) -> Callable[[], N
 
 
 def add_walkers(world: World, places: Places, start: Pose, goal: Pose) -> None:
-    """Moving obstacles near the way, not where the robot starts."""
+    """Return moving obstacles near the way, not where the robot starts."""
     distance = start.distance(goal) / 2.0 + 2.0
     middle = Pose((start.x + goal.x) / 2.0, (start.y + goal.y) / 2.0, 0.0)
     for number in range(WALKERS):

@@ -67,7 +67,7 @@ class Client:
         self.goals += 1
 
     def now(self) -> float:
-        """Simulated time, s."""
+        """Return simulated time, s."""
         request = GetEntityState.Request(entity=self._entity)
         response: Any = service_outcome(self._clock, request, DEADLINE).response
         stamp = response.state.header.stamp

@@ -72,9 +72,10 @@ class Navigator:
         latency: int = 1,
         plan_seconds: float = 0.0,
     ) -> None:
-        """``static`` is what is known beforehand, by default the map of the world with its no-go zones. A command takes
-        effect after so many periods, as it does between nodes, and a plan is there after ``plan_seconds`` of simulated
-        time: between nodes, in a world that is faster than real time, it may be old.
+        """Make a navigator. ``static`` is known beforehand, by default the map of the world with its no-go zones.
+
+        A command takes effect after ``latency`` periods, as it does between nodes. A plan is there after
+        ``plan_seconds`` of simulated time: between nodes, in a world that is faster than real time, it may be old.
         """
         known = static or world.known_map
         if known is None:

@@ -99,7 +99,7 @@ class Navigation:
             self._end_all(f'no pose of the robot: {robot} is gone', code='TF_ERROR')
 
     def _after_hang(self, hang: Hang) -> None:
-        """The process was stopped: what was asked of it meanwhile may be lost, a cancel too. Called on any thread."""
+        """Cancel all after the process was stopped: what was asked meanwhile may be lost. From any thread."""
         if hang.was_out_of_reach:
             self._runtime.post(lambda: self._end_all(str(hang)))
 

@@ -40,7 +40,7 @@ def graph(places: Mapping[int, tuple[float, float]], *ways: tuple[int, int]) -> 
 
 @st.composite
 def graphs(draw: st.DrawFn) -> RouteGraph:
-    """Some nodes, and edges between any of them."""
+    """Draw some nodes, and edges between any of them."""
     places = draw(st.lists(st.tuples(st.integers(-20, 20), st.integers(-20, 20)), min_size=2, max_size=12))
     ends = st.integers(0, len(places) - 1)
     ways = draw(st.lists(st.tuples(ends, ends), min_size=1, max_size=40))

@@ -6,19 +6,17 @@ from __future__ import annotations
 import functools
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
+from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
-from builtin_interfaces.msg import Time
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.action.server import GoalEvent, ServerGoalHandle
-from rclpy.task import Future
+from rclpy.action.server import RCLError
+from rclpy.qos import QoSProfile, qos_profile_action_status_default
+from rclpy.time import Time
 
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.middleware.rclpy_private import ACTION_SERVER, ExtendedActionServer, is_usable
-from flexbt_common.names import action_service_qos
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.limits import check_limits, length_of
 from flexbt_core.values.text import sanitize_for_message
@@ -48,14 +46,14 @@ class GoalAdmission:
 
 # An action server whose goals are ended by a call, and whose results are on their way when that call returns.
 #
-# rclpy's own runs a coroutine for each goal. When that has returned, the result takes two more turns of the executor
-# until it is sent, after the list of goals that tells the client of the end. And the list, which goes out with every
-# change of any goal, has all goals of the last ``result_timeout`` seconds in it, which each client unpacks: at 10 goals
-# a second and the 15 minutes of rclpy's default that is longer than the goals take.
+# An action is three services and two topics, and they are made here as such. rclpy's ActionServer runs a coroutine for
+# each goal. When that has returned, the result takes two more turns of the executor until it is sent, after the list of
+# goals that tells the client of the end. And the list, which goes out with every change of any goal, has all goals of
+# the last ``result_timeout`` seconds in it, which each client unpacks: at 10 goals a second and the 15 minutes of
+# rclpy's default that is longer than the goals take.
 #
-# Here the result leaves first. Ended goals stay in the list for a moment only; their results can be asked for longer,
-# and as long a cancel is answered with "terminated", not with "unknown". That takes private parts of rclpy: where it
-# lacks them, its own server does all this in its own way.
+# Here the result leaves first. Ended goals stay in the list for a moment only. Their results can be asked for longer,
+# and as long a cancel is answered with "terminated", not with "unknown".
 
 MOST_RESULTS: Final = 1000
 RESULTS_LENGTH: Final = 64_000_000
@@ -95,11 +93,22 @@ class GoalFault:
     hangs: bool = False
 
 
-class _Ends(Protocol):
-    """What ends goals."""
+@dataclass(eq=False)
+class _Goal:
+    """A goal as its clients see it. ``askers``: the requests for its result that wait for it."""
 
-    def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
-        """Make the transition, once, and send the result."""
+    info: GoalInfo
+    request: Any
+    status: int = GoalStatus.STATUS_EXECUTING
+    askers: list[Any] = field(default_factory=list)
+
+    @property
+    def id(self) -> bytes:
+        return bytes(self.info.goal_id.uuid)
+
+    @property
+    def has_ended(self) -> bool:
+        return self.status not in (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 
 
 class ServedGoal:
@@ -108,11 +117,11 @@ class ServedGoal:
     ``id``: 16 bytes. ``request``: the goal message.
     """
 
-    def __init__(self, server: _Ends, handle: ServerGoalHandle) -> None:
-        self.id = bytes(handle.goal_id.uuid)
-        self.request: Any = handle.request
+    def __init__(self, server: GoalServer, goal: _Goal) -> None:
+        self.id = goal.id
+        self.request: Any = goal.request
         self._server = server
-        self._handle = handle
+        self._goal = goal
         self._active = True
         self._withdrawn = False
         self._on_cancel: list[Callable[[], None]] = []
@@ -125,7 +134,7 @@ class ServedGoal:
     @property
     def cancel_requested(self) -> bool:
         """Whether the client has asked for the goal to be canceled, and it has not ended yet; or it is withdrawn."""
-        return self._withdrawn or (self._active and bool(self._handle.is_cancel_requested))
+        return self._withdrawn or (self._active and self._goal.status == GoalStatus.STATUS_CANCELING)
 
     def on_cancel(self, fn: Callable[[], None]) -> None:
         """Have ``fn`` called when ``cancel_requested`` begins to hold, as long as the goal has not ended."""
@@ -140,19 +149,19 @@ class ServedGoal:
     def publish_feedback(self, feedback: Any) -> None:
         """Send feedback; nothing after the end."""
         if self._active:
-            self._handle.publish_feedback(feedback)
+            self._server.publish_feedback(self._goal, feedback)
 
     def succeed(self, result: Any) -> None:
         """End the goal: what it asked for was done. Whoever ends a goal a second time changes nothing."""
-        self._end(GoalEvent.SUCCEED, result)
+        self._end(GoalStatus.STATUS_SUCCEEDED, result)
 
     def abort(self, result: Any) -> None:
         """End the goal: it was not done."""
-        self._end(GoalEvent.ABORT, result)
+        self._end(GoalStatus.STATUS_ABORTED, result)
 
     def canceled(self, result: Any) -> None:
         """End the goal as canceled; when its client did not ask for that, it is aborted: ROS knows no other way."""
-        self._end(GoalEvent.CANCELED if self.cancel_requested else GoalEvent.ABORT, result)
+        self._end(GoalStatus.STATUS_CANCELED if self.cancel_requested else GoalStatus.STATUS_ABORTED, result)
 
     def withdraw(self) -> None:
         """Take the goal from who works on it, for whom it is as if canceled: what he says of it is not told."""
@@ -160,12 +169,12 @@ class ServedGoal:
 
     def as_accepted(self) -> ServedGoal:
         """Return the goal as it was when it was accepted, for who works on it next."""
-        return ServedGoal(self._server, self._handle)
+        return ServedGoal(self._server, self._goal)
 
-    def _end(self, event: GoalEvent, result: Any) -> None:
+    def _end(self, status: int, result: Any) -> None:
         if self._active:
             self._active = False
-            self._server.end(self._handle, event, result)
+            self._server.end(self._goal, status, result)
 
 
 class GoalServer:
@@ -206,18 +215,20 @@ class GoalServer:
         self._on_cancel = on_cancel
         self._cancelable = cancelable
         self._goals: dict[bytes, ServedGoal] = {}
-        server_class = _Server if is_usable(ACTION_SERVER) else _StockServer
-        self._server = server_class(
-            runtime,
-            action_type,
-            name,
-            goal_callback=self._admit,
-            handle_accepted_callback=self._accepted,
-            cancel_callback=self._cancel,
-            **action_service_qos(),
-        )
-        self._server.on_end = self._goals.pop
+        self.listed: dict[bytes, _Goal] = {}
+        """The goals that clients are told of, by their identifiers."""
+        self._is_listed_soon = False
+        self._held_cancels: deque[tuple[Any, Any]] = deque(maxlen=MOST_GOALS)
+        self.results = _Results()
+        """Those of goals that have ended."""
         self._fault = GoalFault()
+        self._is_closed = False
+        impl, node = action_type.Impl, runtime.node
+        self._goal_service = self._service('send_goal', impl.SendGoalService, self._answer_goal)
+        self._cancel_service = self._service('cancel_goal', impl.CancelGoalService, self._answer_cancel)
+        self._result_service = self._service('get_result', impl.GetResultService, self._answer_result)
+        self._feedback = node.create_publisher(impl.FeedbackMessage, f'{name}/_action/feedback', QoSProfile(depth=10))
+        self._list = node.create_publisher(GoalStatusArray, f'{name}/_action/status', qos_profile_action_status_default)
         runtime.once(goal_servers, _no_servers)[name] = self
         runtime.on_close(self._close_at_end)
 
@@ -225,7 +236,13 @@ class GoalServer:
         """Take the server out of the graph. Goals that have not ended get no result."""
         self._runtime.cancel_on_close(self._close_at_end)
         self._runtime.once(goal_servers, _no_servers).pop(self._name, None)
-        self._server.destroy()
+        self._publish_list()
+        self._is_closed = True
+        node = self._runtime.node
+        for service in (self._goal_service, self._cancel_service, self._result_service):
+            node.destroy_service(service)
+        for publisher in (self._feedback, self._list):
+            node.destroy_publisher(publisher)
 
     @property
     def fault(self) -> GoalFault:
@@ -240,7 +257,12 @@ class GoalServer:
         for goal in list(self._goals.values()):
             if goal.active and (fault.hangs or fault.failure is not None):
                 self._withdraw(goal)
-        self._server.hold_cancels(fault.hangs, self._begin_again)
+        while self._held_cancels and not fault.hangs:
+            request, header = self._held_cancels.popleft()
+            answer = self._answer_cancel(request, self._action_type.Impl.CancelGoalService.Response())
+            self._cancel_service.send_response(answer, header)
+        for goal in [goal for goal in self._goals.values() if not goal.active]:
+            self._begin(goal.as_accepted())
 
     @property
     def busy(self) -> bool:
@@ -259,18 +281,114 @@ class GoalServer:
     def _close_at_end(self) -> None:
         self._runtime.call(self.close)
 
-    def _admit(self, _request: Any) -> GoalResponse:
-        refusal = self.admission.refusal or self._fault.refusal
-        if not refusal:
-            return GoalResponse.ACCEPT
-        self._runtime.node.get_logger().warning(
-            f'a goal of {self._name} was rejected: {refusal}', throttle_duration_sec=_COMPLAINT_SECONDS
-        )
-        return GoalResponse.REJECT
+    def _service(self, part: str, service_type: Any, answer: Callable[[Any, Any], Any]) -> Any:
+        """Make a service of the action. ``answer`` may return a function in place of a response: it gets the header
+        of the request, by which the request is answered later."""
+        service: Any = self._runtime.node.create_service(service_type, f'{self._name}/_action/{part}', answer)
+        send = service.send_response
 
-    def _accepted(self, handle: ServerGoalHandle) -> None:
-        self._server.begin(handle)
-        self._begin(ServedGoal(self._server, handle))
+        def send_or_wait(response: Any, header: Any) -> None:
+            if callable(response):
+                response(header)
+                return
+            try:
+                send(response, header)
+            except RCLError:
+                self._runtime.node.get_logger().warning(f'an answer of {self._name} was not sent: its client is gone')
+
+        service.send_response = send_or_wait
+        return service
+
+    def _answer_goal(self, request: Any, response: Any) -> Any:
+        refusal = self.admission.refusal or self._fault.refusal
+        if refusal:
+            self._runtime.node.get_logger().warning(
+                f'a goal of {self._name} was rejected: {refusal}', throttle_duration_sec=_COMPLAINT_SECONDS
+            )
+        if refusal or bytes(request.goal_id.uuid) in self.listed:
+            return response
+        response.accepted = True
+        response.stamp = self._runtime.node.get_clock().now().to_msg()
+        goal = _Goal(GoalInfo(goal_id=request.goal_id, stamp=response.stamp), request.goal)
+
+        def accept(header: Any) -> None:
+            self.listed[goal.id] = goal
+            self.results.drop(goal.id)  # of a goal with the same ID, which is not listed any more
+            self._goal_service.send_response(response, header)
+            self._list_soon()
+            self._begin(ServedGoal(self, goal))
+
+        return accept
+
+    def _answer_cancel(self, request: Any, response: Any) -> Any:
+        """Follow the rules of action_msgs/srv/CancelGoal."""
+        if self._fault.hangs:
+            return lambda header: self._held_cancels.append((request, header))
+        goal_id, until = bytes(request.goal_info.goal_id.uuid), Time.from_msg(request.goal_info.stamp).nanoseconds
+        known = self.listed.get(goal_id)
+        if not until and any(goal_id):
+            asked = [known] if known is not None else []
+            if (known is not None and known.has_ended) or (known is None and goal_id in self.results):
+                response.return_code = CancelGoal.Response.ERROR_GOAL_TERMINATED
+            elif known is None:
+                response.return_code = CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
+        else:
+            asked = [
+                goal
+                for goal in self.listed.values()
+                if goal is known or not until or Time.from_msg(goal.info.stamp).nanoseconds <= until
+            ]
+        for goal in asked:
+            if self._cancelable and not goal.has_ended:
+                response.goals_canceling.append(goal.info)
+                self._cancel(goal)
+        return response
+
+    def _cancel(self, goal: _Goal) -> None:
+        served = self._goals[goal.id]
+        if goal.status == GoalStatus.STATUS_EXECUTING:
+            goal.status = GoalStatus.STATUS_CANCELING
+            self._list_soon()
+            self._runtime.post(lambda: self._notify_cancel(served) if served.active else None)
+
+    def _answer_result(self, request: Any, response: Any) -> Any:
+        goal_id = bytes(request.goal_id.uuid)
+        goal = self.listed.get(goal_id)
+        if goal is not None and not goal.has_ended:
+            return goal.askers.append
+        return self.results.get(goal_id) or response
+
+    def publish_feedback(self, goal: _Goal, feedback: Any) -> None:
+        """Send feedback of a goal; for :class:`ServedGoal`."""
+        if not self._is_closed:
+            message = self._action_type.Impl.FeedbackMessage(goal_id=goal.info.goal_id, feedback=feedback)
+            self._feedback.publish(message)
+
+    def end(self, goal: _Goal, status: int, result: Any) -> None:
+        """End a goal, once; for :class:`ServedGoal`."""
+        self._goals.pop(goal.id, None)
+        if self._is_closed:
+            return
+        goal.status = status
+        response = self._action_type.Impl.GetResultService.Response(status=status, result=result)
+        for header in goal.askers:
+            self._result_service.send_response(response, header)
+        goal.askers.clear()
+        self.results.keep(goal.id, response)
+        self._list_soon()
+        self._runtime.post_in(_LISTED_SECONDS, lambda: self.listed.pop(goal.id))
+        self._runtime.post_in(RESULT_SECONDS, functools.partial(self.results.drop, goal.id))
+
+    def _list_soon(self) -> None:
+        if not self._is_listed_soon:
+            self._is_listed_soon = True
+            self._runtime.post_in(_LIST_AFTER_SECONDS, self._publish_list)
+
+    def _publish_list(self) -> None:
+        if self._is_listed_soon and not self._is_closed:
+            self._is_listed_soon = False
+            goals = [GoalStatus(goal_info=goal.info, status=goal.status) for goal in self.listed.values()]
+            self._list.publish(GoalStatusArray(status_list=goals))
 
     def _begin(self, goal: ServedGoal) -> None:
         self._goals[goal.id] = goal
@@ -292,10 +410,6 @@ class GoalServer:
             self._runtime.report_fault(error, f'goal of {self._name}')
             goal.abort(self._refused(sanitize_for_message(f'fault in the server: {error!r}', _FAULT_LIMIT)))
 
-    def _begin_again(self) -> None:
-        for goal in [goal for goal in self._goals.values() if not goal.active]:
-            self._begin(goal.as_accepted())
-
     def _withdraw(self, goal: ServedGoal) -> None:
         goal.withdraw()
         self._notify_cancel(goal)
@@ -304,14 +418,6 @@ class GoalServer:
         goal.notify_cancel()
         if self._on_cancel is not None:
             self._on_cancel(goal)
-
-    def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        goal = self._goals.get(bytes(handle.goal_id.uuid))
-        if not self._cancelable or goal is None:
-            return CancelResponse.REJECT
-        # rclpy makes the goal CANCELING only after this callback.
-        self._runtime.post(lambda: self._notify_cancel(goal) if goal.active else None)
-        return CancelResponse.ACCEPT
 
 
 def goal_servers(runtime: Runtime) -> Mapping[str, GoalServer]:
@@ -336,135 +442,30 @@ def _refusal(action_type: Any, why: str) -> Any:
     return result
 
 
-class _Server(ExtendedActionServer):
-    """rclpy's server, which keeps results and who waits for them itself. ``on_end`` is told the ID of an ended goal."""
+class _Results:
+    """The results of goals that have ended, by their identifiers, up to MOST_RESULTS and RESULTS_LENGTH."""
 
-    on_end: Callable[[bytes], object]
-
-    def __init__(self, runtime: Runtime, *arguments: Any, **options: Any) -> None:
-        super().__init__(runtime.node, *arguments, execute_callback=_never, result_timeout=_LISTED_SECONDS, **options)
-        self.results: dict[bytes, Any] = {}
+    def __init__(self) -> None:
+        self._responses: dict[bytes, Any] = {}
         self._lengths: dict[bytes, int] = {}
-        self._length = 0
-        self._runtime = runtime
-        self._waiting: dict[bytes, list[Any]] = {}
-        self._has_changed = False
-        self._holds_cancels = False
-        self._held_cancels: deque[Any] = deque(maxlen=MOST_GOALS)
 
-    def begin(self, handle: ServerGoalHandle) -> None:
-        self._drop_result(bytes(handle.goal_id.uuid))  # of a goal with the same ID, which is not listed any more
-        self.update(handle, GoalEvent.EXECUTE)
-        self._list_soon()
+    def __contains__(self, goal_id: bytes) -> bool:
+        return goal_id in self._responses
 
-    def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
-        goal_id = bytes(handle.goal_id.uuid)
-        status = self.update(handle, event)
-        if status is None:
-            return
-        response = self.action_type.Impl.GetResultService.Response(status=status, result=result)
-        for request_header in self._waiting.pop(goal_id, ()):
-            self.send_result(request_header, response)
-        self._keep_result(goal_id, response)
-        self._list_soon()
-        self.notify_goal_done()
-        self._runtime.post_in(RESULT_SECONDS, functools.partial(self._drop_result, goal_id))
-        self.on_end(goal_id)
+    def get(self, goal_id: bytes) -> Any | None:
+        """Return the response for a goal, if its result is kept."""
+        return self._responses.get(goal_id)
 
-    def destroy(self) -> None:
-        self._list()
-        super().destroy()
-
-    def hold_cancels(self, is_holding: bool, then: Callable[[], object]) -> None:
-        """Do not answer requests to cancel; or answer those that came meanwhile. Then go on."""
-        self._holds_cancels = is_holding
-
-        async def answer() -> None:
-            while self._held_cancels and not self._holds_cancels:
-                await self._execute_cancel_request(self._held_cancels.popleft())
-            then()
-
-        if self._held_cancels:
-            self._runtime.node.executor.create_task(answer)
-        else:
-            then()
-
-    async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
-        if self._holds_cancels:
-            self._held_cancels.append(request_header_and_message)
-        else:
-            await super()._execute_cancel_request(request_header_and_message)
-
-    def refused_cancel(self, request: Any) -> Any | None:
-        asked = request.goal_info
-        # With a time, the request is for all goals up to then as well.
-        if bytes(asked.goal_id.uuid) not in self.results or asked.stamp != Time():
-            return None
-        return CancelGoal.Response(return_code=CancelGoal.Response.ERROR_GOAL_TERMINATED)
-
-    def on_result_request(self, request_header: Any, goal_id: bytes) -> None:
-        response = self.results.get(goal_id)
-        if response is None and self.knows(goal_id):
-            self._waiting.setdefault(goal_id, []).append(request_header)
-        else:
-            unknown = self.action_type.Impl.GetResultService.Response()
-            self.send_result(request_header, response or unknown)
-
-    def _keep_result(self, goal_id: bytes, response: Any) -> None:
-        self.results[goal_id] = response
+    def keep(self, goal_id: bytes, response: Any) -> None:
+        """Keep a result. The oldest go first."""
+        self._responses[goal_id] = response
         self._lengths[goal_id] = length_of(response.result)
-        self._length += self._lengths[goal_id]
-        while len(self.results) > MOST_RESULTS or (self._length > RESULTS_LENGTH and len(self.results) > 1):
-            self._drop_result(next(iter(self.results)))
+        while len(self._responses) > MOST_RESULTS or (
+            sum(self._lengths.values()) > RESULTS_LENGTH and len(self._responses) > 1
+        ):
+            self.drop(next(iter(self._responses)))
 
-    def _drop_result(self, goal_id: bytes) -> None:
-        self.results.pop(goal_id, None)
-        self._length -= self._lengths.pop(goal_id, 0)
-
-    def _list_soon(self) -> None:
-        if not self._has_changed:
-            self._has_changed = True
-            self._runtime.post_in(_LIST_AFTER_SECONDS, self._list)
-
-    def _list(self) -> None:
-        if self._has_changed:
-            self._has_changed = False
-            self.publish_list()
-
-
-def _never(handle: ServerGoalHandle) -> None:
-    """rclpy demands a callback for the coroutine of a goal, which is never made here."""
-
-
-class _StockServer(ActionServer):
-    """rclpy's server, for which a goal is a coroutine: it waits for :meth:`end`."""
-
-    on_end: Callable[[bytes], object]
-
-    def __init__(self, runtime: Runtime, *arguments: Any, **options: Any) -> None:
-        super().__init__(
-            runtime.node, *arguments, execute_callback=self._result, result_timeout=RESULT_SECONDS, **options
-        )
-        self._runtime = runtime
-        self._results: dict[bytes, Future] = {}
-
-    def begin(self, handle: ServerGoalHandle) -> None:
-        self._results[bytes(handle.goal_id.uuid)] = Future(executor=self._runtime.node.executor)
-        handle.execute()
-
-    def end(self, handle: ServerGoalHandle, event: GoalEvent, result: Any) -> None:
-        goal_id = bytes(handle.goal_id.uuid)
-        {GoalEvent.SUCCEED: handle.succeed, GoalEvent.ABORT: handle.abort, GoalEvent.CANCELED: handle.canceled}[event]()
-        self._results[goal_id].set_result(result)
-        self.on_end(goal_id)
-
-    def hold_cancels(self, is_holding: bool, then: Callable[[], object]) -> None:
-        """rclpy's server answers each cancel at once: here that of a server that hangs is accepted, and has no end."""
-        then()
-
-    async def _result(self, handle: ServerGoalHandle) -> Any:
-        goal_id = bytes(handle.goal_id.uuid)
-        try:
-            return await self._results[goal_id]
-        finally:
-            del self._results[goal_id]
+    def drop(self, goal_id: bytes) -> None:
+        """Forget a result, if there is one."""
+        self._responses.pop(goal_id, None)
+        self._lengths.pop(goal_id, None)

@@ -147,7 +147,7 @@ class ClockHealth:
     # -- who publishes -----------------------------------------------------------------------------------------------
 
     def _look_for_publishers(self) -> None:
-        """Publishers have come or gone, or the pause is over."""
+        """Look again: publishers have come or gone, or the pause is over."""
         if self._messages is not None or not reports_writers():
             return  # it is looked again, or it cannot be known who sends
         if self._timer is not None:

@@ -86,7 +86,7 @@ class WatchedThread:
         self._where = where
 
     def close(self) -> None:
-        """It need not answer any more. May be called twice."""
+        """Stop watching it. May be called twice."""
         self._health.forget(self)
 
     def hang(self, now: float) -> Hang:
@@ -125,7 +125,7 @@ class WatchedLoop:
         self.close()
 
     def close(self) -> None:
-        """The thread is not watched any more, wherever it is. From any thread; may be called twice."""
+        """Stop watching the thread, wherever it is. From any thread; may be called twice."""
         if self._watched is not None:
             self._watched.close()
 
@@ -228,7 +228,7 @@ class Health:
         self._on_hang.append(fn)
 
     def fail(self, problem: str) -> None:
-        """The process cannot do its work, and never will: there is no beat any more. The first problem counts."""
+        """Stop the heartbeat for good: the process cannot do its work. The first problem counts."""
         with self._telling:
             if self._failure:
                 return
@@ -276,7 +276,8 @@ class Health:
             self._beat()
 
     def _tell_pause(self, seconds: float, stopped: float) -> None:
-        """The clock's thread was not there for some seconds, and for ``stopped`` of them no other that looks."""
+        """Note that the thread of the clock did not run for some seconds, and for ``stopped`` of them no other that
+        looks."""
         self._settled_at = self._steady.now() + SETTLE_SECONDS
         name = 'the whole process (it was stopped, or its computer is busy)'
         self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=stopped >= OUT_OF_REACH_SECONDS))

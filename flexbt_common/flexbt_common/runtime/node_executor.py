@@ -15,15 +15,16 @@ a topic do not fit each other is checked once a second: there are two such event
 While it waits, another thread may call something in its place (:meth:`NodeExecutor.run_here`): to wake it, and to be
 woken by it, takes longer than most callbacks.
 
-What rclpy does with coroutines (a service whose callback awaits something) depends on its version. While one is under
-way, rclpy's own loop runs; it always does where rclpy lacks what :class:`NodeExecutor` is made of.
+A coroutine (a service whose callback awaits something) is a task of rclpy, which is asked to go on whenever the
+executor is awake, and fifty times a second: what it awaits wakes the executor in some versions of rclpy only. Where
+rclpy lacks what :class:`NodeExecutor` is made of, its own loop runs.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from inspect import iscoroutine, iscoroutinefunction
 from threading import Lock, get_ident
@@ -44,7 +45,7 @@ from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
 from flexbt_common.middleware import rclpy_private
-from flexbt_common.middleware.rclpy_private import ExtendedExecutor, Later, Take
+from flexbt_common.middleware.rclpy_private import ExtendedExecutor, Take
 from flexbt_core.clock.clock import SteadyClock
 
 from .ros_clock import LONGEST_WAIT, HandledTime, SimulatedTime, is_clock_subscription
@@ -62,6 +63,9 @@ _MISFITS: Final = frozenset(
         QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
     )
 )
+
+Later = Callable[[float, Callable[[], object]], object]
+"""Calls a function after a delay in seconds of wall time, on the executor thread."""
 
 BORROW_SECONDS: Final = 0.001
 """For so long another thread waits for the turn, s: an executor that has just answered it is about to wait again."""
@@ -85,18 +89,21 @@ def make_executor(
 
     ``on_fault(error)`` is told what a callback lets escape; the others are called all the same. ``on_turn()`` is called
     when the wait is over, before any callback (by rclpy's own loop, before the wait). ``later`` is for answers of
-    services that could not be sent; rclpy's own loop does not send them.
+    services that could not be sent.
     """
     if rclpy_private.is_usable(rclpy_private.EXECUTOR):
         return NodeExecutor(node, on_fault, on_turn, later)
-    return StockNodeExecutor(node, on_fault, on_turn)
+    return StockNodeExecutor(node, on_fault, on_turn, later)
 
 
 class StockNodeExecutor(SingleThreadedExecutor):
     """Runs the callbacks of its nodes by rclpy's own loop, on the thread that calls :meth:`turn`."""
 
-    def __init__(self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object]) -> None:
+    def __init__(
+        self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object], later: Later
+    ) -> None:
         super().__init__(context=node.context)
+        self.later = later
         self._on_fault = on_fault
         self._on_turn = on_turn
         self.simulated_time = SimulatedTime(lambda error: self.create_task(on_fault, error))
@@ -143,6 +150,7 @@ class NodeExecutor(ExtendedExecutor):
         self._node = node
         self._on_fault = on_fault
         self._on_turn = on_turn
+        self._wake_guard = GuardCondition(None, None, context=node.context)
         self._entities: _Entities | None = None
         self._is_changed = True
         self._soon: deque[Task] = deque()
@@ -163,14 +171,10 @@ class NodeExecutor(ExtendedExecutor):
         """
         self._thread = self.guests.host_thread = get_ident()
         self._run_soon()
-        self._let_go_of_ended()
-        known = len(self._awaiting)
-        if known:
-            self._turn_of_rclpy(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
-        else:
-            self._call_ready(timeout)
-        for _ in self._awaiting[known:]:
-            self._turn_of_rclpy(0.0)  # coroutines begin before anything that is brought in later
+        if self._awaiting:
+            timeout = _AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN)
+        self._call_ready(timeout)
+        self._go_on()
         if not self.context.ok():
             raise ExternalShutdownException
 
@@ -210,24 +214,25 @@ class NodeExecutor(ExtendedExecutor):
     def wake(self) -> None:
         """Come back from the wait; a node has got or lost an entity. From any thread."""
         self._is_changed = True
-        super().wake()
+        self._end_wait()
 
     def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Task:
         """Have a callback called soon, or a coroutine run. From any thread."""
-        if iscoroutine(callback) or iscoroutinefunction(callback):
-            task = super().create_task(callback, *args, **kwargs)
-            self._awaiting.append(task)
-        else:
-            task = Task(callback, args, kwargs, executor=self)
-            self._soon.append(task)
+        task = Task(callback, args, kwargs, executor=self)
+        (self._awaiting if iscoroutine(callback) or iscoroutinefunction(callback) else self._soon).append(task)
         if get_ident() != self._thread:  # whose own tasks are run before the next wait
-            super().wake()  # only now: rclpy's wake comes before the task is known here
+            self._end_wait()
         return task
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """End; nothing is called any more."""
         self._forget_entities()
+        self._wake_guard.destroy()
         return bool(super().shutdown(timeout_sec))
+
+    def _end_wait(self) -> None:
+        with suppress(InvalidHandle):  # it has ended
+            self._wake_guard.trigger()
 
     def _call_ready(self, timeout: float | None) -> None:
         if self._is_changed or self._entities is None:
@@ -237,7 +242,7 @@ class NodeExecutor(ExtendedExecutor):
         if self.simulated_time.subscription is not None:
             timeout = LONGEST_WAIT if timeout is None else min(timeout, LONGEST_WAIT)
         try:
-            ready = self._entities.ready(timeout, self._turn)
+            ready = self._entities.ready(timeout, self._turn, bool(self._awaiting))
         except InvalidHandle:  # another thread is destroying an entity
             self._is_changed = True
             return
@@ -245,6 +250,10 @@ class NodeExecutor(ExtendedExecutor):
         self.listening_time.sample()
         self.simulated_time.take_newest()  # first, so that no message is from the future
         for take, entity in ready:
+            if self._awaiting and not entity.callback_group.can_execute(entity):
+                if isinstance(entity, GuardCondition):
+                    entity.trigger()  # all others are still ready in the next turn
+                continue
             self._call(take, entity)
             self._run_soon()
         if not all(isinstance(entity, GuardCondition) for _, entity in ready):
@@ -256,37 +265,17 @@ class NodeExecutor(ExtendedExecutor):
             return lambda _: self.simulated_time.take_newest()
         return super().taking_all(subscription)
 
-    def _turn_of_rclpy(self, timeout: float) -> None:
-        self._forget_entities()
-        self._on_turn()
-        self.listening_time.sample()
-        try:
-            self.spin_once(timeout)
-        except ExternalShutdownException:
-            raise
-        except Exception as error:
-            if not any(task.exception() is error for task in self._awaiting):  # those are told when they are let go
-                self._on_fault(error)
-        self.guests.wake()
-
-    def _let_go_of_ended(self) -> None:
-        if not self._awaiting:
-            return
+    def _go_on(self) -> None:
         for task in tuple(self._awaiting):
+            task()
             if task.done() or task.cancelled():
                 self._awaiting.remove(task)
                 self._tell_fault(task)
-        if not self._awaiting:
-            self.forget_iteration()  # it holds entities that may be destroyed now
 
     def _tell_fault(self, task: Task) -> None:
         error = task.exception()
         if error is not None:
             self._on_fault(error)
-
-    def on_handler(self, task: Task) -> None:
-        """For rclpy's own loop."""
-        self._awaiting.append(task)
 
     def _entities_of_nodes(self) -> _Entities:
         nodes = self.get_nodes()
@@ -297,18 +286,15 @@ class NodeExecutor(ExtendedExecutor):
         for node in nodes:
             known = node.default_callback_group.entities  # weak references, which rclpy keeps when they are dead
             known.difference_update([one for one in tuple(known) if one() is None])
-        guards = all_of('guards')
-        for guard in guards:
-            rclpy_private.trigger_again(guard)
         self.simulated_time.subscription = next(filter(is_clock_subscription, self._node.subscriptions), None)
         entities = {
             'timer': all_of('timers'),
             'subscription': [one for one in all_of('subscriptions') if not _waits_itself(one)],
-            'guard_condition': guards,
+            'guard_condition': all_of('guards'),
             'client': all_of('clients'),
             'service': all_of('services'),
         }
-        return _Entities(self.context, self.own_guards(), self.takes(), entities, all_of('waitables'))
+        return _Entities(self.context, self._wake_guard, self.takes(), entities, all_of('waitables'))
 
     def _forget_entities(self) -> None:
         if self._entities is not None:
@@ -445,12 +431,13 @@ class _Turn:
 class _Group:
     """Entities that are in the wait set while ``is_awaited()``, and once in a while if they are ``checked``.
 
-    ``adds`` are calls that put them there, with their argument; ``waitables`` those among them, with how each is taken.
+    ``adds`` are calls that put them there, with their argument and the entity; ``waitables`` those among them, with how
+    each is taken.
     """
 
     is_awaited: Callable[[], bool]
     is_checked: bool = True
-    adds: list[tuple[Callable[[Any], object], Any]] = field(default_factory=list)
+    adds: list[tuple[Callable[[Any], object], Any, Any]] = field(default_factory=list)
     waitables: list[tuple[Take, Any]] = field(default_factory=list)
 
 
@@ -460,12 +447,12 @@ class _Entities:
     def __init__(
         self,
         context: Any,
-        own_guards: Iterable[Any],
+        wake_guard: GuardCondition,
         takes: Mapping[str, Take],
         entities: Mapping[str, Iterable[Any]],
         waitables: Iterable[Any],
     ) -> None:
-        """``takes`` and ``entities``: by kind; ``own_guards`` only end the wait."""
+        """``takes`` and ``entities``: by kind; ``wake_guard`` only ends the wait."""
         self._held = ExitStack()
         self._held.enter_context(context.handle)
         held_waitables = [waitable for waitable in waitables if self._hold(waitable)]
@@ -474,10 +461,10 @@ class _Entities:
             for kind, those in entities.items()
         }
         self._by_kind = [(kind, those) for kind, those in held.items() if those]
-        own_handles = [guard.handle for guard in own_guards if self._hold(guard.handle)]
+        self._held.enter_context(wake_guard.handle)
         count = NumberOfEntities(
             len(held['subscription']),
-            len(held['guard_condition']) + len(own_handles),
+            len(held['guard_condition']) + 1,
             len(held['timer']),
             len(held['client']),
             len(held['service']),
@@ -499,8 +486,8 @@ class _Entities:
             'service': wait_set.add_service,
         }
         for kind, add in adds.items():
-            always.adds.extend((add, entity.handle) for _, entity in held[kind].values())
-        always.adds.extend((wait_set.add_guard_condition, handle) for handle in own_handles)
+            always.adds.extend((add, entity.handle, entity) for _, entity in held[kind].values())
+        self._wake_guard = wake_guard.handle
         group_of: dict[Any, _Group] = {}  # by event of a subscription
         for _, subscription in held['subscription'].values():
             group, is_awaited = always, self._awaited(subscription)
@@ -509,16 +496,16 @@ class _Entities:
                 group, of_events = _Group(is_awaited, is_checked=False), _Group(is_awaited)
                 self._groups += group, of_events
                 group_of |= dict.fromkeys(subscription.event_handlers, of_events)
-            group.adds.append((wait_set.add_subscription, subscription.handle))
+            group.adds.append((wait_set.add_subscription, subscription.handle, subscription))
         for waitable in held_waitables:
             tells_misfit = isinstance(waitable, EventHandler) and is_misfit(waitable.event_type)
             group = seldom if tells_misfit else group_of.get(waitable, always)
-            group.adds.append((waitable.add_to_wait_set, wait_set))
+            group.adds.append((waitable.add_to_wait_set, wait_set, waitable))
             group.waitables.append((takes['waitable'], waitable))
 
-    def ready(self, timeout: float | None, turn: _Turn) -> list[tuple[Take, Any]]:
+    def ready(self, timeout: float | None, turn: _Turn, some_await: bool) -> list[tuple[Take, Any]]:
         """Wait until something is ready, at most ``timeout`` seconds (None: for ever); gives what is. Others may have
-        the turn meanwhile."""
+        the turn meanwhile. When ``some_await``, the callback groups of some may be busy; these are not waited for."""
         now = monotonic()
         checks_all = now >= self._check_at - _CHECK_TOLERANCE
         if checks_all:
@@ -530,8 +517,10 @@ class _Entities:
         wait_set = self._wait_set
         wait_set.clear_entities()
         for group in groups:
-            for add, argument in group.adds:
-                add(argument)
+            for add, argument, entity in group.adds:
+                if not some_await or entity.callback_group.can_execute(entity):
+                    add(argument)
+        wait_set.add_guard_condition(self._wake_guard)
         with turn.lent():
             wait_set.wait(-1 if timeout is None else int(timeout * 1e9))
         ready = [entry for group in groups for entry in group.waitables if entry[1].is_ready(wait_set)]

@@ -365,7 +365,7 @@ class _Output(io.RawIOBase):
             self._pump.join(_LAST_SECONDS)
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     def fileno(self) -> int:

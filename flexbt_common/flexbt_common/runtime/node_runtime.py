@@ -32,7 +32,8 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from functools import cached_property, partial
-from typing import Any, Protocol, TypeVar
+from time import monotonic
+from typing import Any, Final, Protocol, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -40,6 +41,7 @@ from rclpy.action import ActionClient, ActionServer
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import (
+    InvalidHandle,
     InvalidParameterTypeException,
     InvalidParameterValueException,
     ParameterNotDeclaredException,
@@ -48,6 +50,7 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -63,7 +66,7 @@ from flexbt_core.clock.waiting import CoalescedTimers
 from flexbt_core.values.text import escape_lines
 
 from .health import Hang, Health
-from .node_executor import NodeExecutor, StockNodeExecutor, make_executor
+from .node_executor import Later, NodeExecutor, StockNodeExecutor, make_executor
 from .node_log import NodeLogger, RepeatedReports, StandardStreams, watchdog_descriptor
 from .parameters import (
     bounded,
@@ -93,6 +96,58 @@ seconds when a whole fleet starts on one machine."""
 
 _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
+
+
+UNSENT_SECONDS: Final = 0.09
+"""Sending an answer takes longer than this, s, if it stays unsent: rmw_fastrtps waits 0.1 s for its reader."""
+
+AGAIN_SECONDS: Final = (0.2, 0.5, 1.0, 3.0)
+"""Delays after which an unsent answer is sent again, s of wall time. A client ignores an answer that it has."""
+
+MOST_UNSENT: Final = 4
+"""Most answers of a service that are sent again at the same time. Each attempt blocks the executor for 0.1 s."""
+
+
+class AnswerResender:
+    """Sends the answers of a service until there is somebody to get them.
+
+    A request may come before its client has been discovered as a reader of answers, on a busy computer above all. The
+    middleware then leaves the answer unsent, rclpy tells it by a warning of Python, and clients such as BasicNavigator
+    of nav2_simple_commander wait for ever.
+    """
+
+    def __init__(self, service: Service, later: Later) -> None:
+        self._service = service
+        self._later = later
+        self._unsent = 0
+
+    def send(self, response: Any, header: Any) -> None:
+        """Send an answer, from the thread of the executor."""
+        if self._is_sent(response, header) or self._unsent == MOST_UNSENT:
+            return
+        self._unsent += 1
+        pauses = iter(AGAIN_SECONDS)
+
+        def send_later() -> None:
+            pause = next(pauses, None)
+            if pause is None:
+                self._unsent -= 1
+            else:
+                self._later(pause, send_again)
+
+        def send_again() -> None:
+            with contextlib.suppress(InvalidHandle):  # the service is gone by now
+                if not self._is_sent(response, header):
+                    send_later()
+                    return
+            self._unsent -= 1
+
+        send_later()
+
+    def _is_sent(self, response: Any, header: Any) -> bool:
+        began = monotonic()
+        Service.send_response(self._service, response, header)
+        return monotonic() - began < UNSENT_SECONDS
 
 
 class LargeQueueNode(Node):
@@ -190,7 +245,19 @@ class LargeQueueNode(Node):
         """See :meth:`rclpy.node.Node.create_service`."""
         if is_parameter_service(srv_type):
             callback = bounded(srv_type, callback, self)
-        return super().create_service(srv_type, srv_name, callback, qos_profile=qos_profile or service_qos(), **options)
+        qos_profile = qos_profile or service_qos()
+        service: Any = super().create_service(srv_type, srv_name, callback, qos_profile=qos_profile, **options)
+        self.resend_answers(service)
+        return service
+
+    def resend_answers(self, service: Any) -> None:
+        """Have the answers of a service of this node sent until there is somebody to get them."""
+
+        def later(seconds: float, fn: Callable[[], object]) -> None:
+            if self.executor is not None:
+                self.executor.later(seconds, fn)
+
+        service.send_response = AnswerResender(service, later).send
 
 
 class _PostedTimer:

@@ -130,7 +130,7 @@ class ParameterDeclarer:
         return tuple(text for text in self._declare(name, list(default) or [''], description) if text)
 
     def flag(self, name: str, default: bool, description: str) -> bool:
-        """True or false."""
+        """Declare a parameter that is true or false."""
         return bool(self._declare(name, default, description))
 
     def _declare(self, name: str, default: Any, description: str, read_only: bool = True, **bounds: Any) -> Any:

@@ -280,7 +280,7 @@ class HandledTime:
         """Up to the last look after which all was handled that had come."""
 
     def sample(self) -> None:
-        """What has come by now is about to be handled."""
+        """Note that what has come by now is about to be handled."""
         now, went_on = self._steady.now(), math.inf
         if self._ros_clock.ros_time_is_active:
             simulated = self._ros_clock.now().nanoseconds

@@ -192,7 +192,7 @@ def test_what_nobody_waits_for_is_not_taken_when_all_is_checked_either(
     taken: list[int] = []
 
     def on_message(data: bytes) -> None:
-        """It is taken by the function below."""
+        """Do nothing: the function below takes it."""
 
     on_message.is_awaited = lambda: False  # type: ignore[attr-defined]
     on_message.take_all = lambda _subscription: taken.append(1)  # type: ignore[attr-defined]

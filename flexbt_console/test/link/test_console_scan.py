@@ -48,7 +48,7 @@ class Lidar:
         return bool(self._tf.get_subscription_count() and self._scans.get_subscription_count())
 
     def tell_static(self, frame: str) -> None:
-        """This frame is where the lidar is."""
+        """Put the lidar into this frame."""
         self._static.publish(TFMessage(transforms=[self._transform('base_link', frame, 1.0, math.pi / 2.0)]))
 
     def _transform(self, parent: str, frame: str, x: float, yaw: float) -> TransformStamped:
@@ -63,7 +63,7 @@ class Lidar:
         return Time(sec=int(self.time), nanosec=int(self.time % 1.0 * 1e9))
 
     def move_to(self, x: float) -> None:
-        """The robot is there from now on."""
+        """Put the robot there."""
         self.time += 0.125
         self._tf.publish(TFMessage(transforms=[self._transform('map', 'base_link', x, 0.0)]))
 

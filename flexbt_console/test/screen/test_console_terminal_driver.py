@@ -40,7 +40,7 @@ class Reader(TerminalDriver):
         self.keys.put(message.key)
 
     def type(self, data: bytes, *keys: str) -> None:
-        """These keys come of it."""
+        """Check that these keys come of it."""
         os.write(self.typed, data)
         assert [self.keys.get(timeout=DEADLINE) for _ in keys] == list(keys)
 

@@ -174,7 +174,7 @@ class Grounding:
         return found
 
     def _one_at_most(self, atom: Literal) -> frozenset[Literal]:
-        """That none of those holds of which one at most holds, this one among them; nothing for other predicates."""
+        """Return the negations of all atoms of which at most one holds, with this one; none for other predicates."""
         predicate = self._library.predicates[atom.predicate]
         if predicate.exclusive is None:
             return frozenset()

@@ -228,7 +228,7 @@ class YamlParts:
         return {name: self.value(one, f'{what}: {short_repr(name)}') for name, one in self.mapping(node, what).items()}
 
     def refuse_others(self, entries: dict[str, yaml.Node], known: Collection[str], what: str) -> None:
-        """A problem for each entry that has none of the names that are ``known``."""
+        """Yield a problem for each entry that has none of the names that are ``known``."""
         for name, value in entries.items():
             if name not in known:
                 self.problem(value, f'{what} cannot have {short_repr(name)}{did_you_mean(name, known)}')

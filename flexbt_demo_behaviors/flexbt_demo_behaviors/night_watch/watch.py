@@ -68,7 +68,7 @@ class Watch:
             session.operator.notify()
 
     def on_end(self, ended: EndedProcess) -> None:
-        """A process has ended untold: who follows a script waits for nothing any more."""
+        """Note that a process has ended by itself: a script waits for nothing any more."""
         for session in self.sessions.values():
             session.operator.abandon(ended.report())
 

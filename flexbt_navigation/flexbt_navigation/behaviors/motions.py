@@ -144,7 +144,7 @@ class AssistedTeleopMotion:
         return self._time.elapsed
 
     def finish(self) -> None:
-        """The operator has done what was to be done: the motion is complete."""
+        """Complete the motion: the operator has done what was to be done."""
         self._is_done = True
 
     def step(self, pose: Pose, now: float) -> Velocity | None:

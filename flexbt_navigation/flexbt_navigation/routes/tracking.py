@@ -173,7 +173,7 @@ class RouteOperations:
         self._failure: str | None = None
 
     def finish(self) -> None:
-        """The goal has ended: the robot may be as fast as ever."""
+        """Lift the speed limit: the goal has ended."""
         self._run += 1
         if self._is_limited:
             self._limit(NO_LIMIT)

@@ -52,7 +52,7 @@ def teleop(world: RobotProbe, allowance: int = 0) -> SentGoal:
 
 
 def preempt(world: RobotProbe) -> None:
-    """The operator is done."""
+    """End the assistance: the operator is done."""
     node = world.runtime.node
     done = world.runtime.call(lambda: node.create_publisher(Empty, names.PREEMPT_TELEOP, 1))
     world.wait(done.get_subscription_count, 'the server')

@@ -51,7 +51,7 @@ class Surveyor:
         )
 
     def publish(self, change: Callable[[NDArray[numpy.int8]], None] = lambda cells: None) -> None:
-        """The rooms, changed."""
+        """Return the rooms, changed."""
         cells = ROOMS.cells.copy()
         change(cells)
         self.publish_grid(grid_message(OccupancyMap(cells, ROOMS.resolution, ROOMS.origin), 'map', time_message(0.0)))
@@ -142,7 +142,7 @@ def test_unknown_space_is_free(surveyor: Surveyor) -> None:
 
 
 def forget_the_walls(cells: NDArray[numpy.int8]) -> None:
-    """The lidar sees them all the same."""
+    """Check that the lidar sees them all the same."""
     cells[:] = FREE
 
 

@@ -180,7 +180,7 @@ def test_an_owner_that_hangs_is_gone_after_the_time_that_was_set() -> None:
         LivelinessToken(owner)
 
         def tell(alive: bool) -> None:
-            """A bit later than after the time that was set, and sooner than by default."""
+            """Return whether it came a bit later than the time that was set, and sooner than by default."""
             if not alive:
                 busy.append(goal_servers(navigation)[names.WAIT].busy)
 

@@ -50,7 +50,7 @@ def test_navigation_says_what_it_cannot_work_with(setting: str, said: list[str])
 
 
 def refuse(node: Callable[[NodeRuntime], object], setting: str, said: list[str]) -> None:
-    """The node has to refuse the setting, in one line with all of this."""
+    """Check that the node refuses the setting, in one line with all of this."""
     with NodeRuntime.open('refusing', args=['--ros-args', '-p', setting]) as runtime:
         with pytest.raises(FlexbtError) as refused:
             node(runtime)

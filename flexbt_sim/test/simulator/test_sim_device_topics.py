@@ -40,7 +40,7 @@ TOPICS = {
 
 @pytest.fixture
 def heard(tmp_path: Path) -> Any:
-    """The last message of each topic."""
+    """Return the last message of each topic."""
     file = tmp_path / 'world.yaml'
     file.write_text(WORLD)
     heard: dict[str, Any] = {}

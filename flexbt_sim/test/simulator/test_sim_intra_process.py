@@ -34,7 +34,7 @@ def test_what_is_handed_over_comes_once_in_order_and_on_one_thread_at_a_time(mon
         calling.release()
 
     def work() -> None:
-        """What the executor does meanwhile."""
+        """Do what the executor does meanwhile."""
         assert calling.acquire(blocking=False), 'two threads call at once'
         time.sleep(0.0002)
         calling.release()

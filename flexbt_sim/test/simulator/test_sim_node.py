@@ -113,7 +113,7 @@ def test_poses_and_clock_come_rarely_while_the_robot_is_at_rest_and_often_while_
 
 
 def gaps(probe: RobotProbe) -> list[float]:
-    """Simulated time between the last six poses, s."""
+    """Return the simulated time between the last six poses, s."""
     return gaps_of([sighting.time for sighting in probe.sightings])
 
 
@@ -224,7 +224,7 @@ def test_a_reset_brings_the_driving_robot_back_to_rest_at_its_start(simulator: R
 
 
 def rate(probe: RobotProbe) -> float:
-    """Simulated seconds per second, over half a second."""
+    """Return simulated seconds per second, over half a second."""
     times: list[tuple[float, float]] = []
     node = probe.runtime.node
 

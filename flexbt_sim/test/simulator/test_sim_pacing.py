@@ -132,7 +132,7 @@ def test_a_new_factor_ends_what_was_long_at_the_old_one(factor: float) -> None:
 
 
 def drive(pacer: Pacer, now: float, *, is_stopping: bool = False) -> None:
-    """A command that the robot follows for 0.5 s."""
+    """Return a command that the robot follows for 0.5 s."""
     pacer.command_received('robot', now, now + 0.5, is_stopping=is_stopping)
 
 

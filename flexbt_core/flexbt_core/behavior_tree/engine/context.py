@@ -33,7 +33,7 @@ class LeafMonitor(Protocol):
     """Checks what leaves do elsewhere."""
 
     def acts(self, leaf: Any) -> None:
-        """What a leaf does elsewhere begins."""
+        """Note that a leaf begins work elsewhere."""
 
 
 class UnfinishedWork:
@@ -47,7 +47,7 @@ class UnfinishedWork:
         self.advance = advance
 
     def done(self) -> None:
-        """The work has ended. From any thread; harmless when it was called before."""
+        """Note that the work has ended. From any thread; harmless when it was called before."""
         self._context.finish(self)
 
 

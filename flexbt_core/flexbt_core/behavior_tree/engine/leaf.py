@@ -56,7 +56,7 @@ class LeafNode(TreeNode):
         return True
 
     def acts(self) -> None:
-        """What the leaf does elsewhere begins: a goal is sent. A monitor checks that it may."""
+        """Note that the leaf begins work elsewhere, such as a goal. A monitor checks that it may."""
         monitor = self.context.monitor
         if monitor is not None:
             monitor.acts(self)
@@ -91,7 +91,7 @@ class LeafNode(TreeNode):
         return self.goes_on
 
     def on_resume(self) -> None:
-        """The tree goes on; the next tick follows. Must not block."""
+        """Go on: the tree is resumed, and the next tick follows. Must not block."""
 
     def empty_output(self, port: str) -> None:
         """Write the value of its type that says nothing, such as a path without poses."""
@@ -99,7 +99,7 @@ class LeafNode(TreeNode):
         self.set_output(port, None if kind is None else kind.python_type())
 
     def abandon(self) -> None:
-        """The thread that ticks the tree does not come back: end what was begun elsewhere. On another thread."""
+        """End what was begun elsewhere: the thread that ticks the tree does not come back. On another thread."""
 
 
 class SyncAction(LeafNode):
@@ -181,7 +181,7 @@ class StatefulAction(LeafNode):
 
     @abstractmethod
     def on_running(self) -> NodeStatus:
-        """RUNNING, or the result of the work."""
+        """Return RUNNING, or the result of the work."""
 
     @abstractmethod
     def on_halted(self) -> None:
@@ -285,7 +285,7 @@ class ExpandingAction(StatefulAction):
         return status
 
     def adopt(self, root: TreeNode | None, error: Exception | None = None) -> None:
-        """The tree is there; or why it is not."""
+        """Take the tree that was made, or the reason why there is none."""
         self._root = root
         self._error = error
         self.fetch_ticks()

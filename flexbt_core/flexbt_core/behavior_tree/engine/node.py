@@ -61,10 +61,10 @@ class NodeConditions(Protocol):
         """``tick`` with the conditions around it."""
 
     def complete(self, status: NodeStatus) -> None:
-        """The node is about to store this result."""
+        """Note that the node is about to store this result."""
 
     def halted(self) -> None:
-        """The node was halted."""
+        """Note that the node was halted."""
 
 
 class TreeNode(ABC):
@@ -176,7 +176,8 @@ class TreeNode(ABC):
         self.status = IDLE
 
     def halt_node(self) -> None:
-        """What halts a node from outside: :meth:`halt`, and the script that runs after it, as haltNode() there."""
+        """Halt the node from outside: :meth:`halt`, then the script that follows it, as haltNode() in
+        BehaviorTree.CPP."""
         self.halt()
         if self.conditions is not None:
             self.conditions.halted()

@@ -71,7 +71,7 @@ class TickCallbacks:
             self._switch()
 
     def release(self) -> None:
-        """The host wants to stop the tree: what its tick waits for does not matter any more. From any thread."""
+        """Let go of what a tick waits for: the host wants to stop the tree. From any thread."""
         self._context.stop()
         on_release = self.on_release
         if on_release is not None:

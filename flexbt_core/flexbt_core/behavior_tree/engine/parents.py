@@ -109,7 +109,7 @@ class Control(ControlNode):
         """One tick; ticks children by :meth:`tick_child`."""
 
     def on_halt(self) -> None:
-        """Called when the node is halted while it is RUNNING, before its children are.
+        """Clean up when the node is halted while it is RUNNING, before its children are.
 
         What a halt has to drop from any node, also from one that is IDLE, is for :meth:`halt`: at the end of each run
         a tree halts all of its nodes, as in BehaviorTree.CPP.
@@ -204,7 +204,7 @@ class Decorator(DecoratorNode):
         """One tick; ticks the child by :meth:`tick_child` or not."""
 
     def on_halt(self) -> None:
-        """Called when the node is halted while it is RUNNING, before its child is; see :meth:`Control.on_halt`."""
+        """Clean up when the node is halted while it is RUNNING, before its child is; see :meth:`Control.on_halt`."""
 
     def tick_child(self) -> NodeStatus:
         status = self._tick()

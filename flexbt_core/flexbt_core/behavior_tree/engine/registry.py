@@ -127,7 +127,7 @@ class NodeRegistry:
         return self._manifests.get(id)
 
     def suggestions(self, id: str) -> list[str]:
-        """Registered IDs that look like ``id``, best first."""
+        """Return registered IDs that look like ``id``, best first."""
         return similar_names(id, self._manifests, most=3)
 
     def __contains__(self, id: str) -> bool:

@@ -85,7 +85,7 @@ class TickControl:
         self._on_command()
 
     def close(self, reason: str) -> None:
-        """The run is over: whatever was asked for, and will be, has no effect any more, for this reason."""
+        """Refuse whatever was asked for, and will be, for this reason: the run is over."""
         with self._lock:
             if self._closed is not None:
                 return

@@ -86,7 +86,7 @@ def truth(value: Value) -> bool:
 
 
 def number_of_text(text: str, enums: Mapping[str, int]) -> float:
-    """``true``, ``false``, the name of an enum constant, or the number that the text begins with."""
+    """Return ``true``, ``false``, the value of an enum constant, or the number that the text begins with."""
     if text == 'true':
         return 1.0
     if text == 'false':

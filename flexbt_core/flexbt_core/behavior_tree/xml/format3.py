@@ -91,7 +91,7 @@ def _convert_subtree(element: Element) -> None:
 
 
 def _convert_check(element: Element, id: str) -> None:
-    """A comparison of two ports becomes the script of a <Precondition>."""
+    """Turn a comparison of two ports into the script of a <Precondition>."""
     text = id == 'BlackboardCheckString'
     sides = [_operand(element.attributes.get(port, ''), port, text) for port in ('value_A', 'value_B')]
     _rename_node(element, 'Precondition')

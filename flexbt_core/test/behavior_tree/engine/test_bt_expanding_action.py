@@ -149,7 +149,7 @@ class Watched:
         self.log.clear()
 
     def check(self) -> None:
-        """The log says of each node what it is."""
+        """Check that the log says of each node what it is."""
         self.read()
         assert list(self.reader.statuses[1:]) == [node.status for node in self.tree.nodes]
         assert [node.uid for node in self.tree.nodes] == list(range(1, len(self.tree.nodes) + 1))

@@ -109,7 +109,7 @@ FAR = ((-4.0, 0.0), (1.0, 0.0))
 
 
 def over_paths(script: str, *paths: tuple[tuple[float, float], ...] | None, **ports: str) -> str:
-    """Result and calls for each path in turn, below a control that keeps the node's status."""
+    """Return result and calls for each path in turn, below a control that keeps the node's status."""
     attributes = ''.join(f' {name}="{value}"' for name, value in ports.items())
     tree, calls = make(
         f'<PipelineSequence><PathLongerOnApproach path="{{path}}"{attributes}>{step(script)}</PathLongerOnApproach>'

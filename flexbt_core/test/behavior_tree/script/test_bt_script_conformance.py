@@ -71,7 +71,7 @@ BOARD = {'a': 3, 'b': -2, 'r': 2.5, 'q': -0.25, 's': 'foo', 't': '2.5', 'k': Tru
 
 
 def check(judge: Judge, node: str) -> None:
-    """The same entries and errors in each of three ticks, on both sides."""
+    """Check that both sides have the same entries and errors in each of three ticks."""
     # [empty] is declared by a port, and never written.
     body = f'<Sequence>{node}<AlwaysFailure/><Repeat num_cycles="{{empty}}"><AlwaysSuccess/></Repeat></Sequence>'
     document = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'

@@ -53,7 +53,7 @@ SCRIPTS = st.lists(STATEMENTS, min_size=1, max_size=3).map('; '.join)
 
 
 def _outcome(bound: BoundScript, board: Blackboard) -> object:
-    """Result or error, and all entries; in a form in which equal means the same."""
+    """Return result or error, and all entries, in a form in which equal means the same."""
     try:
         result: object = bound.run()
     except ScriptError as error:
