@@ -222,12 +222,3 @@ def service_qos() -> QoSProfile:
     never complete.
     """
     return QoSProfile(depth=1000)
-
-
-def action_service_qos() -> dict[str, QoSProfile]:
-    """:func:`service_qos` as keyword arguments of rclpy's ``ActionClient`` and ``ActionServer``."""
-    return {
-        'goal_service_qos_profile': service_qos(),
-        'result_service_qos_profile': service_qos(),
-        'cancel_service_qos_profile': service_qos(),
-    }

@@ -27,22 +27,19 @@ from __future__ import annotations
 
 import math
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
 from typing import Any, Final
 
+from action_msgs.msg import GoalInfo, GoalStatusArray
 from action_msgs.msg import GoalStatus as RosGoalStatus
-from action_msgs.msg import GoalStatusArray
 from action_msgs.srv import CancelGoal
-from rclpy.action import ActionClient
-from rclpy.action.client import ClientGoalHandle
-from rclpy.qos import qos_profile_action_status_default
+from rclpy.qos import QoSProfile, qos_profile_action_status_default
+from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
-from flexbt_common.middleware.rclpy_private import ACTION_CLIENT, ExtendedActionClient, is_usable
-from flexbt_common.names import action_service_qos
+from flexbt_common.names import service_qos
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 
@@ -123,7 +120,7 @@ class ActionCall:
         self._outage_timeout = outage_timeout
         self._goal_id = UUID(uuid=list(uuid.uuid4().bytes))
         self._outcome: GoalOutcome | None = None
-        self._handle: Any = None
+        self._accepted = False
         self._status = RosGoalStatus.STATUS_UNKNOWN
         self._sent = False
         self._timers: dict[str, Timer] = {}
@@ -158,7 +155,7 @@ class ActionCall:
     @property
     def accepted(self) -> bool:
         """Whether the server has accepted the goal."""
-        return self._handle is not None
+        return self._accepted
 
     @property
     def cancel_requested(self) -> bool:
@@ -200,14 +197,12 @@ class ActionCall:
     def _send(self) -> None:
         self._servers = self._link.servers()
         try:
-            future = self._link.client.send_goal_async(
-                self._goal, feedback_callback=self._feedback, goal_uuid=self._goal_id
-            )
+            future = self._link.send_goal(self._goal_id, self._goal)
         except Exception as error:
             self._finish(GoalStatus.FAULT, f'the goal for {self._link} cannot be sent: {error or type(error).__name__}')
             return
         self._sent = True
-        self._link.status_listeners[bytes(self._goal_id.uuid)] = self._on_status
+        self._link.listeners[self.goal_id] = GoalListener(self._on_status, self._feedback)
         future.add_done_callback(self._goal_answered)
         self._after('accept', self._accept_timeout, self._not_accepted)
         self._after('watch', WATCH_SECONDS, self._await_acceptance)
@@ -216,7 +211,7 @@ class ActionCall:
         if self.done or self.accepted:
             return
         # The server may have the goal all the same: its answer may be late or lost.
-        asked, answer = self._runtime.steady.now(), self._send_cancel(self._own_handle())
+        asked, answer = self._runtime.steady.now(), self._link.cancel(self._goal_id)
         if self._cancel_requested and self._cancel_timeout is None:
             answer.add_done_callback(lambda future: self._early_cancel_answered(future, asked))
             self._after('accept', self._next_cancel(), self._not_accepted)
@@ -251,19 +246,19 @@ class ActionCall:
             self._after('accept', _CANCEL_REPEAT[0], self._not_accepted)
 
     def _goal_answered(self, future: Any) -> None:
-        handle = future.result()
-        if handle is None:
+        response = future.result()
+        if response is None:
             return
         if self.done:
-            if handle.accepted:
-                self._send_cancel(handle)  # nobody waits for this goal any more
+            if response.accepted:
+                self._link.cancel(self._goal_id)  # nobody waits for this goal any more
             return
         if self.accepted:
             return  # the list of goals was faster
-        if not handle.accepted:
+        if not response.accepted:
             self._finish(GoalStatus.REJECTED, f'action server {self._link} rejected the goal; is its node active?')
             return
-        self._on_acceptance(handle)
+        self._on_acceptance()
 
     def _on_status(self, status: int) -> None:
         self._status = status
@@ -272,12 +267,12 @@ class ActionCall:
 
     def _accepted_unheard(self) -> None:
         if not self.accepted and not self.done:
-            self._on_acceptance(self._own_handle())
+            self._on_acceptance()
 
-    def _on_acceptance(self, handle: Any) -> None:
+    def _on_acceptance(self) -> None:
         for purpose in ('accept', 'answer', 'watch'):
             self._drop(purpose)
-        self._handle = handle
+        self._accepted = True
         self._ask_for_result()
         if self._cancel_requested:
             self._cancel()
@@ -287,7 +282,7 @@ class ActionCall:
 
     def _ask_for_result(self) -> None:
         self._result_asked = self._runtime.steady.now()
-        future = self._handle.get_result_async()
+        future = self._link.ask_for_result(self._goal_id)
         self._result_futures.append(future)
         future.add_done_callback(self._result_arrived)
 
@@ -333,13 +328,13 @@ class ActionCall:
             if was_gone or is_late or is_due:
                 self._ask_for_result()
             if was_gone and self._cancel_requested:
-                self._send_cancel(self._handle).add_done_callback(self._cancel_answered)
+                self._link.cancel(self._goal_id).add_done_callback(self._cancel_answered)
         self._after('watch', WATCH_SECONDS, self._watch)
 
     def _lose(self, reason: str) -> None:
         """Give the goal up: the server is gone. One that was only late finds a cancel when it comes back."""
         if self._servers is not None and self._servers.are_silent:
-            self._send_cancel(self._handle or self._own_handle())
+            self._link.cancel(self._goal_id)
         self._finish(GoalStatus.LOST, reason)
 
     def _is_gone(self) -> bool:
@@ -377,7 +372,7 @@ class ActionCall:
 
     def _repeat_cancel(self) -> None:
         if not self.done:
-            self._send_cancel(self._handle).add_done_callback(self._cancel_answered)
+            self._link.cancel(self._goal_id).add_done_callback(self._cancel_answered)
             self._after('repeat', self._next_cancel(), self._repeat_cancel)
 
     def _next_cancel(self) -> float:
@@ -396,23 +391,15 @@ class ActionCall:
         if self.done:
             return
         if not self.accepted:
-            self._send_cancel(self._own_handle())
+            self._link.cancel(self._goal_id)
         self._finish(
             GoalStatus.TIMEOUT,
             f'action server {self._link} did not end the goal within {self._cancel_timeout:g} s of the cancel',
         )
 
-    def _send_cancel(self, handle: Any) -> Any:
-        return handle.cancel_goal_async()
-
-    def _own_handle(self) -> Any:
-        """Return a handle for a goal whose acceptance is not known, good for canceling it."""
-        response = self._link.action_type.Impl.SendGoalService.Response(accepted=True)
-        return ClientGoalHandle(self._link.client, self._goal_id, response)
-
-    def _feedback(self, message: Any) -> None:
+    def _feedback(self, feedback: Any) -> None:
         if not self.done and self._on_feedback is not None:
-            feedback, on_feedback = message.feedback, self._on_feedback
+            on_feedback = self._on_feedback
             self._guarded(lambda: on_feedback(feedback))
 
     def _finish(self, status: GoalStatus, reason: str, result: Any | None = None) -> None:
@@ -422,7 +409,7 @@ class ActionCall:
         for timer in self._timers.values():
             timer.cancel()
         self._timers.clear()
-        self._link.status_listeners.pop(bytes(self._goal_id.uuid), None)
+        self._link.listeners.pop(self.goal_id, None)
         if status is GoalStatus.LOST:
             for future in self._result_futures:
                 future.cancel()  # takes it out of rclpy's table
@@ -447,31 +434,68 @@ class ActionCall:
 # The connections of a node to action servers.
 
 
-class ActionServerLink(ServerLink):
-    """The connection of this node to one action server. Made by :class:`ActionLinks`, on the executor thread.
+@dataclass(frozen=True)
+class GoalListener:
+    """Who is told of a goal: its status, whenever the server publishes its goals, and its feedback."""
 
-    ``client`` is rclpy's, to be used on the executor thread only; ``name`` is the server's name as it was asked for.
-    ``status_listeners`` are told the status of their goal, by its id, whenever the server publishes its goals.
+    on_status: Callable[[int], None]
+    on_feedback: Callable[[Any], None]
+
+
+class ActionServerLink(ServerLink):
+    """The connection of this node to one action server. Made by :class:`ActionLinks`, on the executor thread, where it
+    is used. ``name`` is the server's name as it was asked for.
+
+    An action is three services and two topics, which are used as such: a client of rclpy has no way to ask for what
+    became of a goal whose acceptance it does not know. The topics are read while a goal is on its way.
     """
 
     def __init__(self, runtime: Runtime, action_type: Any, name: str, nodes: ServerNodes) -> None:
         super().__init__(runtime, name, nodes, f'rt{runtime.node.resolve_topic_name(f"{name}/_action/status")}')
         self.action_type = action_type
-        self.status_listeners: dict[bytes, Callable[[int], None]] = {}
-        self.client: Any = self._make_client()
+        self.listeners: dict[bytes, GoalListener] = {}
+        """Those who are told of goals, by the identifiers of these."""
+        node, impl, qos = runtime.node, action_type.Impl, service_qos()
+        self._goals = node.create_client(impl.SendGoalService, f'{name}/_action/send_goal', qos_profile=qos)
+        self._cancels = node.create_client(impl.CancelGoalService, f'{name}/_action/cancel_goal', qos_profile=qos)
+        self._results = node.create_client(impl.GetResultService, f'{name}/_action/get_result', qos_profile=qos)
+        listeners = self.listeners  # the callbacks do not hold the link
 
-    def _make_client(self) -> ActionClient:
-        node = self.runtime.node
-        arguments, options = (node, self.action_type, self.name), action_service_qos()
-        tell = partial(_tell, self.status_listeners)
-        if is_usable(ACTION_CLIENT):
-            client = ExtendedActionClient(*arguments, **options)
-            client.on_list = tell  # which does not hold the link
-            return client
-        topic = f'{self.name}/_action/status'
-        listening = node.create_subscription(GoalStatusArray, topic, tell, qos_profile_action_status_default)
-        self.subscriptions = (listening,)
-        return ActionClient(*arguments, **options)
+        def on_feedback(message: Any) -> None:
+            listener = listeners.get(bytes(message.goal_id.uuid))
+            if listener is not None:
+                listener.on_feedback(message.feedback)
+
+        def on_status(message: GoalStatusArray) -> None:
+            for goal in message.status_list:
+                listener = listeners.get(bytes(goal.goal_info.goal_id.uuid))
+                if listener is not None:
+                    listener.on_status(goal.status)
+
+        for callback in (on_feedback, on_status):
+            callback.is_awaited = lambda: bool(listeners)  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
+        self._topics = tuple(
+            node.create_subscription(message_type, f'{name}/_action/{topic}', callback, profile)
+            for message_type, topic, callback, profile in (
+                (impl.FeedbackMessage, 'feedback', on_feedback, QoSProfile(depth=10)),
+                (GoalStatusArray, 'status', on_status, qos_profile_action_status_default),
+            )
+        )
+        self.entities = (self._goals, self._cancels, self._results, *self._topics)
+
+    def send_goal(self, goal_id: UUID, goal: Any) -> Future:
+        """Send a goal. Return the future answer."""
+        return self._goals.call_async(self.action_type.Impl.SendGoalService.Request(goal_id=goal_id, goal=goal))
+
+    def cancel(self, goal_id: UUID) -> Future:
+        """Ask for a goal to be canceled. Return the future answer."""
+        return self._cancels.call_async(
+            self.action_type.Impl.CancelGoalService.Request(goal_info=GoalInfo(goal_id=goal_id))
+        )
+
+    def ask_for_result(self, goal_id: UUID) -> Future:
+        """Ask for the result of a goal. Return the future answer."""
+        return self._results.call_async(self.action_type.Impl.GetResultService.Request(goal_id=goal_id))
 
     @property
     def type_name(self) -> str:
@@ -481,17 +505,13 @@ class ActionServerLink(ServerLink):
 
     def is_shown(self) -> bool:
         """See :meth:`ServerLink.is_shown`."""
-        return bool(self.client.server_is_ready())
+        clients = (self._goals, self._cancels, self._results)
+        return all(client.service_is_ready() for client in clients) and all(
+            self.runtime.node.count_publishers(topic.topic_name) for topic in self._topics
+        )
 
     def __str__(self) -> str:
         return f'{self.name!r} ({self.type_name})'
-
-
-def _tell(listeners: Mapping[bytes, Callable[[int], None]], goals: GoalStatusArray) -> None:
-    for goal in goals.status_list:
-        listener = listeners.get(bytes(goal.goal_info.goal_id.uuid))
-        if listener is not None:
-            listener(goal.status)
 
 
 class ActionLinks(ServerLinks[ActionServerLink]):

@@ -13,7 +13,6 @@ import weakref
 from functools import partial
 from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
-from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
@@ -120,10 +119,8 @@ class ServerLink:
     asks_silent: ClassVar[bool] = False
     """Whether one that hangs for too long is asked all the same: it answers, or obeys, when it goes on."""
 
-    client: Any
-    """That of rclpy, for the executor thread; it is destroyed when nobody holds the link any more."""
-    subscriptions: tuple[Subscription, ...] = ()
-    """Those that are needed beside the client; they are destroyed with it."""
+    entities: tuple[Any, ...]
+    """Clients and subscriptions of rclpy, for the executor thread; they are destroyed when nobody holds the link."""
 
     def __init__(self, runtime: Runtime, name: str, nodes: ServerNodes, answer_topic: str) -> None:
         """``answer_topic``: a topic on which the server answers, as DDS has it."""
@@ -202,16 +199,15 @@ class ServerLinks(Generic[LinkT]):
         timeout = self._peer_timeout
         nodes = self._runtime.once((ServerNodes, timeout), lambda runtime: ServerNodes(runtime, timeout))
         link: LinkT = self.link_class(self._runtime, server_type, name, nodes)
-        destroy = partial(_destroy, self._runtime.node, link.client, link.subscriptions)
+        destroy = partial(_destroy, self._runtime.node, link.entities)
         weakref.finalize(link, self._runtime.post, destroy).atexit = False
         return link
 
 
-def _destroy(node: Node, client: Any, subscriptions: tuple[Subscription, ...]) -> None:
+def _destroy(node: Node, entities: tuple[Any, ...]) -> None:
     """Take what a link has made from its node, on the executor thread."""
-    for subscription in subscriptions:
-        node.destroy_subscription(subscription)
-    if isinstance(client, ActionClient):
-        client.destroy()
-    else:
-        node.destroy_client(client)
+    for entity in entities:
+        if isinstance(entity, Subscription):
+            node.destroy_subscription(entity)
+        else:
+            node.destroy_client(entity)

@@ -43,6 +43,7 @@ class ServiceLink(ServerLink):
         super().__init__(runtime, name, nodes, f'rr{runtime.node.resolve_service_name(name)}Reply')
         self.service_type = service_type
         self.client: Any = runtime.node.create_client(service_type, name, qos_profile=service_qos())
+        self.entities = (self.client,)
         self._seen_since: float | None = None
 
     def is_shown(self) -> bool:

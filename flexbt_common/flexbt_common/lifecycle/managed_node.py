@@ -43,6 +43,8 @@ class ExtendedLifecycleNode(LargeQueueNode, LifecycleNode):
         Node.__init__(self, name, **options)
         LifecycleNodeMixin.__init__(self)
         served = {service.srv_type: service for service in self.services}
+        for service in served.values():
+            self.resend_answers(service)  # those of the lifecycle are not made by create_service
         self._get_state = served[GetState].callback
         self._change_state = served[ChangeState].callback
         served[GetState].callback = self.answer_get_state

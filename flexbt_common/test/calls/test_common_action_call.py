@@ -15,6 +15,7 @@ from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Duration
 from nav2_msgs.action import Spin, Wait
 from rclpy.action import ActionServer, CancelResponse
+from unique_identifier_msgs.msg import UUID
 
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
@@ -345,8 +346,7 @@ def test_a_cancel_by_somebody_else_stays_canceled(link: ActionServerLink, server
         stranger_link = ActionLinks(stranger).link(Wait, 'wait')
         wait_until(stranger_link.is_ready)
         wait_until(lambda: one.accepted)
-        handle = one._own_handle()
-        stranger.call(lambda: stranger_link.client._cancel_goal_async(handle))
+        stranger.call(lambda: stranger_link.cancel(UUID(uuid=list(one.goal_id))))
         outcome = done.wait()
     assert outcome.status is GoalStatus.CANCELED
     assert 'somebody else' in outcome.reason

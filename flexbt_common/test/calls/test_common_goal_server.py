@@ -18,30 +18,16 @@ from action_msgs.srv import CancelGoal
 from nav2_msgs.action import Wait
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
-from rclpy.action.server import RCLError, ServerGoalHandle
+from rclpy.action.server import RCLError
+from rclpy.publisher import Publisher
+from rclpy.service import Service
 from unique_identifier_msgs.msg import UUID
 
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome, GoalStatus
 from flexbt_common.calls.goal_server import GoalFault, GoalServer, ServedGoal, goal_servers
-from flexbt_common.middleware.rclpy_private import ACTION_CLIENT, ACTION_SERVER, ExtendedActionClient, is_usable
-from flexbt_common.names import action_service_qos
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_testing.nodes.scripted_action_server import DEEP_QUEUES
 from flexbt_testing.waiting import DEADLINE, wait_until
-
-ours = pytest.mark.skipif(
-    not is_usable(ACTION_SERVER), reason="rclpy's own server lists, keeps and mends in its own way"
-)
-
-
-class Wire:
-    """The handle of a server, of which some functions are others."""
-
-    def __init__(self, real: Any, **others: Callable[..., None]) -> None:
-        self._real = real
-        vars(self).update(others)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._real, name)
 
 
 class Served:
@@ -90,7 +76,7 @@ class Client:
         self.runtime.node.create_subscription(
             GoalStatusArray, topic, lambda message: self.listed.append([one.status for one in message.status_list]), 100
         )
-        return ActionClient(self.runtime.node, Wait, 'wait', **action_service_qos())
+        return ActionClient(self.runtime.node, Wait, 'wait', **DEEP_QUEUES)
 
     def send(self, goal_id: bytes | None = None, seconds: int = 0) -> ClientGoalHandle:
         goal = Wait.Goal()
@@ -118,31 +104,21 @@ def result(text: str) -> Any:
     return Wait.Result(error_msg=text)
 
 
-@pytest.mark.skipif(not is_usable(ACTION_CLIENT), reason='rclpy as it is keeps those whose end it has not heard of')
-def test_a_client_does_not_remember_the_goals_that_have_ended(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    heard = ExtendedActionClient.take_data
-
-    def without_list(client: Any) -> Any:  # which the next one has replaced
-        data = heard(client)
-        data.pop('status', None)
-        return data
-
-    monkeypatch.setattr(ExtendedActionClient, 'take_data', without_list)
+def test_a_client_does_not_remember_the_goals_that_have_ended(served: Served) -> None:
     served.on_goal = lambda goal: goal.succeed(result(''))
     with NodeRuntime.open('client') as runtime:
         link = ActionLinks(runtime).link(Wait, 'wait')
-        for _ in range(30):
+        for _ in range(3):
             outcomes: queue.Queue[GoalOutcome] = queue.Queue()
             ActionCall(link, Wait.Goal(), on_done=outcomes.put, server_timeout=DEADLINE, accept_timeout=DEADLINE)
             assert outcomes.get(timeout=DEADLINE).status is GoalStatus.SUCCEEDED
-        assert runtime.call(lambda: len(link.client._goal_handles)) <= 2
+        assert not link.listeners
 
 
-@ours
 def test_results_can_be_asked_for_when_the_goal_is_not_listed_any_more(served: Served, client: Client) -> None:
     served.on_goal = lambda goal: goal.abort(result(f'goal {len(served.goals)}'))
     handles = [client.send() for _ in range(20)]
-    wait_until(lambda: len(served.server._server._goal_handles) == 0, 'the end of the listing')
+    wait_until(lambda: not served.server.listed, 'the end of the listing')
     client.send()
     wait_until(lambda: client.listed and client.listed[-1] == [RosGoalStatus.STATUS_ABORTED], 'the short list')
     for number, handle in enumerate(handles, 1):
@@ -157,56 +133,50 @@ def test_a_goal_that_was_never_there_is_unknown(client: Client) -> None:
     assert client.answer(stranger.get_result_async).status == RosGoalStatus.STATUS_UNKNOWN
 
 
-@ours
 def test_a_late_cancel_is_told_that_the_goal_has_ended_while_its_result_is_kept(served: Served, client: Client) -> None:
     handle = client.send()
     goal = served.goal()
     served.runtime.call(lambda: goal.succeed(result('')))
     assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED  # listed
-    wait_until(lambda: not served.server._server._goal_handles, 'the end of the listing')
+    wait_until(lambda: not served.server.listed, 'the end of the listing')
     assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED
-    served.runtime.call(served.server._server.results.clear)
+    served.runtime.call(lambda: served.server.results.drop(goal.id))
     assert client.answer(handle.cancel_goal_async).return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
 
 
-@ours
 def test_results_are_not_kept_for_ever(served: Served, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('flexbt_common.calls.goal_server.RESULT_SECONDS', 0.05)
     served.on_goal = lambda goal: goal.succeed(result(''))
     client.send()
-    wait_until(lambda: served.goals and not served.server._server.results, 'the end of the result')
+    wait_until(lambda: served.goals and served.goals[0].id not in served.server.results, 'the end of the result')
 
 
-@ours
-def test_the_result_comes_before_the_list_that_tells_of_the_end(served: Served, client: Client) -> None:
-    seen: list[str] = []
+def test_the_result_comes_before_the_list_that_tells_of_the_end(
+    served: Served, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
     handle = client.send()
     future = client.runtime.call(handle.get_result_async)
-    server = served.server._server
-    wait_until(lambda: server._waiting, 'the request for the result')
+    goal = served.goal()
+    wait_until(lambda: served.server.listed[goal.id].askers, 'the request for the result')
+    respond, publish = Service.send_response, Publisher.publish
 
-    def note(what: str, sends: Callable[..., Any]) -> Callable[..., Any]:
-        def send(*arguments: Any) -> Any:
-            seen.append(what)
-            return sends(*arguments)
+    def note_response(service: Any, response: Any, header: Any) -> None:
+        seen.append(getattr(response, 'status', None))
+        respond(service, response, header)
 
-        return send
+    def note_message(publisher: Any, message: Any) -> None:
+        if isinstance(message, GoalStatusArray):
+            seen.append([one.status for one in message.status_list])
+        publish(publisher, message)
 
-    real = server._handle
-    wire = Wire(
-        real,
-        send_result_response=note('result', real.send_result_response),
-        publish_status=note('list', real.publish_status),
-    )
-
-    def end() -> None:
-        server._handle = wire
-        served.goal().succeed(result('done'))
-
-    served.runtime.call(end)
+    monkeypatch.setattr(Service, 'send_response', note_response)
+    monkeypatch.setattr(Publisher, 'publish', note_message)
+    served.runtime.call(lambda: goal.succeed(result('done')))
+    ended = RosGoalStatus.STATUS_SUCCEEDED
+    wait_until(lambda: [ended] in seen, 'the list')
+    assert [one for one in seen if one in (ended, [ended])] == [ended, [ended]]
     wait_until(future.done, 'the result')
-    wait_until(lambda: len(seen) == 2, 'the list')
-    assert seen == ['result', 'list']
     assert future.result().result.error_msg == 'done'
 
 
@@ -230,29 +200,25 @@ def test_the_first_end_counts_and_nothing_is_sent_after_it(served: Served, clien
     assert len(feedback) == 1
 
 
-@ours
+def fail_once(monkeypatch: pytest.MonkeyPatch, service_name: str) -> list[str]:
+    """Have the next answer of a service fail, as when the middleware has lost its client. Return the failures."""
+    real, failed = Service.send_response, list[str]()
+
+    def send(service: Any, response: Any, header: Any) -> None:
+        if service.srv_name == service_name and not failed:
+            failed.append(service_name)
+            raise RCLError('client will not receive response')
+        real(service, response, header)
+
+    monkeypatch.setattr(Service, 'send_response', send)
+    return failed
+
+
 def test_a_goal_whose_acceptance_cannot_be_sent_is_served(
     served: Served, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The middleware says so when it has not discovered the client within 0.1 s."""
-    server = served.server._server
-    real = server._handle
-    failed: list[str] = []
-
-    def fail(*arguments: Any) -> None:
-        failed.append('goal response')
-        server._handle = real
-        raise RCLError('client will not receive response')
-
-    def handle_of(server: Any, info: Any, request: Any) -> ServerGoalHandle:
-        wire, server._handle = server._handle, real  # the wire is none to rclpy's own parts
-        handle = ServerGoalHandle(server, info, request)
-        server._handle = wire
-        return handle
-
-    monkeypatch.setattr('rclpy.action.server.ServerGoalHandle', handle_of)
+    failed = fail_once(monkeypatch, 'wait/_action/send_goal')
     served.on_goal = lambda goal: goal.succeed(result('done'))
-    served.runtime.call(lambda: setattr(server, '_handle', Wire(real, send_goal_response=fail)))
     outcomes: list[GoalOutcome] = []
     link = ActionLinks(client.runtime).link(Wait, 'wait')
     ActionCall(link, Wait.Goal(), on_done=outcomes.append, accept_timeout=2.0)
@@ -262,23 +228,15 @@ def test_a_goal_whose_acceptance_cannot_be_sent_is_served(
     assert len(served.goals) == 1 and not served.faults
 
 
-@ours
-def test_a_client_that_asks_for_the_result_of_a_stranger_and_goes_is_no_fault(served: Served, client: Client) -> None:
-    server = served.server._server
-    real = server._handle
-    failed: list[str] = []
-
-    def fail(*arguments: Any) -> None:
-        failed.append('result')
-        raise RCLError('client will not receive response')
-
-    served.runtime.call(lambda: setattr(server, '_handle', Wire(real, send_result_response=fail)))
+def test_a_client_that_asks_for_the_result_of_a_stranger_and_goes_is_no_fault(
+    served: Served, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed = fail_once(monkeypatch, 'wait/_action/get_result')
     response_type = Wait.Impl.SendGoalService.Response
     stranger = ClientGoalHandle(client.client, UUID(uuid=list(uuid.uuid4().bytes)), response_type(accepted=True))
     client.runtime.call(stranger.get_result_async)
     wait_until(lambda: failed, 'the answer')
-    served.runtime.call(lambda: setattr(server, '_handle', real))
-    assert not served.faults
+    assert served.runtime.call(lambda: served.faults) == []
 
 
 def test_a_goal_may_end_when_its_server_is_closed(served: Served, client: Client) -> None:
@@ -376,14 +334,13 @@ def test_goals_of_a_server_that_hangs_are_begun_after_the_fault(served: Served, 
     assert not served.faults
 
 
-@ours
 def test_a_server_that_hangs_answers_cancels_after_the_fault(served: Served, client: Client) -> None:
     handle = client.send()
     served.goal()
     set_fault(served, hangs=True)
     answers = [client.runtime.call(handle.cancel_goal_async) for _ in range(3)]
     assert client.send().accepted  # the server has seen what came before
-    wait_until(lambda: len(served.server._server._held_cancels) == 3, 'the cancels')
+    wait_until(lambda: len(served.server._held_cancels) == 3, 'the cancels')
     assert not any(answer.done() for answer in answers)
     set_fault(served)
     wait_until(lambda: all(answer.done() for answer in answers), 'the answers')
@@ -398,17 +355,16 @@ def test_a_server_that_hangs_answers_cancels_after_the_fault(served: Served, cli
     assert not served.faults
 
 
-@ours
 def test_a_goal_with_the_id_of_an_old_one_has_a_result_of_its_own(served: Served, client: Client) -> None:
     served.on_goal = lambda goal: goal.succeed(result('old'))
     goal_id = uuid.uuid4().bytes
     client.answer(client.send(goal_id).get_result_async)
     assert not client.send(goal_id).accepted  # listed still
-    wait_until(lambda: not served.server._server._goal_handles, 'the end of the listing')
+    wait_until(lambda: not served.server.listed, 'the end of the listing')
     served.on_goal = lambda goal: None
     handle = client.send(goal_id)
     future = client.runtime.call(handle.get_result_async)
-    wait_until(lambda: served.server._server._waiting, 'the request for the result')
+    wait_until(lambda: served.server.listed[goal_id].askers, 'the request for the result')
     served.runtime.call(lambda: served.goal(1).succeed(result('new')))
     wait_until(future.done, 'the result')
     assert future.result().result.error_msg == 'new'

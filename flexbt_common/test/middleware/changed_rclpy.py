@@ -112,7 +112,7 @@ def main() -> None:
         deactivate.transition.label = 'deactivate'
         assert request(ChangeState, 'change_state', deactivate).success
         assert runtime.node.state == 'inactive'
-    for name in ('EXECUTOR', 'ACTION_CLIENT', 'ACTION_SERVER', 'PARAMETERS'):
+    for name in ('EXECUTOR', 'PARAMETERS'):
         if is_usable(getattr(rclpy_private, name)):
             print(name)
 

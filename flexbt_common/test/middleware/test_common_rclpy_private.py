@@ -14,28 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.middleware.rclpy_private import (
-    ACTION_CLIENT,
-    ACTION_SERVER,
-    EXECUTOR,
-    PARAMETERS,
-    SWITCH,
-    PrivatePart,
-    PrivateUse,
-    is_usable,
-)
+from flexbt_common.middleware.rclpy_private import EXECUTOR, PARAMETERS, SWITCH, PrivatePart, PrivateUse, is_usable
 
 CASE = Path(__file__).with_name('changed_rclpy.py')
-USES = {
-    'EXECUTOR': EXECUTOR,
-    'ACTION_CLIENT': ACTION_CLIENT,
-    'ACTION_SERVER': ACTION_SERVER,
-    'PARAMETERS': PARAMETERS,
-}
+USES = {'EXECUTOR': EXECUTOR, 'PARAMETERS': PARAMETERS}
 PARTS = {name: tuple(part for part in use.parts if part.name.startswith('_')) for name, use in USES.items()}
 """Those of Python; the others are members of compiled classes."""
-OF_SEVERAL_CLASSES = ('_handle', '_lock', '_goal_handles')
-"""Names that other classes have, too."""
 
 
 def run(pattern: str, replacement: str, stock: str = '0') -> list[str]:
@@ -64,21 +48,16 @@ def test_this_rclpy_has_all_parts() -> None:
 
 @pytest.mark.parametrize('use', USES)
 def test_without_its_parts_a_use_is_left_out_and_everything_works(use: str) -> None:
-    missing = [part.name for part in PARTS[use] if part.name not in OF_SEVERAL_CLASSES]
+    missing = [part.name for part in PARTS[use]]
     *usable, warning = run(rf'\b({"|".join(missing)})\b', r'_renamed\1')
     assert usable == [other for other in USES if other != use]
     assert [name for name in missing if f'.{name} is missing' not in warning] == []
     assert USES[use].loss in warning
 
 
-@pytest.mark.parametrize(('use', 'name'), [('ACTION_SERVER', name) for name in OF_SEVERAL_CLASSES])
-def test_without_one_part_its_use_is_left_out_and_everything_works(use: str, name: str) -> None:
-    assert use not in run(rf'\b{name}\b', f'_renamed{name}')
-
-
 def test_with_another_signature_a_part_is_not_used() -> None:
     *usable, warning = run(r'def _take_timer\(self, tmr\)', 'def _take_timer(self, tmr, more=None)')
-    assert usable == ['ACTION_CLIENT', 'ACTION_SERVER', 'PARAMETERS']
+    assert usable == ['PARAMETERS']
     assert '_take_timer(self, tmr, more=None) has another signature' in warning
 
 

@@ -11,16 +11,12 @@ from rclpy.service import Service
 from std_srvs.srv import Trigger
 
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
-from flexbt_common.middleware import rclpy_private
-from flexbt_common.middleware.rclpy_private import AGAIN_SECONDS, MOST_UNSENT, UNSENT_SECONDS, ResendingService
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime import node_runtime
+from flexbt_common.runtime.node_runtime import AGAIN_SECONDS, MOST_UNSENT, UNSENT_SECONDS, AnswerResender, NodeRuntime
 from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 
-@pytest.mark.skipif(
-    not rclpy_private.is_usable(rclpy_private.EXECUTOR), reason="rclpy's own executor sends an answer once"
-)
 @pytest.mark.parametrize('unsent', [1, 3, 99])
 def test_an_answer_that_was_left_unsent_is_sent_again_for_a_while(unsent: int, monkeypatch: pytest.MonkeyPatch) -> None:
     real, clock = Service.send_response, ManualClock()
@@ -41,8 +37,8 @@ def test_an_answer_that_was_left_unsent_is_sent_again_for_a_while(unsent: int, m
         server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
         link = ServiceLinks(client).link(Trigger, 'answer')
         assert service_outcome(link, Trigger.Request(), DEADLINE).response is not None  # they know each other by now
-        monkeypatch.setattr(rclpy_private, 'AGAIN_SECONDS', (0.01, 0.01, 0.01))
-        monkeypatch.setattr(rclpy_private, 'monotonic', clock.now)
+        monkeypatch.setattr(node_runtime, 'AGAIN_SECONDS', (0.01, 0.01, 0.01))
+        monkeypatch.setattr(node_runtime, 'monotonic', clock.now)
         monkeypatch.setattr(Service, 'send_response', send)
         if unsent < 99:
             assert service_outcome(link, Trigger.Request(), DEADLINE).response is not None
@@ -60,12 +56,12 @@ def test_an_answer_of_a_service_that_is_gone_meanwhile_is_no_fault(monkeypatch: 
         with service.handle:
             sent.append(response)
 
-    monkeypatch.setattr(rclpy_private, 'UNSENT_SECONDS', 0.0)
+    monkeypatch.setattr(node_runtime, 'UNSENT_SECONDS', 0.0)
     monkeypatch.setattr(Service, 'send_response', send)
     with NodeRuntime.open('server') as server:
         service = server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
-        insistent = ResendingService(service, lambda _seconds, fn: again.append(fn))
-        server.call(lambda: insistent.send_response(Trigger.Response(), None))
+        answers = AnswerResender(service, lambda _seconds, fn: again.append(fn))
+        server.call(lambda: answers.send(Trigger.Response(), None))
         server.call(lambda: server.node.destroy_service(service))
         server.call(again[0])
     assert len(sent) == len(again) == 1
@@ -74,14 +70,14 @@ def test_an_answer_of_a_service_that_is_gone_meanwhile_is_no_fault(monkeypatch: 
 def test_of_many_answers_that_nobody_gets_only_some_are_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
     again: list[Callable[[], object]] = []
     sent: list[Any] = []
-    monkeypatch.setattr(rclpy_private, 'UNSENT_SECONDS', 0.0)
+    monkeypatch.setattr(node_runtime, 'UNSENT_SECONDS', 0.0)
     monkeypatch.setattr(Service, 'send_response', lambda _service, response, _header: sent.append(response))
     with NodeRuntime.open('server') as server:
         service = server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
-        insistent = ResendingService(service, lambda _seconds, fn: again.append(fn))
+        answers = AnswerResender(service, lambda _seconds, fn: again.append(fn))
         for round_of in range(1, 3):  # after the last attempt there is room for others
             for _ in range(20):
-                insistent.send_response(Trigger.Response(), None)
+                answers.send(Trigger.Response(), None)
             while again:
                 again.pop(0)()
             assert len(sent) == round_of * (20 + MOST_UNSENT * len(AGAIN_SECONDS))

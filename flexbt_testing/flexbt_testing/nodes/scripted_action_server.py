@@ -19,7 +19,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from flexbt_common.lifecycle.liveliness import LivelinessToken
-from flexbt_common.names import action_service_qos
+from flexbt_common.names import service_qos
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_testing.waiting import wait_until
 
@@ -28,6 +28,13 @@ GoalScript = Callable[[ServerGoalHandle], Awaitable[Any]]
 
 GoalAnswer = Callable[[int, Any], 'tuple[str, Any] | None']
 """How goal number n ends: ``(how, result)`` with ``succeed`` or ``abort``; None holds it."""
+
+DEEP_QUEUES: Final = {
+    'goal_service_qos_profile': service_qos(),
+    'result_service_qos_profile': service_qos(),
+    'cancel_service_qos_profile': service_qos(),
+}
+"""Arguments of rclpy's ``ActionClient`` and ``ActionServer`` with which a burst of goals is not lost."""
 
 _HOW: Final = {4: 'succeed', 5: 'canceled', 6: 'abort'}  # action_msgs/GoalStatus
 
@@ -86,7 +93,7 @@ class ScriptedActionServer:
                 goal_callback=self._goal,
                 cancel_callback=self._cancel,
                 result_timeout=10,
-                **action_service_qos(),
+                **DEEP_QUEUES,
             )
         )
 
