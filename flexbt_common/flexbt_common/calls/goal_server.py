@@ -29,7 +29,7 @@ class GoalAdmission:
     """
 
     def __init__(self, subject: str, why: str = '') -> None:
-        """Closed if ``why``, which follows the subject, is given."""
+        """Close it if ``why``, which follows the subject, is given."""
         self._subject = subject
         self.refusal = ''
         if why:

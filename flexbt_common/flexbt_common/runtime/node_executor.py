@@ -363,7 +363,7 @@ class GuestExecutors:
             self._woken[guest] = None
 
     def wake(self) -> None:
-        """Callbacks have been called."""
+        """Have the guests come back: callbacks have been called."""
         if not self._woken:
             return
         with self._lock:
@@ -381,7 +381,7 @@ def _nothing() -> None:
 
 
 async def _go_on(called: Coroutine[Any, Any, None], awaited: Any, on_end: Callable[[], None]) -> None:
-    """The rest of a coroutine that has been started; ``awaited`` is what it waits for."""
+    """Run the rest of a coroutine that has been started; ``awaited`` is what it waits for."""
     try:
         await _rest(called, awaited)
     finally:
@@ -423,7 +423,7 @@ class _Turn:
         return not self._is_wanted and self._lock.acquire(timeout=BORROW_SECONDS)
 
     def give_back(self) -> None:
-        """The executor may have it again."""
+        """Let the executor have it again."""
         self._lock.release()
 
 
@@ -452,7 +452,7 @@ class _Entities:
         entities: Mapping[str, Iterable[Any]],
         waitables: Iterable[Any],
     ) -> None:
-        """``takes`` and ``entities``: by kind; ``wake_guard`` only ends the wait."""
+        """Hold all entities. ``takes`` and ``entities`` are by kind; ``wake_guard`` only ends the wait."""
         self._held = ExitStack()
         self._held.enter_context(context.handle)
         held_waitables = [waitable for waitable in waitables if self._hold(waitable)]

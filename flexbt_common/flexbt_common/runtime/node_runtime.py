@@ -564,7 +564,7 @@ class NodeRuntime:
         self._on_failure.append(fn)
 
     def abort(self, problem: str) -> None:
-        """The node cannot go on: from now on it is not alive for others, and its process ends, with exit code 1.
+        """End the process with exit code 1: the node cannot go on. From now on it is not alive for others.
 
         ``problem`` says why. From any thread.
         """
@@ -586,7 +586,7 @@ class NodeRuntime:
             runtime.leave_graph()
 
     def leave_graph(self) -> None:
-        """The second part of the end: executor, nodes and context."""
+        """End executor, nodes and context: the second part of the end."""
         with self._lock:
             if self._is_closing:
                 return
@@ -609,7 +609,7 @@ class NodeRuntime:
         rclpy.try_shutdown(context=self._context)
 
     def close_components(self) -> None:
-        """The first part of the end: whatever has asked for it by :meth:`on_close`."""
+        """Call what has asked for it by :meth:`on_close`: the first part of the end."""
         with self._lock:
             callbacks, self._on_close = self._on_close, []
         self.close_all(callbacks)
@@ -688,7 +688,7 @@ class NodeRuntime:
         self.node.get_logger().warning('\n'.join(filter(None, [f'{hang}{note}', hang.stack])))
 
     def _on_escaped(self, error: Exception) -> None:
-        """An exception has escaped from a callback: that must not be the end of the node."""
+        """Report an exception that has escaped from a callback: it must not end the node."""
         if self._closed.is_set():
             return
         self.report_fault(error)
@@ -707,7 +707,7 @@ def _place_of(error: BaseException) -> tuple[str, int]:
 
 
 def qos_misfit(runtime: Runtime, topic: str) -> str:
-    """Why no messages come on a topic (resolved name), as far as is known; '' for nothing. From any thread.
+    """Return why no messages come on a topic (resolved name), as far as known; '' for nothing. From any thread.
 
     What is given may be outdated by the end of another node; who asks again hears of that.
     """
