@@ -47,7 +47,7 @@ DEFAULT_NODES: Final = (
     names.WAYPOINT_FOLLOWER,
     'docking_server',
 )
-"""Those of Nav2's lifecycle_manager_navigation that there are."""
+"""The nodes of Nav2's lifecycle_manager_navigation that exist here."""
 
 
 class _Step(NamedTuple):
@@ -59,7 +59,7 @@ class _Step(NamedTuple):
 
 
 class _Command(NamedTuple):
-    """What is done, and how that is told; upwards or downwards in the order of the nodes."""
+    """A command to all nodes, and its log line; upwards or downwards in their order."""
 
     steps: tuple[_Step, ...]
     told: str

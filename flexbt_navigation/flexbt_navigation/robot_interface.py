@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the navigation servers have of the robot: its pose, its costmaps, and a way to drive."""
+"""The robot as the navigation servers use it: its pose, its costmaps, and its drive."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ class RobotInterface:
         return PoseWatch(self._runtime, self.parameters.pose_timeout, lambda: self.silence, on_lost)
 
     def forget_pose(self) -> None:
-        """What told the pose is gone."""
+        """Forget the pose, whose source is gone."""
         self._demand.take_all()  # nothing that it has said before is news
         self._pose, self._pose_heard, self._was_gone = None, -math.inf, True
 

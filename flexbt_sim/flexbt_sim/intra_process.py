@@ -33,7 +33,7 @@ Key = tuple[str, type[Any]]
 class _Receiver:
     receive: Callable[[Any], object]
     is_subscribed: bool
-    """Whether it gets what is sent by the middleware, too."""
+    """Whether it also receives the messages of the middleware."""
 
 
 class IntraProcessTopics:
@@ -62,7 +62,7 @@ class IntraProcessTopics:
         self._receivers[topic, message_type] = _Receiver(receive, is_subscribed=False)
 
     def receive_instead(self, subscription: Subscription, receive: Callable[[Any], object]) -> None:
-        """As :meth:`receive`, for one who is subscribed, too: what comes by the subscription does not come twice."""
+        """Do as :meth:`receive` for a subscriber of the topic, which then receives no message twice."""
         self._receivers[subscription.topic_name, subscription.msg_type] = _Receiver(receive, is_subscribed=True)
 
     def forget(self, subscription: Subscription) -> None:
@@ -106,7 +106,7 @@ class IntraProcessPublisher:
 
 
 class IntraProcessMessages:
-    """What is handed over on a topic, up to ``depth`` messages as bytes: ``on_message`` gets them as the executor of
+    """The messages handed over on a topic, up to ``depth``, as bytes. ``on_message`` gets them as the executor of
     ``runtime`` would call it, while ``is_awaited()``; at other times when somebody takes them.
     """
 
@@ -120,7 +120,7 @@ class IntraProcessMessages:
         self._is_called = False
 
     def put(self, data: bytes) -> None:
-        """A message has come. From any thread."""
+        """Put a message in. From any thread."""
         self._messages.append(Received(data, len(data), UNKNOWN_WRITER, time.time()))
         if not self._is_called:
             self._is_called = True

@@ -78,7 +78,7 @@ def path_message(poses: Iterable[Pose], frame: str, stamp: Time) -> Path:
 
 
 def grid_info(corner: Pose, resolution: float, size: tuple[int, int], stamp: Time) -> MapMetaData:
-    """Of a grid: the pose of its lower left corner, the size of a cell, m, its columns and rows."""
+    """Return the description of a grid: ``corner`` is its lower left one, cells are ``resolution`` m wide."""
     return MapMetaData(
         map_load_time=stamp,
         resolution=float(resolution),
@@ -133,11 +133,11 @@ _TYPES: Final[Mapping[str, str]] = {
     names.UNDOCK_ROBOT: 'UndockRobot',
     names.WAIT: 'Wait',
 }
-"""Those of nav2_msgs, by the names of the actions."""
+"""Types in nav2_msgs by the names of the actions."""
 
 
 def action_type(server: str) -> Any:
-    """That of a navigation server. All of Nav2's actions are loaded only by who asks: it takes a while."""
+    """Return the action type of a navigation server. It loads all of Nav2's actions, which takes a while."""
     return getattr(importlib.import_module('nav2_msgs.action'), _TYPES[server])
 
 

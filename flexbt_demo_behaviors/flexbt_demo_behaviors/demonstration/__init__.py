@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the demonstrations share: options, processes, session, scripted operator, report and picture."""
+"""Shared by the demonstrations: options, processes, session, scripted operator, report and picture."""

@@ -22,7 +22,7 @@ ParameterValue = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
 @dataclass(frozen=True)
 class DemoSettings:
-    """What can be set about the processes.
+    """Settings of the processes.
 
     `map` is a ROS map YAML file, empty for the one that comes along; `start` the pose (m, m, rad) at which the robot
     begins on it, None for that of the map that comes along; `places` the YAML file of the places that the robot knows
@@ -46,7 +46,7 @@ class Process:
 
     @property
     def name(self) -> str:
-        """That of the executable; of its node, too, if it has one alone."""
+        """Name of the executable, and of its node, if it has only one."""
         return self.executable
 
     def command(self) -> list[str]:

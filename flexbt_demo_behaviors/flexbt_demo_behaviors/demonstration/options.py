@@ -32,7 +32,7 @@ and --output.
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What any demonstration was told: who operates, the speed factor, and the directory of pictures and logs."""
+    """Options of any demonstration: who operates, the speed factor, and the directory of pictures and logs."""
 
     interactive: bool
     speed: float
@@ -41,7 +41,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class DemoOptions(RunOptions):
-    """What the demonstration was told. `map` and `places` are empty for the ones that come along."""
+    """Options of the demonstration Navigate. `map` and `places` are empty for the ones that come along."""
 
     demos: tuple[int, ...]
     map: str

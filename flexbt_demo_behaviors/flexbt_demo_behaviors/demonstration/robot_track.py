@@ -138,7 +138,7 @@ class RobotTrack:
 
     @property
     def ready(self) -> bool:
-        """Whether the map and a pose have come."""
+        """Whether a map and a pose were received."""
         with self._lock:
             return self._map is not None and self._pose is not None
 
@@ -150,13 +150,13 @@ class RobotTrack:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the robot stands still."""
+        """Whether the robot is at rest."""
         with self._lock:
             return not self._moving
 
     @property
     def way(self) -> list[tuple[float, TrackPose]]:
-        """Where the robot was, and at which simulated time, in seconds."""
+        """Places of the robot, with simulated times in seconds."""
         with self._lock:
             return list(self._way)
 

@@ -250,7 +250,7 @@ class ScriptedOperator:
         self._give(self._make.answer(self._mirror.view(), decision.id, label))
 
     def expect_goal(self, label: str) -> None:
-        """The robot is to drive to a named place now, by whose will ever."""
+        """Note that the robot is to drive to a named place now, whoever decided it."""
         self._goal_label = label
         self._goal_time = self.track.time
         self._goal_length = self.track.length

@@ -36,12 +36,12 @@ class SimulatedBox:
 
     @property
     def model(self) -> ObstacleModel:
-        """What it is in a world."""
+        """Description in a world."""
         return ObstacleModel(Pose(self.x, self.y, 0.0), box(self.length, self.width))
 
     @property
     def description(self) -> dict[str, Any]:
-        """What it is in a world file."""
+        """Description in a world file."""
         return {'pose': [self.x, self.y, 0.0], 'shape': [self.length, self.width]}
 
 
@@ -59,7 +59,7 @@ class DemoSimulation:
 
     @property
     def boxes(self) -> Mapping[str, SimulatedBox]:
-        """All boxes that have been put somewhere, by their names; those that were taken away, too."""
+        """Boxes that were placed, by their names; removed ones, too."""
         return self._boxes
 
     def put(self, name: str, box: SimulatedBox) -> None:

@@ -31,10 +31,10 @@ from flexbt_server.leaves import (
 from .rooms import room_at, table_of
 
 THINGS: Final = SubscribedTopic(TFMessage, 'simulator/things', qos=names.transient_local_qos())
-"""Where things are: on the map, or in the gripper."""
+"""Topic of the things: on the map, or in the gripper."""
 
 DOORS: Final = SubscribedTopic(JointState, 'simulator/doors', qos=names.transient_local_qos())
-"""How far doors are open."""
+"""Topic of the openings of doors."""
 
 MAP: Final = 'map'
 
@@ -309,7 +309,7 @@ _ACTIONS: Final = (EnterRoom, PassDoor, Approach, DriveToTable, PickUp, PutDown,
 
 
 def register(registry: NodeRegistry) -> None:
-    """The entry point: makes the leaves known to the BT server.
+    """Register the leaves with the BT server: the entry point.
 
     The names of node types are shared by all packages, and others have an OpenDoor, too: here it is FlatOpenDoor.
     """

@@ -99,7 +99,7 @@ NO_WAY: Final = 'there is no plan without FlatOpenDoor(kitchen_door, hall, kitch
 
 @dataclass(frozen=True)
 class Flat:
-    """What the operator has before them: the robot, and the household."""
+    """What the operator sees: the robot, and the household."""
 
     operator: ScriptedOperator
     household: Household
@@ -165,11 +165,11 @@ class Household:
 
     def __init__(self, runtime: NodeRuntime, timeline: Timeline, speed: float, on_change: Callable[[], None]) -> None:
         self.times_opened = 0
-        """How often the door of the kitchen came to be open all the way."""
+        """Number of times that the door of the kitchen opened all the way."""
         self.times_held = 0
-        """How often the robot came to hold the cup."""
+        """Number of times that the robot picked up the cup."""
         self.held = ''
-        """What the robot holds; '' for nothing."""
+        """Name of the object in the gripper; '' for none."""
         self._opening: float | None = None
         self._is_gripper_seen = False
         self._simulation = DemoSimulation(runtime, timeline, speed)
@@ -179,7 +179,7 @@ class Household:
 
     @property
     def door_is_shut(self) -> bool:
-        """Whether the door of the kitchen is shut all the way."""
+        """Whether the door of the kitchen is closed all the way."""
         return self._opening is not None and self._opening <= 0.0
 
     @property

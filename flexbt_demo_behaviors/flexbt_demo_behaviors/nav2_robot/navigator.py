@@ -27,7 +27,7 @@ ACTIVE: Final = 'active'
 
 
 class TaskResult(Enum):
-    """How a task has ended; numbers as in nav2_simple_commander."""
+    """The result of a task; numbers as in nav2_simple_commander."""
 
     UNKNOWN = 0
     SUCCEEDED = 1

@@ -120,7 +120,7 @@ NEAR: Final = 1.0
 
 
 def night_watch(watch: Watch, report: DemoReport) -> None:
-    """A night in which everything happens that can."""
+    """Run a night in which everything happens that can."""
     alpha, beta, building = watch.operator('alpha'), watch.operator('beta'), watch.building
     watch.start()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether what is heard of the robot is needed at once, or when somebody asks for it."""
+"""Whether messages about the robot are needed at once, or only on request."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Demand:
         self._in_process = in_process
         self._messages: list[ReceivedMessages | IntraProcessMessages] = []
         self.is_there = False
-        """Whether what comes is heard at once."""
+        """Whether messages are handled at once."""
         self.reasons: list[Callable[[], bool]] = []
 
     def subscribe(

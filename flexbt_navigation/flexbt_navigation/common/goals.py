@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How goals of the navigation actions end, with what in their results, and those whose results are computed on a
+"""How goals of the navigation actions end, with their results, and goals whose results are computed on a
 thread of their own.
 """
 
@@ -19,7 +19,7 @@ from flexbt_navigation.errors import NavigationError
 
 @dataclass(frozen=True)
 class GoalEnd:
-    """How a goal ended: succeeded, canceled, or failed with the name of an error code."""
+    """The end of a goal: succeeded, canceled, or failed with the name of an error code."""
 
     succeeded: bool = False
     canceled: bool = False
@@ -108,7 +108,7 @@ class Computation:
         self._pool.submit(work)
 
     def ask(self, compute: Callable[[], T], on_done: Callable[[T | None, Exception | None], None]) -> None:
-        """The same for what is no goal: ``on_done`` is told the result, or the error that came in its way."""
+        """Do the same for what is not a goal: ``on_done`` gets the result, or the error that came in its way."""
 
         def work() -> None:
             result, reason = None, None

@@ -55,7 +55,7 @@ def finite_pose(message: Any, name: str, code: str) -> Pose:
 
 
 def check_frame(frame: str, map_frame: str, name: str) -> None:
-    """Of the map, and of the robot's pose, by which all else goes. An empty frame counts as that of the map.
+    """Check that a frame is that of the map, or empty.
 
     Raises:
         NavigationError: TF_ERROR for any other frame.
@@ -68,7 +68,7 @@ def check_frame(frame: str, map_frame: str, name: str) -> None:
 
 
 def check_id(asked: str, known: Sequence[str], what: str, code: str) -> None:
-    """An empty name means the only one there is. Raises NavigationError ``code`` for a name that is not known."""
+    """Check the name of a plug-in; an empty one means the default. Raises NavigationError ``code`` if it is unknown."""
     if asked and asked not in known:
         raise NavigationError(code, f'there is no {what} {short_repr(asked)}; known: {", ".join(known)}')
 

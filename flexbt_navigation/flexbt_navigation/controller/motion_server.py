@@ -135,7 +135,7 @@ class MotionArbiter:
         running.on_end(end, max(0.0, running.now - running.began))
 
     def cancel(self, goal: ServedGoal) -> None:
-        """The client does not want its goal any more."""
+        """Cancel the goal for its client."""
         if self.running is not None and self.running.goal is goal:
             self.end(CANCELED)
 

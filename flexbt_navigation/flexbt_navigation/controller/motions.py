@@ -111,7 +111,7 @@ class TurnLimits:
 
 @dataclass(frozen=True)
 class Inertia:
-    """How fast the robot goes, and how fast that changes at most, m/s² and rad/s²."""
+    """Speeds of the robot, and their greatest changes, m/s² and rad/s²."""
 
     velocity: Velocity = STOP
     linear: float = math.inf
@@ -152,7 +152,7 @@ class CommandedDrive:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the robot stands."""
+        """Whether the robot is at rest."""
         return self._inertia.velocity == STOP
 
     def foreseen(self, pose: Pose) -> tuple[Pose, Inertia]:

@@ -252,7 +252,7 @@ class PathFollower:
 
     @property
     def speed(self) -> float:
-        """As it is commanded, m/s."""
+        """Commanded speed, m/s."""
         return self._drive.command.linear
 
     @property

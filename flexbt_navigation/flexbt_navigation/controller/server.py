@@ -117,7 +117,7 @@ class ControllerServer:
         return follower
 
     def _limit_speed(self, message: SpeedLimit) -> None:
-        """As Nav2's controller server: a share of the desired speed in percent, or m/s; 0 for no limit."""
+        """Set a speed limit as Nav2's controller server does: percent of the desired speed, or m/s; 0 for none."""
         limit = float(message.speed_limit)
         if not 0.0 <= limit < math.inf:
             self._runtime.node.get_logger().error(

@@ -68,7 +68,8 @@ class LayeredCostmap:
     """
 
     def __init__(self, static: Costmap, window: float = math.inf) -> None:
-        """``static`` is the map without anything seen. Obstacles outside of a square round the robot, ``window`` m
+        """Make the layers. ``static`` is the map without anything seen. Obstacles outside a square round the robot,
+        ``window`` m
         wide, are forgotten: the rolling window of a local costmap. Since robots drive on that one, it is never without
         what was seen last, which is marked again at once when it is cleared.
         """
@@ -156,7 +157,7 @@ class LayeredCostmap:
         self._marks[box.cells] &= farthest * world.resolution > radius
 
     def _take_over(self, box: CellBox, before: Bools) -> None:
-        """The marks in a box were changed."""
+        """Note that the marks in a box were changed."""
         rows, columns = numpy.nonzero(self._marks[box.cells] != before)
         if not rows.size:
             return

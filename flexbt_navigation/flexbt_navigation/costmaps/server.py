@@ -185,7 +185,7 @@ class CostmapServer:
             self._publish(name)
 
     def add_pose(self, time: float, pose: Pose) -> None:
-        """The robot was there at a time, s."""
+        """Note where the robot was at a time, s."""
         if self._poses and (time <= self._poses[-1][0] or pose.distance(self._poses[-1][1]) > GREATEST_STEP):
             self._poses.clear()
         self._poses.append((time, pose))

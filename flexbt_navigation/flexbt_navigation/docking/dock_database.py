@@ -31,7 +31,7 @@ class DockType:
 
 @dataclass(frozen=True)
 class Dock:
-    """Where the robot is when it is docked, in ``frame``. Of a station the ``type`` is empty: it charges."""
+    """Pose of the docked robot, in ``frame``. The ``type`` of a station is empty: it charges."""
 
     name: str
     pose: Pose

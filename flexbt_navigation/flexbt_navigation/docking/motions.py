@@ -84,7 +84,7 @@ STEP: Final = 0.2
 
 
 class DockState(Enum):
-    """What a robot that docks does just now; the values are those of the feedback of dock_robot."""
+    """The phase of docking; the values are those of the feedback of dock_robot."""
 
     NONE = 0
     NAV_TO_STAGING_POSE = 1
@@ -136,7 +136,7 @@ class DockingLimits:
 
 @dataclass(frozen=True)
 class Senses:
-    """What the robot knows of the dock: whether it is charged, and where the dock is seen, if it is."""
+    """The sensors of a docking robot: whether it is charged, and where the dock is seen, if it is."""
 
     is_charging: Callable[[], bool]
     seen_dock: Callable[[], Pose | None]

@@ -164,7 +164,7 @@ class DockingServer:
         DockGoal(self, goal).begin()
 
     def docked(self, kind: DockType, pose: Pose) -> None:
-        """The robot is on a dock."""
+        """Note that the robot is on a dock."""
         self._docked = kind, pose
 
     def is_docked(self, dock: Pose) -> bool:
@@ -327,7 +327,7 @@ class DockGoal:
 
 
 def limited(seconds: float) -> float:
-    """As it is, or for ever; a number that is none is no time at all."""
+    """Return the number, at most infinity; NaN counts as 0."""
     return min(seconds, LONGEST) if seconds > 0.0 else 0.0
 
 

@@ -69,7 +69,7 @@ def smooth_path(
 
 
 def _reversals(path: Sequence[Pose]) -> list[int]:
-    """Indices of the poses at which the robot goes on in the opposite direction, or turns on the spot."""
+    """Return the indices of the poses at which the robot reverses, or turns on the spot."""
     turns = []
     for index, (before, here, after) in enumerate(zip(path, path[1:], path[2:], strict=False), 1):
         bends = (here.x - before.x) * (after.x - here.x) + (here.y - before.y) * (after.y - here.y)
@@ -112,7 +112,7 @@ def _drawn(points: Points, fixed: Flags) -> Points:
 
 
 def _blocked(points: Points, smoothed: Points, costmap: Costmap, check_time: Callable[[], None]) -> Flags:
-    """Of each step between two points that has moved: whether the robot would be in collision on it."""
+    """Return for each step between two points that has moved whether the robot would be in collision on it."""
     moved = (smoothed != points).any(axis=1)
     blocked = numpy.zeros(len(points) - 1, bool)
     for index in numpy.flatnonzero(moved[:-1] | moved[1:]).tolist():

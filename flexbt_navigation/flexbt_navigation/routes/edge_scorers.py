@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What edges cost: the edge cost functions of Nav2's route server, with its default weights.
+"""Costs of edges: the edge cost functions of Nav2's route server, with its default weights.
 
 A scorer gives the costs of all edges of a graph, infinite for those that must not be used. Those of several are added
 up.
@@ -41,7 +41,7 @@ Costs = NDArray[numpy.float64]
 
 
 class Scorer(Protocol):
-    """What the edges of a graph cost for a request."""
+    """Costs of the edges of a graph for a request."""
 
     def __call__(self, graph: RouteGraph, request: RouteRequest, /) -> Costs:
         """Raise NavigationError INVALID_EDGE_SCORER_USE."""
@@ -129,7 +129,7 @@ def _given(pose: Pose | None, scorer: str) -> Pose:
 
 
 def _turns(graph: RouteGraph, pose: Pose, nodes: NDArray[numpy.int64], node: RouteNode) -> Costs:
-    """Of the edges whose node is this one; 0 for others."""
+    """Return for each edge at this node the angle, rad, by which a robot at a pose turns to it; 0 for others."""
     costs = numpy.zeros(len(graph.edges))
     for index in numpy.flatnonzero(nodes == graph.links.index[node.id]):
         costs[index] = abs(wrap(graph.edges[index].heading - pose.yaw))

@@ -26,7 +26,7 @@ MOST: Final = 1e9
 
 @dataclass(frozen=True, eq=False)
 class Operation:
-    """What is to be done on the way. ``trigger`` is NODE (achieved), ON_ENTER or ON_EXIT (of an edge)."""
+    """An operation on the way. ``trigger`` is NODE (achieved), ON_ENTER or ON_EXIT (of an edge)."""
 
     name: str
     type: str
@@ -156,7 +156,7 @@ class RouteGraph:
 
     @property
     def frames(self) -> set[str]:
-        """Those of the nodes."""
+        """Frames of the nodes."""
         return {node.frame for node in self.nodes.values()}
 
     def moved(self, frame: str, origins: Mapping[str, Pose]) -> RouteGraph:

@@ -13,7 +13,7 @@ from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_sim.world.plane.geometry import Point
 
 CELLS_AT_A_TIME: Final = 1_000_000
-"""Of many lines; more take as long, and more memory."""
+"""Number of cells at a time; more take as long, and more memory."""
 
 
 def line_costs(costmap: Costmap, start: Point, end: Point) -> tuple[NDArray[numpy.uint8], bool]:
@@ -30,7 +30,7 @@ def line_costs(costmap: Costmap, start: Point, end: Point) -> tuple[NDArray[nump
 def greatest_costs(
     costmap: Costmap, starts: NDArray[numpy.float64], ends: NDArray[numpy.float64]
 ) -> tuple[NDArray[numpy.float64], NDArray[numpy.bool_]]:
-    """Of many lines, N x 2, m: the greatest cost of each, see :func:`line_costs`, and whether it is on the map."""
+    """Return the greatest cost of each of many lines, N x 2, m (:func:`line_costs`), and whether it is on the map."""
     world = costmap.world
     begin, end = (numpy.stack(world.grid_position(*points.T), axis=1) for points in (starts, ends))
     counts = numpy.maximum(1, numpy.ceil(2.0 * numpy.hypot(*(end - begin).T))).astype(int)
@@ -63,6 +63,6 @@ def closest_point(place: Point, start: Point, end: Point) -> Point:
 
 
 def cosine(ax: float, ay: float, bx: float, by: float) -> float:
-    """Of the angle between two vectors; 0 when one of them has no direction."""
+    """Return the cosine of the angle between two vectors; 0 if one of them has no direction."""
     lengths = math.hypot(ax, ay) * math.hypot(bx, by)
     return (ax * bx + ay * by) / lengths if lengths > 1e-12 else 0.0

@@ -22,7 +22,7 @@ from .route import PathShape, Route, find_route, route_path
 
 @dataclass(frozen=True)
 class Ends:
-    """Where a route begins, or ends: a node of the graph by its id, or a pose."""
+    """Start or end of a route: a node of the graph by its id, or a pose."""
 
     id: int = 0
     pose: Pose | None = None
@@ -38,7 +38,7 @@ class Ends:
 
 @dataclass(frozen=True)
 class RouteProgress:
-    """How far the robot is when its route has to be another one.
+    """Progress of the robot when its route is planned again.
 
     ``blocked`` are ids of edges that cannot be used. ``node`` was achieved last, if any was, and ``edge`` is the one
     that the robot is on, at ``pose``.

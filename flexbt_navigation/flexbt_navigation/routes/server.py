@@ -182,7 +182,7 @@ class RouteServer:
         self.plan(goal, None, on_planned, on_end)
 
     def _track(self, goal: ServedGoal) -> None:
-        """The newest goal is the one that is tracked."""
+        """Track the newest goal."""
         self.end_all(GoalEnd(message='a newer goal has taken over'))
 
         def on_end(end: GoalEnd, seconds: float) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where on its route the robot is: Nav2's route tracker."""
+"""Progress of the robot on its route: Nav2's route tracker."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class RouteTracker:
 
     @property
     def edges_after(self) -> tuple[RouteEdge, ...]:
-        """Those after the present one."""
+        """Edges after the present one."""
         return self.route.edges[self._index + 1 :]
 
     def operations(self) -> list[Operation]:

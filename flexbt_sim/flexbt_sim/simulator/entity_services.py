@@ -344,7 +344,7 @@ _Edges = list[tuple['_Test | None', int]]
 
 
 class NameFilter:
-    """Whether a whole name is matched by ``pattern``; an empty one matches every name.
+    """Return whether a whole name is matched by ``pattern``; an empty one matches every name.
 
     Raises:
         SimulationError: the pattern is none, or is too large.

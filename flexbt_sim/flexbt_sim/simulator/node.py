@@ -75,7 +75,7 @@ class Simulator:
         self._logged_faults = frozenset[Fault]()
         self._logged_violations: dict[str, int] = {}
         self._spawned: dict[str, str] = {}
-        """What has come by service, and the namespace that was wanted."""
+        """Entities that were spawned by service, and their requested namespaces."""
         self._map_servers: dict[str, MapServer] = {}
         self._token = LivelinessToken(runtime)
         runtime.call(self._connect)
@@ -157,7 +157,7 @@ class Simulator:
         self._watch_computations()
 
     def _serve_entities(self) -> None:
-        """What there is of doors, and of zones that the robots have to know, may be other than it was."""
+        """Update the services of doors and the no-go zones, which may have changed."""
         self._doors.update()
         self._keepout.update()
 
@@ -166,7 +166,7 @@ class Simulator:
         return f'{self.runtime.node.get_namespace().rstrip("/")}/{namespace}{self.runtime.name}'
 
     def _watch_computations(self) -> None:
-        """As fast as possible means to wait for those who compute; at another speed nobody is waited for."""
+        """Watch who computes, if the world runs as fast as possible and has to wait for them."""
         namespaces = {topics.namespace for topics in self._robots.values()} if self.pacer.factor == 0.0 else set()
         self._computations.watch(namespaces)
 
@@ -174,7 +174,7 @@ class Simulator:
 
     @property
     def namespaces(self) -> list[str]:
-        """Where the topics of the robots are, within that of the node: '' or 'robot1/'."""
+        """Namespaces of the topics of the robots, within that of the node: '' or 'robot1/'."""
         return [topics.namespace for topics in self._robots.values()]
 
     def stamp(self) -> Time:
@@ -231,7 +231,7 @@ class Simulator:
         self._serve_entities()
 
     def reset_time(self) -> None:
-        """The clock begins at 0."""
+        """Set the clock to 0."""
         with self.lock:
             self._began = self.world.nanoseconds
 
@@ -288,7 +288,7 @@ class Simulator:
         return events
 
     def _tell_scene(self) -> None:
-        """What somebody sees of the world, if it is not as it was, though time may stand still. Under the lock."""
+        """Publish what displays show of the world, if it has changed, also while time is paused. Under the lock."""
         self._scene.tell(self.world, self.stamp())
 
     # -- on the executor thread --------------------------------------------------------------------------------------

@@ -60,9 +60,12 @@ Message = tuple[str, Callable[[Any], object], Any]
 
 @dataclass(frozen=True)
 class Commands:
-    """What a robot is told: ``drive(robot, linear, angular)`` in m/s and rad/s, ``place(robot, pose)`` for an initial
-    pose, ``grip(robot, close)``, which gives the name of what was picked up or put down; these two raise
-    SimulationError where that cannot be. ``time()`` is the simulated time, s."""
+    """The commands of a robot.
+
+    ``drive(robot, linear, angular)`` takes m/s and rad/s, ``place(robot, pose)`` an initial pose.
+    ``grip(robot, close)`` returns the name of what was picked up or put down. The last two raise SimulationError if
+    that is not possible. ``time()`` is the simulated time, s.
+    """
 
     drive: Callable[[Robot, float, float], None]
     place: Callable[[Robot, Pose], None]
@@ -181,7 +184,7 @@ class RobotTopics:
         return subscription
 
     def _describe(self) -> None:
-        """What does not change: URDF and static transforms."""
+        """Publish what does not change: URDF and static transforms."""
         parameters = self._parameters
         base, footprint = parameters.base_frame, parameters.footprint_frame
         sensors = {parameters.frame_of(one): one.pose for one in self.robot.sensors if one.frame}
@@ -295,7 +298,7 @@ class RobotTopics:
 
     @property
     def has_navigation(self) -> bool:
-        """Whether there is a node that carries out the faults of navigation servers."""
+        """Whether a node carries out the faults of navigation servers."""
         topic = self._server_faults.topic_name
         heard_by = self._runtime.node.get_subscriptions_info_by_topic(topic)
         return any(one.node_name == names.NAVIGATION for one in heard_by)
@@ -359,7 +362,7 @@ class RobotTopics:
             yield names.AMCL_POSE, self._amcl_pose.publish, self._amcl_message(estimate, stamp)
 
     def restart(self, robot: Robot) -> None:
-        """The world has begun anew, and so has its robot, which is of the same model."""
+        """Follow the robot of a new world, which has the same model."""
         self.robot = robot
         self._loss = generator(self._parameters.seed, robot.name, 'messages')
         self._told_at = self._told_faults = None

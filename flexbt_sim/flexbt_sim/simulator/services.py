@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the services of the simulator need of it, and the services of doors and of faults."""
+"""The services of doors and of faults, and what all services need of the simulator."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SimulatorParts(Protocol):
 
     @property
     def namespaces(self) -> list[str]:
-        """Where the topics of the robots are, within that of the node: '' or 'robot1/'."""
+        """Namespaces of the topics of the robots, within that of the node: '' or 'robot1/'."""
 
     def stamp(self) -> Time:
         """Return the time of the clock."""
@@ -66,7 +66,7 @@ class SimulatorParts(Protocol):
         """Everything is where it was at the start; the time goes on."""
 
     def reset_time(self) -> None:
-        """The clock begins at 0."""
+        """Set the clock to 0."""
 
     def has_navigation(self, robot: str) -> bool:
         """Return whether a node navigation carries out the faults of the servers of a robot."""
@@ -135,7 +135,7 @@ class FaultService:
         return response
 
     def _check(self, entity: str, request: Any) -> None:
-        """Whether a fault of a server can be carried out, and somebody does. The world checks the rest."""
+        """Check that a fault of a server is possible, and that a node carries it out. The world checks the rest."""
         parameters = fault_parameters(request.fault, _mapping(request.parameters))
         if isinstance(parameters, ServerFault) and entity in self._simulator.world.robots:
             check_fault(parameters)

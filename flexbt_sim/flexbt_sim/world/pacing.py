@@ -52,7 +52,7 @@ OnStepped = Callable[[int, bool], None]
 
 
 class Schedule:
-    """When simulated time is due on the wall clock. Wall time, ``now``, is handed in; all times in s.
+    """A schedule of simulated time on the wall clock. Wall time is the argument ``now``; all times in s.
 
     ``factor`` is the seconds of the simulated world per second; 0 for as fast as possible.
     """
@@ -91,13 +91,13 @@ class _Driver:
 
 
 class Drivers:
-    """Who gives velocity commands, and whose next one is due. Simulated time, ``now``, is handed in; all times in s."""
+    """The drivers of robots, and whose next command is due. Simulated time is the argument ``now``; all times in s."""
 
     def __init__(self) -> None:
         self._drivers: dict[str, _Driver] = {}
 
     def commanded(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
-        """A command has come: the robot follows it ``until`` a time; ``is_stopping`` when it says to stand."""
+        """Note a command: the robot follows it ``until`` a time; ``is_stopping`` if it is to stop."""
         driver = self._drivers.get(robot)
         if driver is None:
             self._drivers[robot] = _Driver(now, until, is_stopping)
@@ -107,11 +107,11 @@ class Drivers:
         driver.commanded_at, driver.until, driver.is_stopping = now, until, is_stopping
 
     def forget(self, robot: str) -> None:
-        """The robot is not driven any more. Harmless for one that is not."""
+        """Forget the driver of a robot, if it has one."""
         self._drivers.pop(robot, None)
 
     def clear(self) -> None:
-        """Nobody drives any more."""
+        """Forget all drivers."""
         self._drivers.clear()
 
     def acting(self, now: float) -> bool:
@@ -125,7 +125,7 @@ class Drivers:
         return [robot for robot, driver in self._drivers.items() if driver.is_due(now)]
 
     def did_not_answer(self, robot: str) -> None:
-        """The command of this robot did not come. Of one that was told to stand, none is expected again."""
+        """Note that the command of this robot did not come. If its last command was to stop, expect no other."""
         driver = self._drivers.get(robot)
         if driver is not None and driver.is_stopping:
             self.forget(robot)
@@ -156,9 +156,9 @@ class Pacer:
         self._stopped = False
         self._is_paused = False
         self._request: _StepRequest | None = None
-        """What is left of the steps that were asked for while time stands still."""
+        """The remaining steps that were requested while time is paused."""
         self._begun: _StepRequest | None = None
-        """Those among which the steps are that are being made."""
+        """The request that the steps being made belong to."""
 
     @property
     def factor(self) -> float:
@@ -175,25 +175,25 @@ class Pacer:
     # -- who acts ----------------------------------------------------------------------------------------------------
 
     def command_received(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
-        """A velocity command has come; see :meth:`Drivers.commanded`."""
+        """Note a velocity command; see :meth:`Drivers.commanded`."""
         with self._event:
             self._drivers.commanded(robot, now, until, is_stopping=is_stopping)
             self._event.notify_all()
 
     def forget_driver(self, robot: str) -> None:
-        """The robot is gone, or was placed elsewhere."""
+        """Forget the driver of a robot that is gone, or was placed elsewhere."""
         with self._event:
             self._drivers.forget(robot)
             self._event.notify_all()
 
     def forget_drivers(self) -> None:
-        """All robots were placed elsewhere."""
+        """Forget all drivers: the robots were placed elsewhere."""
         with self._event:
             self._drivers.clear()
             self._event.notify_all()
 
     def set_computing(self, who: object, is_computing: bool) -> None:
-        """Somebody begins, or ends, to compute what a robot waits for."""
+        """Note that somebody starts or ends a computation that a robot waits for."""
         with self._event:
             (self._computing.add if is_computing else self._computing.discard)(who)
             self._event.notify_all()
@@ -202,7 +202,7 @@ class Pacer:
 
     @property
     def is_paused(self) -> bool:
-        """Whether time stands still, except for steps."""
+        """Whether time is paused, except for steps."""
         return self._is_paused
 
     def pause(self) -> None:

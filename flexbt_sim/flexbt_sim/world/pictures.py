@@ -45,7 +45,7 @@ Paths = Mapping[str, Sequence[Point]]
 
 @dataclass(frozen=True)
 class TraceFrame:
-    """What moves, at a simulated time, s: outlines and poses of bodies by their names, and scans with their origins."""
+    """Everything that moves, at a simulated time, s: outlines and poses of bodies by name, scans with their origins."""
 
     time: float
     bodies: Mapping[str, tuple[Shape, Pose]]
@@ -53,14 +53,14 @@ class TraceFrame:
 
 
 class Trace:
-    """What has happened in a world: :meth:`record` takes down how it is, as often as it is called."""
+    """A history of a world: each :meth:`record` adds its present state."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         self.frames = [frame_of(world)]
 
     def record(self) -> None:
-        """How the world is now.
+        """Record the present state of the world.
 
         Raises:
             SimulationError: there are MAX_FRAMES already.
@@ -128,7 +128,7 @@ def draw_world(
 
 
 class _Drawing:
-    """What stands still of a world, and the scale: all that is in it is in the picture, whenever it was."""
+    """The still parts of a world, and the scale, at which every frame fits into the picture."""
 
     def __init__(self, world: World, pixels: int, frames: Sequence[TraceFrame]) -> None:
         if not 16 <= pixels <= MAX_PIXELS:
@@ -212,7 +212,7 @@ class _Drawing:
     def _label(
         self, pen: ImageDraw.ImageDraw, point: Point, anchor: str, text: str, colour: Colour = (90, 90, 90)
     ) -> None:
-        """A text on paper of its own, all of it in the picture. ``anchor`` as in Pillow."""
+        """Draw a text on a plate, all of it in the picture. ``anchor`` as in Pillow."""
         left, top, right, bottom = pen.textbbox(point, text, font_size=_FONT, anchor=anchor)
         dx = max(_PAD - left, min(0.0, self._size[0] - _PAD - right))
         dy = max(_PAD - top, min(0.0, self._size[1] - _PAD - bottom))
@@ -243,7 +243,7 @@ class _Drawing:
             pen.rectangle((x - 2, y - 2, x + 1, y + 1), fill=(220, 40, 40))
 
     def _dashes(self, pen: ImageDraw.ImageDraw, points: Sequence[Point]) -> None:
-        """A dashed line: 12 pixels drawn, 8 not, on round the corners."""
+        """Draw a dashed line, 12 pixels on and 8 off, also round corners."""
         travelled = 0.0
         for (x0, y0), (x1, y1) in pairwise(points):
             length = math.hypot(x1 - x0, y1 - y0)

@@ -42,9 +42,9 @@ class Robot(Carrier):
         self.speed_limit = math.inf
         """m/s, of the slow zones that it is in."""
         self.violations = 0
-        """How often it has entered a no-go zone."""
+        """Number of times that it entered a no-go zone."""
         self.contacts = 0
-        """How often it has run into something."""
+        """Number of collisions."""
         carried = [(kind, getattr(model, kind.name)) for kind in DEVICES]
         self.devices: dict[str, Device] = {kind.name: kind(self, one) for kind, one in carried if one}
         self.sensors = tuple(one for one in self.devices.values() if isinstance(one, Sensor))
@@ -54,7 +54,7 @@ class Robot(Carrier):
         self.reset()
 
     def reset(self) -> None:
-        """As it was at the start, random numbers included."""
+        """Return to the state at the start, random numbers included."""
         for device in self.devices.values():
             device.reset()
         self._odometry_noise = Normals(generator(self.seed, self.name, 'odometry'))
@@ -94,7 +94,7 @@ class Robot(Carrier):
 
     @property
     def odometry(self) -> Pose:
-        """Where it is by its wheels, from where it was at the start."""
+        """Pose by its wheels, from its start."""
         return compose(self._measured, self.pose) if self._is_exact else self._odometry
 
     @property
@@ -235,7 +235,7 @@ class Robot(Carrier):
             self._turn_on(surroundings, angular * grip, duration - moved)
 
     def _turn_on(self, surroundings: WorldView, angular: float, duration: float) -> None:
-        """What is blocked may still turn."""
+        """Turn a robot that is blocked, as far as it can."""
         start = self.pose
         reach = abs(angular) * self.shape.turning_radius
         moved = surroundings.advance(self, lambda time: drive(start, 0.0, angular, time), reach, duration)
@@ -256,7 +256,7 @@ class Robot(Carrier):
         self._odometry = drive(self._odometry, linear, angular, duration)
 
     def enter(self, zones: tuple[str, ...], speed_limit: float, forbidden: int, *, in_shadow: bool) -> None:
-        """It is in these zones now; so many more that are no-go ones than before."""
+        """Note the zones that it is in now; ``forbidden`` of them are no-go zones that it was not in before."""
         if in_shadow != self.in_shadow:
             self._correction = self._by_map if in_shadow else None
         self.zones, self.speed_limit, self.in_shadow = zones, speed_limit, in_shadow

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is in the world beside robots: obstacles, doors, charging stations, zones."""
+"""Obstacles, doors, charging stations and zones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flexbt_sim.world.plane.bodies import Body, WorldView, generator
 from flexbt_sim.world.plane.geometry import Circle, Polygon, Pose, Shape, contains
 
 EDGE: Final = 0.01
-"""What is seen of a door that is open, m."""
+"""Visible part of an open door, m."""
 
 
 class Obstacle(Body):
@@ -34,7 +34,7 @@ class Obstacle(Body):
         self.reset()
 
     def reset(self) -> None:
-        """As it was at the start, random numbers included."""
+        """Return to the state at the start, random numbers included."""
         self.place(self.start)
         self._random = generator(self._seed, self.name, 'walk')
         self._heading, self._left = 0.0, 0.0
@@ -125,7 +125,7 @@ class Door(Body):
         self.reset()
 
     def reset(self) -> None:
-        """As it was at the start."""
+        """Return to the state at the start."""
         self.pose, self.model = self.start, self._start_model
         self.wants_open = self.model.open
         self._nobody_since = -math.inf
@@ -182,7 +182,7 @@ class Marking(Generic[M]):
         self._start: M = self.model
 
     def reset(self) -> None:
-        """As it was at the start."""
+        """Return to the state at the start."""
         self.model = self._start
 
     def place(self, pose: Pose) -> None:
@@ -200,7 +200,7 @@ class Station(Marking[StationModel]):
 
     @property
     def shape(self) -> Shape:
-        """Where the position of the robot may be, round its pose."""
+        """The area, round its pose, for positions of a robot."""
         return Circle(self.model.reach)
 
 

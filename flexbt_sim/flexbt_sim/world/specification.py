@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a world file may say: frozen dataclasses whose fields carry bounds and meaning, and the reading of them.
+"""The keys of world files: frozen dataclasses whose fields have bounds and a meaning, and how they are read.
 
 The same declarations check files, requests at run time and objects made in Python, and the reference is written from
 them.
@@ -28,7 +28,7 @@ _WIDTH: Final = 300
 """Characters of a path that people are shown."""
 
 Path = tuple[str | int, ...]
-"""Where a value is: the keys and indices that lead to it."""
+"""Path to a value: keys and indices."""
 
 S = TypeVar('S', bound='ModelSpecification')
 
@@ -37,7 +37,7 @@ _type_hints: Callable[[Any], Mapping[str, Any]] = functools.cache(typing.get_typ
 
 @dataclass(frozen=True)
 class ModelKey:
-    """What is known about one key: its meaning, its unit, its bounds (both included), its choices."""
+    """The declaration of a key: its meaning, unit, bounds (both included) and choices."""
 
     text: str
     unit: str = ''
@@ -48,7 +48,7 @@ class ModelKey:
 
 @dataclass(frozen=True)
 class WorldProblem:
-    """What is wrong with a value, and how to mend it."""
+    """A problem of a value, and its remedy."""
 
     path: Path
     message: str
@@ -246,12 +246,12 @@ class FaultModel(ModelSpecification):
 
     @property
     def part(self) -> str:
-        """What of its model an entity has to have for it; '' for nothing."""
+        """Key of the device that the entity must have for it; '' for none."""
         return self.needs
 
     @property
     def slot(self) -> str:
-        """What an entity has one of at a time: another fault with the same takes its place."""
+        """Key of which an entity has one fault at a time: a new one replaces the old."""
         return self.name
 
     def __str__(self) -> str:

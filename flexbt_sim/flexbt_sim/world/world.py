@@ -45,7 +45,7 @@ EntityModel = RobotModel | ObstacleModel | DoorModel | StationModel | ZoneModel
 
 @dataclass(frozen=True)
 class EntityState:
-    """Where an entity is, and how fast; speeds in m/s and rad/s, those of a robot in its own frame."""
+    """Pose and speed of an entity; speeds in m/s and rad/s, those of a robot in its own frame."""
 
     name: str
     kind: str
@@ -159,7 +159,7 @@ class World:
 
     @property
     def held(self) -> Mapping[str, Obstacle]:
-        """What robots hold in their grippers, by the names of the robots. It is in nobody's way."""
+        """Obstacles in grippers, by the names of the robots. They block nobody."""
         return MappingProxyType(self._held)
 
     @property
@@ -179,18 +179,18 @@ class World:
 
     @property
     def known_map(self) -> OccupancyMap | None:
-        """What navigation has to know beforehand: the map, occupied in the no-go zones, too."""
+        """The map that navigation needs: occupied in the no-go zones, too."""
         no_go, world = self.no_go, self.map
         return world if world is None or not no_go else world.masked(world.mask(no_go))
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Those that are there or to come, by entities."""
+        """Faults that are active or scheduled, by entities."""
         return tuple(one for of_entity in self._faults.values() for one in of_entity.values())
 
     @property
     def begun_faults(self) -> frozenset[Fault]:
-        """Those that are there."""
+        """Faults that are active."""
         return frozenset(self._begun)
 
     def active_faults(self, entity: str) -> Mapping[str, FaultModel]:
@@ -246,12 +246,12 @@ class World:
         return kinds[type(entity)]
 
     def _bring(self, body: Body) -> None:
-        """It takes up room. Bodies are ordered by their names, so that nothing depends on when they came."""
+        """Make a body take up room. Bodies are ordered by name, so nothing depends on when they were added."""
         self._space.add(body)
         insort(self._movers, body, key=lambda one: one.name)
 
     def _take_away(self, body: Body) -> None:
-        """It takes up no room any more."""
+        """Make a body take up no room."""
         self._space.remove(body)
         self._movers.remove(body)
 
@@ -297,7 +297,7 @@ class World:
             entity.place(pose)
 
     def check_place(self, name: str, pose: Pose) -> None:
-        """Whether a robot or an obstacle fits at a pose.
+        """Check that a robot or an obstacle fits at a pose.
 
         Raises:
             SimulationError: it does not; the message says why.
@@ -357,7 +357,7 @@ class World:
         return gripper
 
     def _let_go(self, robot: str) -> None:
-        """What a robot holds is in the world again, where the robot is."""
+        """Put what a robot holds back into the world, where the robot is."""
         thing = self._held.pop(robot)
         self._gripper(robot).holds = ''
         self._bring(thing)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a world file may say: robots, what is round them, and faults, with bounds and meaning of each key."""
+"""The contents of world files: robots, what is round them, and faults, with bounds and meaning of each key."""

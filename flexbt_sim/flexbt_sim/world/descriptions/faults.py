@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What can go wrong on command: one table of all faults, of the world, of messages and of navigation servers."""
+"""The faults on command: one table of all, of the world, of messages and of navigation servers."""
 
 from __future__ import annotations
 
@@ -112,17 +112,17 @@ class MessagesFault(FaultModel):
 
     @classmethod
     def slot_of(cls, topic: str) -> str:
-        """Return each topic can have it."""
+        """Return the slot of a topic."""
         return f'{cls.name} of {topic}'
 
     @property
     def slot(self) -> str:
-        """That of its topic."""
+        """Each topic can have it."""
         return self.slot_of(self.topic)
 
     @property
     def part(self) -> str:
-        """What the topic comes from."""
+        """The device of the topic."""
         return TOPICS[self.topic]
 
 
@@ -221,7 +221,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class FaultTiming(ModelSpecification):
-    """When a fault is there. It is an entry of the list ``faults`` of a world file."""
+    """The times of a fault: an entry of the list ``faults`` of a world file."""
 
     title: ClassVar[str] = 'fault'
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What robots and the things around them are like, as a world file says it."""
+"""The descriptions of robots and of the things around them in world files."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ SECTIONS: Final[Mapping[str, str]] = {
 
 
 class WorldFile:
-    """What a world file describes: in their order entities and faults, each with where it is said, and the map.
+    """The contents of a world file: entities and faults in their order, each with its place in the file, and the map.
 
     Raises:
         WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.

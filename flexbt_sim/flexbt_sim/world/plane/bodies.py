@@ -36,10 +36,10 @@ class Body:
         self.clear_until = -math.inf
         """Time, s, until which nothing can touch it, wherever it and the others go."""
         self.near: list[Body] = []
-        """What may touch it soon."""
+        """Bodies that may touch it soon."""
 
     def reset(self) -> None:
-        """As it was at the start."""
+        """Return to the state at the start."""
 
     def place(self, pose: Pose) -> None:
         """Put it somewhere, at rest."""
@@ -110,7 +110,7 @@ class BodyGrid:
             self.add(body)
 
     def add(self, body: Body) -> None:
-        """One more body."""
+        """Add a body."""
         self._at[body.name] = body.pose
         if body.radius > _LARGE:
             self.large.append(body)
@@ -119,7 +119,7 @@ class BodyGrid:
             self.squares[square].append(body)
 
     def remove(self, body: Body) -> None:
-        """One body less, wherever it is now."""
+        """Remove a body, wherever it is now."""
         at = self._at.pop(body.name)
         if body.radius > _LARGE:
             self.large.remove(body)
@@ -130,7 +130,7 @@ class BodyGrid:
                 del self.squares[square]
 
     def moved(self, body: Body) -> None:
-        """A body may be elsewhere now."""
+        """Update the place of a body that may have moved."""
         if self._at[body.name] != body.pose:
             self.remove(body)
             self.add(body)

@@ -96,7 +96,7 @@ class Circle:
 
     @property
     def turning_radius(self) -> float:
-        """How far from the origin a point is that moves when the shape turns, m: a circle looks the same."""
+        """Distance from the origin of the farthest point that moves when the shape turns, m: 0 for a circle."""
         return 0.0
 
     def points(self, pose: Pose) -> list[Point]:
@@ -127,12 +127,12 @@ class Polygon:
 
     @cached_property
     def radius(self) -> float:
-        """Of the circle round the origin that has all of it, m."""
+        """Radius of the circle round the origin that contains it, m."""
         return max(math.hypot(x, y) for x, y in self.corners)
 
     @property
     def turning_radius(self) -> float:
-        """How far from the origin a point is that moves when the shape turns, m."""
+        """Distance from the origin of the farthest point that moves when the shape turns, m."""
         return self.radius
 
     def points(self, pose: Pose) -> list[Point]:

@@ -22,7 +22,7 @@ def cast(
     free: Any, row: float, column: float, turned: float, resolution: float, x: float, y: float, heading: float,
     increment: float, range_max: float, owner: int, circles: Any, segments: Any, ranges: Any,
 ) -> None:  # fmt: skip
-    """How far each beam gets, m, into ``ranges``, of which there is one for each beam; infinite beyond ``range_max``.
+    """Write the range of each beam, m, into ``ranges``; infinite beyond ``range_max``.
 
     ``free`` has for each cell of the map how far a beam may go from anywhere in it, in cells, and less than -0.5 for an
     obstacle; ``row`` and ``column`` is where the sensor is on it, and ``turned`` the heading of the map. ``heading`` is

@@ -143,7 +143,7 @@ class OccupancyMap:
         return replace(self, cells=cells)
 
     def masked(self, mask: OccupancyMap) -> OccupancyMap:
-        """This map, occupied also where the centres of its cells are in occupied ones of another grid."""
+        """Return this map, occupied also where the centres of its cells are in occupied cells of another grid."""
         places = numpy.array([mask.grid_position(*self.point(*cell)) for cell in ((0, 0), (1, 0), (0, 1))])
         turn = (places[1:] - places[0]).T
         covered = scipy.ndimage.affine_transform(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far beams get on a map with bodies on it.
+"""Ray casting: the ranges of beams on a map with bodies.
 
 What is met is solid, as it is to robots. From within a body, or on its outline, every beam gets 0 m far. A cell of the
 map is met by the beams that go into it: from its edge, not by those that lead away.
@@ -28,7 +28,7 @@ _ROUNDING: Final = 1e-9
 """Part of a side by which it is longer, so that no beam slips between two sides."""
 
 _HALF_DIAGONAL: Final = 0.71
-"""Of a cell, rounded up."""
+"""Half the diagonal of a cell, rounded up."""
 
 Floats = NDArray[numpy.floating[Any]]
 
@@ -58,7 +58,7 @@ class Outlines(NamedTuple):
 
 
 def outlines(bodies: Iterable[Body]) -> Outlines:
-    """Of bodies, which are numbered in their order."""
+    """Return the outlines of bodies, which are numbered in their order."""
     circles: list[tuple[float, ...]] = []
     segments: list[tuple[float, ...]] = []
     for number, body in enumerate(bodies):

@@ -52,7 +52,7 @@ class Space:
             self._cos, self._sin = math.cos(world.origin.yaw), math.sin(world.origin.yaw)
 
     def add(self, body: Body) -> None:
-        """One more body."""
+        """Add a body."""
         self._bodies[body.name] = body
         if body.is_mobile:
             self._mobile[body.name] = body
@@ -74,7 +74,7 @@ class Space:
             self._places.moved(body)
 
     def begin(self, time: float) -> None:
-        """A tick begins, in which the bodies move."""
+        """Begin a tick, in which the bodies move."""
         self.time = time
         self._have_moved = True
         if self._is_changed:
@@ -144,7 +144,7 @@ class Space:
         return nearest
 
     def _exact_gap(self, polygon: Polygon, pose: Pose) -> float:
-        """Of all sides to all squares of the map that are near."""
+        """Return the gap of all sides to all near squares of the map."""
         world = self.map
         assert world is not None
         corners = numpy.array([world.grid_position(x, y)[::-1] for x, y in polygon.points(pose)])
@@ -224,7 +224,7 @@ class Space:
     # -- places ------------------------------------------------------------------------------------------------------
 
     def check(self, body: Body, pose: Pose, others: Iterable[Body], *, on_map: bool) -> None:
-        """Whether a body fits at a pose among others, and, if asked for, on the map and in no obstacle of it.
+        """Check that a body fits at a pose among others and, if requested, on the map outside its obstacles.
 
         Raises:
             SimulationError: it does not; the message says why.
@@ -247,7 +247,7 @@ class Space:
             )
 
     def check_on_map(self, pose: Pose, shape: Shape | None = None) -> None:
-        """Whether a place, or some of a shape there, is on the map, if there is one.
+        """Check that a place, or part of a shape there, is on the map, if there is one.
 
         Raises:
             SimulationError: it is not.
