@@ -16,7 +16,7 @@ from typing import ClassVar
 
 
 class ExitCode(IntEnum):
-    """What the exit code of a command in line mode tells a script."""
+    """The exit codes of commands in line mode, for scripts."""
 
     OK = 0
     FAULT = 1
@@ -34,28 +34,28 @@ class ConsoleError(Exception):
 
 
 class UsageError(ConsoleError):
-    """The command is not written as it has to be."""
+    """A command that is not written as it has to be."""
 
     exit_code = ExitCode.USAGE
 
 
 class RefusedError(ConsoleError):
-    """The command had no effect; the text says why."""
+    """A command that had no effect; the text says why."""
 
     exit_code = ExitCode.REFUSED
 
 
 class NotShownError(RefusedError):
-    """What a decision or a behavior is about was not received, so nothing was sent; an operator may insist."""
+    """The subject of a decision or a behavior was not received, so nothing was sent; an operator may insist."""
 
 
 class NoAnswerError(ConsoleError):
-    """The executive did not answer in time."""
+    """An executive that did not answer in time."""
 
     exit_code = ExitCode.TIMEOUT
 
 
 class NoLinkError(ConsoleError):
-    """No executive is heard, or it was lost."""
+    """An executive that is not heard, or was lost."""
 
     exit_code = ExitCode.NO_LINK

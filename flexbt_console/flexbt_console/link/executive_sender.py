@@ -18,7 +18,7 @@ _MOST_REPLACED: Final = 16
 
 
 class Succession(Enum):
-    """Of which participant a status is. INSTEAD: of the executive; those before were of one that was not, or others
+    """The sender of a status. INSTEAD: of the executive; those before were of one that was not, or others
     were taken for the executive's before it was known."""
 
     SAME = 'same'
@@ -27,7 +27,7 @@ class Succession(Enum):
 
 
 class ExecutiveSender:
-    """Tells the messages of the executive from those that others write under its topics.
+    """A filter that separates the messages of the executive from those of others on its topics.
 
     One that is silent is replaced by the next whose status is heard: it may have been started again, and the middleware
     needs long to see that a process was killed. When it is heard once more soon, it was late, and is the executive
@@ -76,7 +76,7 @@ class ExecutiveSender:
         return Succession.NEXT
 
     def _is_still_there(self) -> bool:
-        """Looked for some times a second, however many messages come: it takes as long as a message."""
+        """Look for it some times a second, however many messages come: it takes as long as a message."""
         if self._now() < self._there_until:
             return True
         is_there = self._is_there(self._participant)
@@ -108,7 +108,7 @@ def interface_problem(node: Any, topic: str) -> str:
 
 
 def senders_problem(node: Any, topic: str, senders: int) -> str:
-    """That more than one publishes on ``topic``; empty when it is not so. ``senders`` is how many are connected."""
+    """Return the problem that several nodes publish on ``topic``; '' if only one does. ``senders`` are connected."""
     if senders <= 1:
         return ''
     resolved = node.resolve_topic_name(topic)

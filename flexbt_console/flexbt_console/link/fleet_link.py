@@ -51,7 +51,7 @@ class _Joined(NamedTuple):
 
 
 class FleetLink:
-    """Joins robots by their namespaces, each with a link of its own; ``fleet`` has their mirrors, made by
+    """A link to each robot, joined by namespace; ``fleet`` has their mirrors, made by
     ``make_mirror``.
 
     With ``only`` they are these; else every robot whose executive is there, up to :data:`MOST_ROBOTS`, and that in the

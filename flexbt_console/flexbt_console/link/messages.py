@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages of the operator link to records of the mirror, and commands to messages. The one place for both."""
+"""Convert messages of the operator link to records of the mirror, and commands to messages.
+
+The records declare the fields. :data:`RECORDS` and :data:`FIELDS` add what differs from the messages.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseStamped
@@ -15,20 +20,34 @@ from std_msgs.msg import Header
 from flexbt_common.values.entries import from_entry
 from flexbt_common.values.message_fields import path_points, seconds_of
 from flexbt_console.mirror import records
+from flexbt_console.mirror.trees import MirroredNode, StatusChange
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import sanitize_for_message, short_repr
 from flexbt_msgs.msg import (
+    ActiveState,
     BehaviorArgument,
+    BehaviorInput,
     BehaviorList,
+    BehaviorManifest,
+    BehaviorParameter,
     BehaviorStructure,
     BlackboardEntry,
+    CommandResult,
+    DecisionSubject,
     DecisionSubjects,
     ExecutiveCommand,
+    ExecutiveEvent,
     ExecutiveEvents,
     ExecutiveLog,
     ExecutiveStatus,
+    PeerStatus,
+    PendingDecision,
     PlaceList,
+    Progress,
+    StateStructure,
     StopGuardStatus,
+    TreeNode,
+    TreeStatusChange,
 )
 
 FARTHEST: Final = 1e9
@@ -38,61 +57,91 @@ E = TypeVar('E', bound=IntEnum)
 N = TypeVar('N', int, float)
 
 
-def snapshot_record(message: ExecutiveStatus) -> records.ExecutiveSnapshot:
-    """Return the record of a status."""
-    return records.ExecutiveSnapshot(
-        executive_id=message.executive_id,
-        sequence=message.sequence,
-        heartbeat_period=message.heartbeat_period,
-        state=known_constant(records.ExecutiveState, message.state),
-        run_id=message.run_id,
-        behavior=message.behavior,
-        outcome=message.outcome,
-        message=message.message,
-        autonomy=message.autonomy,
-        active_states=tuple(
-            records.ActiveState(
-                state.path,
-                seconds_of(state.entered),
-                tuple(state.activity),
-                state.paused,
-                tuple(state.not_paused),
-                state.tree_run_id,
-                _progress(state.progress[0]) if state.progress else None,
-            )
-            for state in message.active_states
-        ),
-        decisions=tuple(_decision(decision) for decision in message.decisions),
-        results=tuple(
-            records.CommandResult(result.command_id, known_constant(records.ResultCode, result.code), result.reason)
-            for result in message.results
-        ),
-        peers=tuple(
-            records.Peer(
-                peer.name,
-                peer.alive,
-                seconds_of(peer.since),
-                peer.ready,
-                peer.late,
-                peer.age,
-                peer.problem,
-                peer.expected,
-            )
-            for peer in message.peers
-        ),
-        robot_pose=_pose(message.robot_pose),
-        pose_problem=message.pose_problem,
-        locked=tuple(message.locked),
-        breakpoints=tuple(message.breakpoints),
-        autonomy_levels=tuple((entry.path, int(entry.level)) for entry in message.autonomy_levels),
-        authority=message.authority,
-        authority_requests=tuple(message.authority_requests),
-        stamp=seconds_of(message.stamp),
-    )
+RECORDS: Final[Mapping[type, type]] = {
+    ActiveState: records.ActiveState,
+    BehaviorInput: records.BehaviorInput,
+    BehaviorList: records.BehaviorList,
+    BehaviorManifest: records.Behavior,
+    BehaviorParameter: records.BehaviorParameter,
+    BehaviorStructure: records.Structure,
+    CommandResult: records.CommandResult,
+    DecisionSubject: records.Subject,
+    DecisionSubjects: records.Subjects,
+    ExecutiveEvent: records.ExecutiveEvent,
+    ExecutiveLog: records.LogLine,
+    ExecutiveStatus: records.ExecutiveSnapshot,
+    PeerStatus: records.Peer,
+    PendingDecision: records.Decision,
+    Progress: records.DriveProgress,
+    StateStructure: records.StateStructure,
+    TreeNode: MirroredNode,
+    TreeStatusChange: StatusChange,
+}
+"""The records of messages. Their fields have the names of the message's fields."""
+
+FIELDS: Final[Mapping[type, Mapping[str, str]]] = {
+    BehaviorParameter: {'default': 'default_value'},
+    DecisionSubject: {'decision_id': 'id', 'values': 'entries'},
+    ExecutiveCommand: {'operator': 'operator_id'},
+    ExecutiveEvent: {'operator': 'operator_id'},
+    Progress: {'distance': 'distance_remaining', 'time': 'time_remaining', 'poses': 'poses_remaining'},
+}
+"""Fields of a record that have another name in the message."""
 
 
-def guard_record(message: StopGuardStatus) -> records.StopGuard:
-    """Return the record of what the stop guard says."""
+def record_of(message: Any, **more: Any) -> Any:
+    """Return the record of a message. ``more`` are the fields that another message has.
+
+    A list of events becomes a list of records, places become poses by name.
+    """
+    kind: Any = type(message)
+    if kind in _SPECIAL:
+        return _SPECIAL[kind](message)
+    values = {name: convert(getattr(message, field)) for name, field, convert in _fields(kind)}
+    return RECORDS[kind](**values, **more)
+
+
+@functools.cache
+def _fields(message: type) -> tuple[tuple[str, str, Callable[[Any], Any]], ...]:
+    """Return name, name in the message, and conversion of each field of a record."""
+    renamed, record = FIELDS.get(message, {}), RECORDS[message]
+    types: dict[str, str] = message.get_fields_and_field_types()  # type: ignore[attr-defined]
+    found = []
+    for name, hint in get_type_hints(record).items():
+        field = renamed.get(name, name)
+        if field in types:
+            found.append((name, field, seconds_of if types[field].endswith('/Time') else _conversion(hint)))
+    return tuple(found)
+
+
+def _conversion(hint: Any) -> Callable[[Any], Any]:
+    """Return what makes a value of a record's field of what the message has there."""
+    if hint in _CONVERSIONS:
+        return _CONVERSIONS[hint]
+    if isinstance(hint, type) and issubclass(hint, IntEnum):
+        return functools.partial(known_constant, hint)
+    if get_origin(hint) is tuple:
+        return _records if dataclasses.is_dataclass(get_args(hint)[0]) else tuple
+    return _same
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _records(messages: Any) -> tuple[Any, ...]:
+    return tuple(map(record_of, messages))
+
+
+def _first_record(messages: Any) -> Any:
+    return record_of(messages[0]) if messages else None
+
+
+def _levels(messages: Any) -> tuple[tuple[str, int], ...]:
+    return tuple((one.path, one.level) for one in messages)
+
+
+def _guard(message: StopGuardStatus) -> records.StopGuard:
     return records.StopGuard(
         tuple(result.command_id for result in message.results if result.code == records.ResultCode.APPLIED),
         message.holding,
@@ -101,112 +150,16 @@ def guard_record(message: StopGuardStatus) -> records.StopGuard:
     )
 
 
-def structure_record(message: BehaviorStructure) -> records.Structure:
-    """Return the record of a state machine."""
-    return records.Structure(
-        run_id=message.run_id,
-        behavior=message.behavior,
-        states=tuple(
-            records.StateStructure(
-                path=state.path,
-                kind=known_constant(records.StateKind, state.kind),
-                type=state.type,
-                children=tuple(state.children),
-                outcomes=tuple(state.outcomes),
-                targets=tuple(state.targets),
-                autonomy=tuple(int(level) for level in state.autonomy),
-            )
-            for state in message.states
-        ),
-    )
-
-
-def behaviors_record(message: BehaviorList) -> records.BehaviorList:
-    """Return the record of a list of behaviors."""
-    return records.BehaviorList(
-        executive_id=message.executive_id,
-        behaviors=tuple(
-            records.Behavior(
-                name=behavior.name,
-                package=behavior.package,
-                description=behavior.description,
-                author=behavior.author,
-                parameters=tuple(
-                    records.BehaviorParameter(
-                        parameter.name,
-                        parameter.type,
-                        parameter.default_value,
-                        tuple(parameter.choices),
-                        parameter.description,
-                        parameter.label,
-                        parameter.unit,
-                        parameter.minimum,
-                        parameter.maximum,
-                    )
-                    for parameter in behavior.parameters
-                ),
-                inputs=tuple(
-                    records.BehaviorInput(known.key, known.type, known.description, known.needed)
-                    for known in behavior.inputs
-                ),
-                error=behavior.error,
-                machine=behavior.machine,
-            )
-            for behavior in message.behaviors
-        ),
-    )
-
-
-def places_record(message: PlaceList) -> dict[str, records.FramedPose]:
-    """Return the places that a robot knows, by name."""
+def _places(message: PlaceList) -> dict[str, records.FramedPose]:
     poses = ((place.name, _pose(place.pose)) for place in message.places)
     return {name: pose for name, pose in poses if name and pose is not None}
 
 
-def log_record(message: ExecutiveLog) -> records.LogLine:
-    """Return the record of a line of the log."""
-    return records.LogLine(
-        executive_id=message.executive_id,
-        sequence=message.sequence,
-        severity=known_constant(records.LogSeverity, message.severity),
-        text=message.text,
-        path=message.path,
-        run_id=message.run_id,
-        stamp=seconds_of(message.stamp),
-    )
-
-
-def event_records(message: ExecutiveEvents) -> list[records.ExecutiveEvent]:
-    """Return the records of what has happened."""
+def _events(message: ExecutiveEvents) -> list[records.ExecutiveEvent]:
     return [
-        records.ExecutiveEvent(
-            executive_id=message.executive_id,
-            sequence=sequence,
-            kind=known_constant(records.EventKind, event.kind),
-            path=event.path,
-            outcome=event.outcome,
-            target=event.target,
-            reason=event.reason,
-            operator=event.operator_id,
-            command=event.command,
-            applied=event.applied,
-            text=event.text,
-            run_id=event.run_id,
-            stamp=seconds_of(event.stamp),
-        )
+        record_of(event, executive_id=message.executive_id, sequence=sequence)
         for sequence, event in enumerate(message.events, message.first)
     ]
-
-
-def subjects_record(message: DecisionSubjects) -> records.Subjects:
-    """Return the record of what decisions are about."""
-    return records.Subjects(
-        executive_id=message.executive_id,
-        subjects=tuple(
-            records.Subject(one.id, one.number, tuple(map(_subject_value, one.entries)), tuple(one.notes))
-            for one in message.subjects
-        ),
-    )
 
 
 def _subject_value(entry: BlackboardEntry) -> records.SubjectValue:
@@ -237,63 +190,26 @@ def _path_value(entry: BlackboardEntry, points: Sequence[tuple[float, float]]) -
 
 def command_message(record: records.OperatorCommand, now: float) -> ExecutiveCommand:
     """Return the message of a command; ``now`` is the time of this computer in seconds."""
-    return ExecutiveCommand(
-        id=record.id,
-        stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)),
-        operator_id=sanitize_for_message(record.operator),
-        kind=int(record.kind),
-        executive_id=record.executive_id,
-        run_id=record.run_id,
-        decision_id=sanitize_for_message(record.decision_id),
-        path=sanitize_for_message(record.path),
-        outcome=sanitize_for_message(record.outcome),
-        autonomy=int(record.autonomy),
-        behavior=sanitize_for_message(record.behavior),
-        arguments=[
-            BehaviorArgument(name=sanitize_for_message(name), value=sanitize_for_message(value))
-            for name, value in record.arguments
-        ],
-        inputs=[
-            BlackboardEntry(
-                key=sanitize_for_message(value.key),
-                type=sanitize_for_message(value.type),
-                text=sanitize_for_message(value.text),
-            )
-            for value in record.inputs
-        ],
-        grantee=sanitize_for_message(record.grantee),
-        text=sanitize_for_message(record.text),
-        reason=sanitize_for_message(record.reason),
-        wait_queue=record.wait_queue,
-        wait_interaction=record.wait_interaction,
-    )
+    message = ExecutiveCommand(stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)))
+    for field in dataclasses.fields(record):
+        name = FIELDS[ExecutiveCommand].get(field.name, field.name)
+        setattr(message, name, _sendable(getattr(record, field.name)))
+    return message
 
 
-def _decision(message: Any) -> records.Decision:
-    return records.Decision(
-        id=message.id,
-        kind=known_constant(records.DecisionKind, message.kind),
-        path=message.path,
-        outcome=message.outcome,
-        outcomes=tuple(message.outcomes),
-        required_autonomy=message.required_autonomy,
-        prompt=message.prompt,
-        input_type=message.input_type,
-        input_choices=tuple(message.input_choices),
-        since=seconds_of(message.since),
-        subject=tuple(message.subject),
-        subject_number=message.subject_number,
-    )
-
-
-def _progress(message: Any) -> records.DriveProgress:
-    return records.DriveProgress(
-        distance=_known(message.distance_remaining),
-        time=_known(message.time_remaining),
-        poses=_known(message.poses_remaining),
-        recoveries=message.recoveries,
-        goal=_pose(message.goal),
-    )
+def _sendable(value: Any) -> Any:
+    match value:
+        case str():
+            return sanitize_for_message(value)
+        case IntEnum():
+            return int(value)
+        case records.InputValue(key, type, text):
+            return BlackboardEntry(key=_sendable(key), type=_sendable(type), text=_sendable(text))
+        case (str(name), str(text)):
+            return BehaviorArgument(name=_sendable(name), value=_sendable(text))
+        case tuple():
+            return [_sendable(one) for one in value]
+    return value
 
 
 def _known(value: N) -> N | None:
@@ -322,3 +238,21 @@ def known_constant(constants: type[E], value: int) -> E:
         return constants(value)
     except ValueError:
         return constants(0)
+
+
+_CONVERSIONS: Final[Mapping[Any, Callable[[Any], Any]]] = {
+    float | None: _known,
+    int | None: _known,
+    records.FramedPose | None: _pose,
+    records.DriveProgress | None: _first_record,
+    tuple[tuple[str, int], ...]: _levels,
+}
+"""By the type of a record's field, where the message has it in another form."""
+
+_SPECIAL: Final[Mapping[type, Callable[[Any], Any]]] = {
+    BlackboardEntry: _subject_value,
+    ExecutiveEvents: _events,
+    PlaceList: _places,
+    StopGuardStatus: _guard,
+}
+"""Messages whose records are not made field by field."""

@@ -44,17 +44,7 @@ from flexbt_msgs.msg import (
 )
 
 from .executive_sender import ExecutiveSender, Succession, interface_problem, senders_problem
-from .messages import (
-    behaviors_record,
-    command_message,
-    event_records,
-    guard_record,
-    log_record,
-    places_record,
-    snapshot_record,
-    structure_record,
-    subjects_record,
-)
+from .messages import command_message, record_of
 
 if TYPE_CHECKING:
     from .queries import SynthesisQuery
@@ -92,7 +82,7 @@ TELL_SECONDS: Final = 10.0
 
 
 class ExecutiveLink:
-    """Feeds a mirror from the topics of an executive, and sends the mirror's commands until they are answered.
+    """A link that feeds a mirror from an executive's topics, and sends the mirror's commands until they are answered.
 
     The link only moves messages: what they mean is the mirror's business. A command is sent as soon as the
     executive's subscription is discovered, and again with the same identifier until there is an answer.
@@ -298,7 +288,7 @@ class ExecutiveLink:
         from .queries import SynthesisQuery  # what only this command needs
 
         if self._operator is None:
-            raise RefusedError('an observer has nothing made; leave --observer out')
+            raise RefusedError('an observer cannot synthesize; omit --observer')
         operator = self._operator
 
         def query() -> SynthesisQuery:
@@ -332,28 +322,17 @@ class ExecutiveLink:
         node = self._runtime.node
         self._leave_picture()
         # What wakes the executor together is handled in this order: a state tells something, and then wants something.
-        for type, topic, convert, receive, depth in (
-            (
-                BehaviorStructure,
-                names.EXECUTIVE_STRUCTURE,
-                structure_record,
-                self._mirror.receive_structure,
-                LIST_DEPTH,
-            ),
-            (BehaviorList, names.EXECUTIVE_BEHAVIORS, behaviors_record, self._mirror.receive_behaviors, LIST_DEPTH),
-            (PlaceList, names.PLACES, places_record, self._mirror.receive_places, LIST_DEPTH),
-            (
-                DecisionSubjects,
-                names.EXECUTIVE_SUBJECTS,
-                subjects_record,
-                self._mirror.receive_subjects,
-                LIST_DEPTH,
-            ),
-            (ExecutiveEvents, names.EXECUTIVE_EVENTS, event_records, self._mirror.receive_events, names.EVENTS_DEPTH),
-            (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
+        mirror = self._mirror
+        for type, name, receive, depth in (
+            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, mirror.receive_structure, LIST_DEPTH),
+            (BehaviorList, names.EXECUTIVE_BEHAVIORS, mirror.receive_behaviors, LIST_DEPTH),
+            (PlaceList, names.PLACES, mirror.receive_places, LIST_DEPTH),
+            (DecisionSubjects, names.EXECUTIVE_SUBJECTS, mirror.receive_subjects, LIST_DEPTH),
+            (ExecutiveEvents, names.EXECUTIVE_EVENTS, mirror.receive_events, names.EVENTS_DEPTH),
+            (ExecutiveLog, names.EXECUTIVE_LOG, mirror.receive_log, names.LOG_DEPTH),
         ):
-            topic = self._topic(topic)
-            on_message = self._forward(type, topic, convert, receive)
+            topic = self._topic(name)
+            on_message = self._forward(type, topic, receive)
             if not self._only_status:
                 qos, awaited = names.transient_local_qos(depth), self._pace.is_over
                 messages = ReceivedMessages(node, type, topic, qos, on_message, MESSAGE_BYTES, is_awaited=awaited)
@@ -397,16 +376,14 @@ class ExecutiveLink:
     def _topic(self, name: str) -> str:
         return names.of_robot(self._namespace, name)
 
-    def _forward(
-        self, message_type: Any, topic: str, convert: Callable[[Any], Any], receive: Callable[[Any], object]
-    ) -> Callable[[Received], None]:
+    def _forward(self, message_type: Any, topic: str, receive: Callable[[Any], object]) -> Callable[[Received], None]:
         def on_message(received: Received) -> None:
             if not self._sender.has_sent(received.participant):
                 return  # that there are several senders is told when they come, see _find_problems
             with self._pace.work():
                 message = self._unpacked(received, message_type, topic)
                 if message is not None:
-                    receive(convert(message))
+                    receive(record_of(message))
 
         return on_message
 
@@ -443,7 +420,7 @@ class ExecutiveLink:
             self._runtime.post(self._hear_picture)  # what it has told while it was not known was not heard
         self._heard = self._runtime.listening_time.looked
         transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
-        self._mirror.receive_snapshot(snapshot_record(message), transit)
+        self._mirror.receive_snapshot(record_of(message), transit)
         if self._mirror.wants_ping():
             seconds, nanoseconds = divmod(time.time_ns(), 10**9)
             self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
@@ -454,7 +431,7 @@ class ExecutiveLink:
             return
         message = self._unpacked(received, StopGuardStatus, names.STOP_GUARD_STATUS)
         if message is not None:
-            self._mirror.receive_guard(guard_record(message))
+            self._mirror.receive_guard(record_of(message))
 
     def _on_pong(self, received: Received) -> None:
         with contextlib.suppress(ValueError):  # not from the executive

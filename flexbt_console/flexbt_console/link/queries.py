@@ -37,7 +37,7 @@ def userdata(
         outcome = done.result(timeout)
     except TimeoutError:
         call.cancel()
-        raise NoAnswerError(f'the userdata was not told within {timeout:g} s; a state may keep the run busy') from None
+        raise NoAnswerError(f'no userdata arrived within {timeout:g} s; a state may keep the run busy') from None
     result = outcome.result
     if result is None:
         raise NoAnswerError(outcome.reason)
@@ -66,7 +66,7 @@ Tell = Callable[[str], None]
 
 
 class SynthesisQuery:
-    """Asks the executive of the robot in a namespace, '' for the node's own, in the name of an operator."""
+    """A client that asks the executive of a robot in the name of an operator; '' is the node's own namespace."""
 
     def __init__(self, runtime: NodeRuntime, namespace: str, operator: str) -> None:
         self._runtime = runtime
@@ -104,11 +104,11 @@ class SynthesisQuery:
             if self._has_ended:
                 _end(done, NoAnswerError(_CONSOLE_ENDS))
         if left is not None:
-            left.add_done_callback(lambda _: _end(done, NoAnswerError('who asked for it has gone')))
+            left.add_done_callback(lambda _: _end(done, NoAnswerError('the page that requested it was closed')))
         try:
             outcome = done.result(request.time_limit + 2.0 * timeout + _GRACE)
         except TimeoutError:
-            raise NoAnswerError('there was no answer in the time that the search has') from None
+            raise NoAnswerError('there was no answer within the time limit of the search') from None
         finally:
             call.cancel()
             with self._lock:
@@ -164,7 +164,7 @@ class SynthesisQuery:
 
 
 def _end(done: Future[GoalOutcome], how: GoalOutcome | NoAnswerError) -> None:
-    """The first end counts."""
+    """End a call. The first end counts."""
     with contextlib.suppress(InvalidStateError):
         if isinstance(how, GoalOutcome):
             done.set_result(how)

@@ -78,7 +78,7 @@ class _Shown(NamedTuple):
 
 
 class _Stand:
-    """For how long a robot has been where it is, as far as its statuses tell."""
+    """The time since which a robot has been where it is, by its statuses."""
 
     def __init__(self, mirror: Mirror, clock: Clock) -> None:
         self._mirror = mirror
@@ -87,7 +87,7 @@ class _Stand:
         self._since = 0.0
 
     def start_over(self) -> None:
-        """It may have moved."""
+        """Note that it may have moved."""
         self._pose = None
 
     def seconds(self) -> float:
@@ -111,8 +111,10 @@ class _Stand:
 
 
 class ScanLink:
-    """Feeds a mirror with a scan each ``period`` seconds; while it is the same twice that, and four times that while no
-    behavior runs and the robot stands. On the executor thread.
+    """A link that feeds a mirror with a scan each ``period`` seconds. On the executor thread.
+
+    The period is twice as long while the scan stays the same, and four times as long while no behavior runs and the
+    robot stands.
 
     ``map_frame`` gives the frame of the map.
     """

@@ -19,7 +19,7 @@ _LOOK_SECONDS: Final = 2.0
 
 
 class SimulatorLink:
-    """Drops obstacles into the world of the simulator that the network has, whatever its name is."""
+    """A client that drops obstacles into the world of the simulator in the network, whatever its name is."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime

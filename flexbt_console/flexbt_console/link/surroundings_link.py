@@ -21,11 +21,11 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import GridMap
-from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, StatusChange
+from flexbt_console.mirror.trees import MirroredStatus
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import RobotPlan, TreeStatus, TreeStructure
 
-from .messages import is_length, known_constant
+from .messages import is_length, known_constant, record_of
 from .scan_link import TOLD_CHARACTERS, ScanLink
 
 MAP_FRAME: Final = 'map'
@@ -49,7 +49,7 @@ _SERVERS: Final = 16
 
 
 class SurroundingsLink:
-    """Feeds a mirror with trees, map, plan and scan of the robot in ``namespace``, by default the node's own.
+    """A link that feeds a mirror with trees, map, plan and scan of a robot; ``namespace`` defaults to the node's own.
 
     With a ``scan_period`` of 0 s there is no scan, and neither scans nor transforms come over the link. Trees, map and
     plan take a quarter of the executor's time at most, whatever is sent: the picture of the executive comes first.
@@ -161,17 +161,7 @@ class SurroundingsFeed:
         left_out = max(0, len(message.nodes) - MOST_TREE_NODES)
         del message.nodes[MOST_TREE_NODES:]
         check_limits(message)
-        nodes = [
-            MirroredNode(
-                node.uid,
-                node.parent,
-                node.name,
-                node.registration,
-                node.path,
-                known_constant(MirroredNodeKind, node.kind),
-            )
-            for node in message.nodes
-        ]
+        nodes = [record_of(node) for node in message.nodes]
         if [node.uid for node in nodes] != list(range(1, len(nodes) + 1)):
             raise ValueError(f'the nodes of tree {message.behavior_tree!r} are not in the order of their identifiers')
         if stray := next((node for node in nodes if node.parent >= node.uid), None):
@@ -189,7 +179,7 @@ class SurroundingsFeed:
             message.run_id,
             message.sequence,
             [known_constant(MirroredStatus, status) for status in message.statuses[:MOST_TREE_NODES]],
-            [_change(one) for one in message.changes],
+            [record_of(one) for one in message.changes],
             seconds_of(message.stamp),
             finished=message.finished,
             paused=message.paused,
@@ -220,7 +210,3 @@ class SurroundingsFeed:
         if not all(is_length(x) and is_length(y) for x, y in points):
             raise ValueError('a plan with a point that is nowhere')
         self._mirror.receive_plan(points)
-
-
-def _change(message: Any) -> StatusChange:
-    return StatusChange(seconds_of(message.stamp), message.uid, known_constant(MirroredStatus, message.status))

@@ -26,15 +26,17 @@ long after it was given, a status without the answer is not of the executive tha
 
 
 class Confirmation(Enum):
-    """Who says that a command has had its effect. The stop guard carries out a STOP to which the executive has not
-    answered."""
+    """The source of the answer that a command has had its effect.
+
+    The stop guard carries out a STOP that the executive has not answered.
+    """
 
     EXECUTIVE = 'executive'
     STOP_GUARD = 'stop guard'
 
 
 class CommandState(Enum):
-    """Where a command is. TIMEOUT: there was no answer, and it may have had its effect or not."""
+    """The state of a command. TIMEOUT: there was no answer; it may have had its effect or not."""
 
     PENDING = 'pending'
     APPLIED = 'applied'
@@ -96,8 +98,10 @@ class CommandTracker:
         return tuple(c for c in self._commands.values() if c.state is CommandState.PENDING)
 
     def passed_over(self) -> frozenset[str]:
-        """Identifiers of the stops that wait for an answer, and which the executive that is shown has not got: its
-        status came ANSWER_SECONDS after they were given, without a result of theirs."""
+        """Return the identifiers of unanswered stops that the executive on display did not receive.
+
+        Its status came ANSWER_SECONDS after they were given, without a result for them.
+        """
         return frozenset(tracked.command.id for tracked in self.pending() if tracked.is_passed_over)
 
     def due(self, now: float, reachable: bool = True) -> list[OperatorCommand]:
@@ -201,4 +205,4 @@ def _unanswered(tracked: TrackedCommand) -> str:
         return f'neither the executive nor the stop guard has confirmed it {waited}: stop the robot by other means'
     if tracked.sends == 0:
         return f'the executive does not listen to commands {waited}; nothing was sent'
-    return f'no answer {waited}; it may have been applied all the same: see "status"'
+    return f'no answer {waited}; it may have been applied anyway: see "status"'

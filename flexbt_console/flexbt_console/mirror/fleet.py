@@ -14,7 +14,7 @@ from .view import View
 
 
 class Urgency(IntEnum):
-    """What a robot needs of its operator, the most urgent first. UNREACHABLE: it is not heard any more, or was never;
+    """The needs of a robot, the most urgent first. UNREACHABLE: it is not heard any more, or was never;
     LATE: a heartbeat was missed. DEGRADED: a node that it depends on is not there, late or not ready."""
 
     ALARM = 0
@@ -94,7 +94,7 @@ class Fleet:
         self._tell()
 
     def note_left_out(self, count: int, *, is_growing: bool = False) -> None:
-        """This many robots were found that are not taken in, since there are too many; or yet, while it is growing."""
+        """Note how many robots were found and not taken in: there are too many, or it is still growing."""
         if (count, is_growing) != (self.left_out, self.is_growing):
             self.left_out, self.is_growing = count, is_growing
             self._tell()

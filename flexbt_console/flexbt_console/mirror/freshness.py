@@ -34,7 +34,7 @@ ECHOES_REMEMBERED: Final = 8
 
 
 class LinkState(Enum):
-    """What may be said of the picture: it is the present, it is old, or nobody sends any more."""
+    """The state of the link: the picture is live, it is old, or nobody sends any more."""
 
     LIVE = 'live'
     STALE = 'stale'
@@ -78,7 +78,7 @@ class Freshness:
         self._arrived = None
 
     def arrived(self, now: float, heartbeat_period: float, transit: float | None = None) -> None:
-        """A message newer than all before it has arrived."""
+        """Note that a message newer than all before it has arrived."""
         low, high = PERIOD_BOUNDS
         self._period = min(max(heartbeat_period, low), high) if math.isfinite(heartbeat_period) else 1.0
         before, first = self._transit, self._arrived is None
@@ -98,7 +98,7 @@ class Freshness:
         self._confirmed = self._confirmed or young or bool(self._ahead)
 
     def echoed(self, now: float, ahead: float) -> None:
-        """An echo came that was sent ``ahead`` seconds after the ping, each on the wall clock of its own computer."""
+        """Note an echo that was sent ``ahead`` seconds after the ping, each on the wall clock of its own computer."""
         self._ahead.append(ahead)
         self._echoed = now
         self._confirmed = self._confirmed or self._transit is not None
@@ -108,7 +108,7 @@ class Freshness:
         return not self._ahead or now - self._echoed > PING_PERIOD or self.state(now) is not LinkState.LIVE
 
     def sender_gone(self) -> None:
-        """The middleware says that the sender is not there any more."""
+        """Note that the sender is gone, as the middleware reports."""
         self._gone = True
 
     def age(self, now: float) -> float | None:

@@ -58,7 +58,7 @@ TRACE_LENGTH: Final = 2000
 
 
 class Change(Enum):
-    """What a listener is told of."""
+    """The part of the mirror that changed, for its listeners."""
 
     STATUS = 'status'
     STRUCTURE = 'structure'
@@ -307,7 +307,7 @@ class Mirror:
             return self._freshness.wants_ping(self._now())
 
     def receive_pong(self, ahead: float) -> None:
-        """An echo: it was sent ``ahead`` seconds after the ping, each time on the wall clock of its own computer."""
+        """Note an echo that was sent ``ahead`` seconds after the ping, each on its own computer's wall clock."""
         with self._lock:
             self._freshness.echoed(self._now(), ahead)
         self._tell(Change.LINK)
@@ -319,7 +319,7 @@ class Mirror:
             return self._freshness.silent(self._now(), listened)
 
     def sender_gone(self) -> None:
-        """The middleware says that nobody sends snapshots any more."""
+        """Note that nobody sends snapshots any more, as the middleware reports."""
         with self._lock:
             self._freshness.sender_gone()
         self._tell(Change.LINK)
@@ -377,7 +377,7 @@ class Mirror:
             return self._on_clock(self._commands.next_due(reachable))
 
     def passed_over_stops(self) -> frozenset[str]:
-        """Identifiers of the stops that wait for an answer, and which the executive that is shown has not got."""
+        """Return the identifiers of unanswered stops that the executive on display did not receive."""
         with self._lock:
             return self._commands.passed_over()
 
@@ -513,7 +513,7 @@ NUMBERED_EXECUTIVES: Final = 3
 
 
 class Numbered(Protocol):
-    """It belongs to one start of the executive, and has a number in it."""
+    """An item with a number in one start of the executive."""
 
     @property
     def executive_id(self) -> str:
@@ -528,7 +528,7 @@ N = TypeVar('N', bound=Numbered)
 
 
 class NumberedList(Generic[N]):
-    """The latest of what was numbered, ``length`` of each start of the executive."""
+    """The latest numbered items, ``length`` for each start of the executive."""
 
     def __init__(self, length: int) -> None:
         self._length = length

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Immutable records of what the operator's side knows of an executive and of the robot's surroundings.
 
-They follow the messages of flexbt_msgs field by field. Only ``flexbt_console.link.messages`` converts between
-the two.
-
-They follow the messages of flexbt_msgs field by field; :mod:`flexbt_console.link.messages` is the one place where
-messages become records. Times are seconds on the executive's clock unless said otherwise.
+Their fields declare what the console knows: :mod:`flexbt_console.link.messages` converts messages of flexbt_msgs by
+them, and JSON derives from them. Times are seconds on the executive's clock unless said otherwise.
 """
 
 from __future__ import annotations
@@ -113,7 +110,7 @@ def plain_type(type: str) -> str:
 
 
 class AutonomyLevel(IntEnum):
-    """How much the robot may decide alone: a transition passes iff it requires less than the level."""
+    """The level of autonomy: a transition passes iff it requires less than the level."""
 
     OFF = 0
     LOW = 1
@@ -133,7 +130,7 @@ class FramedPose:
 
 @dataclass(frozen=True, slots=True)
 class DriveProgress:
-    """How far the robot has come: m, s and goal poses that are left, None while unknown; recoveries that were started.
+    """The progress of a drive: m, s and goal poses that are left, None while unknown; recoveries that were started.
 
     ``goal`` is where it drives to.
     """
@@ -184,17 +181,17 @@ class Decision:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """What may be chosen: the outcomes, or the allowed texts of an input request."""
+        """The choices: outcomes, or the allowed texts of an input request."""
         return self.input_choices if self.kind is DecisionKind.INPUT else self.outcomes
 
     @property
     def wants_text(self) -> bool:
-        """Whether it is an input request for a text, which any line may be."""
+        """True for an input request for text, which any line may be."""
         return self.kind is DecisionKind.INPUT and self.input_type in ('string', 'str')
 
     @property
     def wants_pose(self) -> bool:
-        """Whether it is an input request for one or several poses."""
+        """True for an input request for one or several poses."""
         return self.kind is DecisionKind.INPUT and plain_type(self.input_type).removesuffix('[]') in POSE_TYPES
 
 
@@ -211,7 +208,7 @@ class SubjectValue:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What a decision is about; ``notes`` say what of it is not shown."""
+    """The subject of a decision; ``notes`` say what of it is not shown."""
 
     decision_id: str
     number: int
@@ -221,7 +218,7 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class Subjects:
-    """What the decisions of one executive are about."""
+    """The subjects of the decisions of one executive."""
 
     executive_id: str
     subjects: tuple[Subject, ...] = ()
@@ -229,7 +226,7 @@ class Subjects:
 
 @dataclass(frozen=True, slots=True)
 class CommandResult:
-    """What the executive says of one command."""
+    """The executive's answer to one command."""
 
     command_id: str
     code: ResultCode
@@ -255,9 +252,12 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class StopGuard:
-    """What the stop guard does (StopGuardStatus.msg): the identifiers of the STOPs that it has ``carried_out``, and for
-    whose it keeps the robot at rest, if it does. ``going_on`` are actions that go on all the same. If it
-    ``is_silent``, it has said that it holds the robot, and should have said so again since."""
+    """The status of the stop guard (StopGuardStatus.msg).
+
+    ``carried_out`` are the identifiers of its STOPs, ``operator`` is for whom it holds the robot, if it does.
+    ``going_on`` are actions that are active all the same. If it ``is_silent``, it reported that it holds the robot, and
+    a further report is overdue.
+    """
 
     carried_out: tuple[str, ...] = ()
     holding: bool = False
@@ -267,14 +267,14 @@ class StopGuard:
 
     @property
     def told(self) -> str:
-        """That it keeps the robot at rest, and why; '' while it does not."""
+        """The report that it keeps the robot at rest, and why; '' while it does not."""
         if not self.holding:
             return ''
         if self.is_silent:
-            return 'STOP GUARD SILENT: it held the robot, and does not say so any more; stop the robot by other means'
-        goes_on = f'; {", ".join(map(one_line, self.going_on))} goes on, restart it' if self.going_on else ''
+            return 'STOP GUARD SILENT: it held the robot and no longer reports it; stop the robot by other means'
+        goes_on = f'; {", ".join(map(one_line, self.going_on))} is still active; restart it' if self.going_on else ''
         who = one_line(self.operator) or 'somebody'
-        return f'HELD BY THE STOP GUARD: no answer of the executive; restart it (STOP of {who}){goes_on}'
+        return f'HELD BY THE STOP GUARD: the executive did not answer; restart it (STOP of {who}){goes_on}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -465,7 +465,7 @@ SYNTHESIS_SECONDS: Final = 60.0
 
 @dataclass(frozen=True, slots=True)
 class SynthesisRequest:
-    """What a behavior is to be made of, and for what; see SynthesizeBehavior. ``time_limit`` in s."""
+    """A request to synthesize a behavior; see SynthesizeBehavior. ``time_limit`` in s."""
 
     system: str = ''
     capabilities: str = ''

@@ -26,7 +26,7 @@ CALM_SECONDS: Final = 5.0
 
 @dataclass(frozen=True, slots=True)
 class UnexpectedMotion:
-    """How far the robot has moved, m, and turned, rad, from where it should stand; ``why`` it should."""
+    """A motion from where the robot should stand, in m and rad; ``why`` it should."""
 
     why: str
     metres: float
@@ -34,7 +34,7 @@ class UnexpectedMotion:
 
 
 class UnexpectedMotionDetector:
-    """Watches one robot by its snapshots."""
+    """A detector that watches one robot by its snapshots."""
 
     def __init__(self) -> None:
         self._should_since: float | None = None

@@ -181,7 +181,7 @@ class View:
         return self.structure.state(path) if self.structure else None
 
     def outcomes(self, path: str) -> tuple[str, ...]:
-        """Declared outcomes of a state, from the structure or from a decision about it; empty when unknown."""
+        """Return the declared outcomes of a state, from the structure or a decision about it; empty if unknown."""
         state = self.state(path)
         if state is not None:
             return state.outcomes

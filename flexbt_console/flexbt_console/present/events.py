@@ -32,7 +32,7 @@ SETTLE_SECONDS: Final = 0.3
 
 
 class Event(NamedTuple):
-    """Something that has changed: its name, what is told to programs, and lines for people."""
+    """Something that has changed: its name, the value for programs, and lines for people."""
 
     name: str
     value: dict[str, Any]
@@ -40,7 +40,7 @@ class Event(NamedTuple):
 
 
 class Follower:
-    """Finds what has changed in a view, compared to the one before.
+    """A reader of views that finds what has changed since the one before.
 
     To programs, all of it is told. To people, what is late for a moment is no event: a view shows it.
     """

@@ -45,7 +45,7 @@ _NEAR_WALL: Final = 0.1
 
 
 class Layer(Enum):
-    """What a character of the map shows; the value is its style in a terminal."""
+    """The content of a character of the map; the value is its style in a terminal."""
 
     NOTHING = ''
     WALL = 'wall'
@@ -108,7 +108,7 @@ def frame_for(map: GridMap | None, others: Iterable[Point], columns: int, rows: 
 
 
 class MapCanvas:
-    """Draws maps; the walls are kept as long as map and frame stay the same."""
+    """A painter of maps; the walls are kept as long as map and frame stay the same."""
 
     def __init__(self, signs: Glyphs) -> None:
         self._signs = signs
@@ -186,8 +186,10 @@ def _put(row: list[Cell], column: int, cell: Cell) -> None:
 
 
 def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) -> None:
-    """A name beside its sign: behind it, before it, above or below it, where it covers no other place nor its name;
-    where there is no such room, as much of it as fits behind the sign."""
+    """Write a name behind, before, above or below its sign, where it covers no other place nor its name.
+
+    Where there is no such room, write as much of it as fits behind the sign.
+    """
     if at is None or not name:
         return
     (column, row), columns = at, len(drawn[0])

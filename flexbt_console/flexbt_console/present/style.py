@@ -14,7 +14,7 @@ from flexbt_console.mirror.trees import MirroredStatus
 
 
 class Tone(Enum):
-    """What a line is to its reader; the value is the colour of a terminal (ECMA-48, SGR)."""
+    """The gravity of a line; the value is the colour of a terminal (ECMA-48, SGR)."""
 
     PLAIN = ''
     GOOD = '32'

@@ -20,16 +20,7 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_common.values.value_types import resolve_type
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.link.messages import (
-    behaviors_record,
-    event_records,
-    guard_record,
-    log_record,
-    places_record,
-    snapshot_record,
-    structure_record,
-    subjects_record,
-)
+from flexbt_console.link.messages import record_of
 from flexbt_console.link.scan_link import PLACE_SECONDS, SCAN_SECONDS, points_of
 from flexbt_console.link.surroundings_link import SurroundingsFeed
 from flexbt_console.mirror.mirror import Mirror, Transit
@@ -112,7 +103,7 @@ class RunPlayer:
         return end == wanted
 
     def _restore(self, number: int) -> None:
-        """What was known before a message, of which each :data:`KEPT_EACH`-th that was passed has been kept."""
+        """Return what was known before a message, of which each :data:`KEPT_EACH`-th that was passed has been kept."""
         kept, map_frame = self._kept[number]
         self._clock = ManualClock()
         self.mirror = kept.copy(self._clock)
@@ -178,7 +169,7 @@ class RunPlayer:
             if receive is not None:
                 receive(message)
             else:
-                self.mirror.receive_snapshot(snapshot_record(message), Transit(one.sent * 1e-9, one.time * 1e-9))
+                self.mirror.receive_snapshot(record_of(message), Transit(one.sent * 1e-9, one.time * 1e-9))
 
 
 _SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_EVENTS})
@@ -205,12 +196,12 @@ def _within_memory(file: Path, messages: Iterable[Recorded]) -> Iterator[Recorde
 
 def _receivers(mirror: Mirror, feed: SurroundingsFeed) -> dict[str, Callable[[Any], object]]:
     return {
-        names.EXECUTIVE_STRUCTURE: lambda message: mirror.receive_structure(structure_record(message)),
-        names.EXECUTIVE_BEHAVIORS: lambda message: mirror.receive_behaviors(behaviors_record(message)),
-        names.EXECUTIVE_LOG: lambda message: mirror.receive_log(log_record(message)),
-        names.EXECUTIVE_EVENTS: lambda message: mirror.receive_events(event_records(message)),
-        names.EXECUTIVE_SUBJECTS: lambda message: mirror.receive_subjects(subjects_record(message)),
-        names.STOP_GUARD_STATUS: lambda message: mirror.receive_guard(guard_record(message)),
-        names.PLACES: lambda message: mirror.receive_places(places_record(message)),
+        names.EXECUTIVE_STRUCTURE: lambda message: mirror.receive_structure(record_of(message)),
+        names.EXECUTIVE_BEHAVIORS: lambda message: mirror.receive_behaviors(record_of(message)),
+        names.EXECUTIVE_LOG: lambda message: mirror.receive_log(record_of(message)),
+        names.EXECUTIVE_EVENTS: lambda message: mirror.receive_events(record_of(message)),
+        names.EXECUTIVE_SUBJECTS: lambda message: mirror.receive_subjects(record_of(message)),
+        names.STOP_GUARD_STATUS: lambda message: mirror.receive_guard(record_of(message)),
+        names.PLACES: lambda message: mirror.receive_places(record_of(message)),
         **feed.receivers,
     }

@@ -53,7 +53,7 @@ def declare_parameters(node: Node) -> tuple[Path, int]:
 
 
 class Recorder:
-    """Subscribes to the topics of a run and writes their messages as they come.
+    """A recorder that subscribes to the topics of a run and writes their messages as they come.
 
     ``tell_ready`` gets True when everything is recorded that is said from then on by those who are there, and False
     when what is said waits for the disk, or is not recorded any more.

@@ -62,7 +62,7 @@ class Recorded:
 
 
 class RunWriter:
-    """Writes a file; may be used from several threads.
+    """A writer of a recording; may be used from several threads.
 
     Raises OSError when the file cannot be made, when more than :data:`MOST_WAITING` bytes would wait for the disk, and
     at its end when some do: then it ends after the last record that fits, has no index, and takes nothing more.

@@ -17,7 +17,7 @@ from flexbt_console.commands.command_line import parse
 from flexbt_console.commands.registry import build
 from flexbt_console.commands.spec import Show
 from flexbt_console.errors import NotShownError
-from flexbt_console.link.messages import subjects_record
+from flexbt_console.link.messages import record_of
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_console.mirror.records import (
     SYNTHESIZED,
@@ -64,7 +64,7 @@ def subjects(number: int = 2, **values: Any) -> Subjects:
     """Return what the decision is about, as it comes over the link."""
     shown = values or {'path': Path(poses=[pose_at(0.0, 0.0), pose_at(3.0, 4.0)]), 'goal': pose_at(5.0, 4.0)}
     message = DecisionSubjects(executive_id='e', subjects=[subject_message('r-1', number, shown)])
-    return subjects_record(message)
+    return record_of(message)
 
 
 @pytest.fixture
@@ -165,7 +165,7 @@ def test_a_path_without_place_and_a_type_that_is_not_installed_are_told() -> Non
     assert (nowhere.values[0].points, nowhere.values[0].text) == ((), 'it has a point that is nowhere')
     message = DecisionSubjects(executive_id='e', subjects=[subject_message('r-1', 2, {'goal': pose_at(0.0, 0.0)})])
     message.subjects[0].entries[0].type = 'robot_msgs/msg/Picture'
-    unknown = subjects_record(message).subjects[0].values[0]
+    unknown = record_of(message).subjects[0].values[0]
     assert (unknown.pose, unknown.type) == (None, 'robot_msgs/msg/Picture') and unknown.text
 
 
@@ -215,7 +215,7 @@ MACHINE = '# look\nmachine:\n  outcomes: [finished]\n'
 def test_a_machine_that_was_synthesized_is_shown_before_it_is_started(mirror: Mirror, word: str) -> None:
     make, kind = CommandBuilder('ann'), CommandKind[word.upper()]
     for known, why in (
-        (None, 'the robot has not said which behaviors it has'),
+        (None, 'the robot has not sent its list of behaviors'),
         (Behavior('Look there', SYNTHESIZED), "'Look there' was synthesized, and its machine was not received"),
     ):
         if known is not None:
@@ -263,4 +263,4 @@ def test_a_node_that_nobody_expects_is_not_missed(mirror: Mirror) -> None:
     told = '\n'.join(status_lines(view))
     assert '/simulator not seen' in told and 'MISSING' not in told
     show(mirror, peers=(replace(unexpected, expected=True),))
-    assert '/simulator MISSING: it was not seen yet; start it' in '\n'.join(status_lines(mirror.view()))
+    assert '/simulator not found: it was not seen yet; start it' in '\n'.join(status_lines(mirror.view()))

@@ -269,7 +269,7 @@ def test_a_synthesis_ends_with_who_asked_for_it_and_with_the_console() -> None:
         gone, other = (threads.submit(link.synthesis, request, DEADLINE, print, one) for one in (left, None))
         wait_until(lambda: len(begun) == 2, 'both searches')
         left.set_result(None)
-        with pytest.raises(NoAnswerError, match='has gone'):
+        with pytest.raises(NoAnswerError, match='was closed'):
             gone.result(DEADLINE)
         assert not other.done()
         wait_until(lambda: len(canceled) == 1, 'its cancel')
@@ -483,7 +483,8 @@ from flexbt_msgs.msg import ExecutiveStatus
 
 with NodeRuntime.open('forger', namespace='late') as forger:
     node = forger.node
-    statuses = forger.call(lambda: node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos()))
+    qos = names.transient_local_qos()
+    statuses = forger.call(lambda: node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, qos))
     forged = ExecutiveStatus(executive_id=sys.argv[1], heartbeat_period=10.0, run_id='forged', sequence=2**62)
     while True:
         forged.sequence += 1

@@ -59,11 +59,11 @@ def test_who_has_waited_longest_for_a_decision_comes_first_and_the_idle_last() -
     assert [robot.seconds for robot in overview] == [60.0, 30.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     assert overview[0].urgency is Urgency.DECISION
     (alone,) = (robot_line(robot) for robot in overview if robot.name == 'alone')
-    assert 'degraded' in alone and 'late' not in alone and '/bt_server MISSING: start it' in alone
+    assert 'degraded' in alone and 'late' not in alone and '/bt_server not found: start it' in alone
     lines = [robot_line(robot).removeprefix(robot.name).strip() for robot in overview if robot.is_unreachable]
     assert lines == [
         'unreachable: last heard 30 s ago; then RUNNING  no behavior',
-        'unreachable: nothing was heard of it',
+        'unreachable: never heard',
     ]
     assert others_text(overview, 'idle') == '3 others need you, 2 unreachable: o'
 

@@ -13,7 +13,7 @@ from typing import Any, cast
 import pytest
 from builtin_interfaces.msg import Time
 
-from flexbt_console.link.messages import snapshot_record
+from flexbt_console.link.messages import record_of
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import ExecutiveState
 from flexbt_core.clock.clock import ManualClock
@@ -23,7 +23,8 @@ from flexbt_formal.exploration.model import EnvironmentChoices
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_onboard.behaviors.run_context import RunGoals
 from flexbt_onboard.link.executive_status import status_of
-from flexbt_onboard.runs.run_snapshot import RunSnapshot, SnapshotSource
+from flexbt_onboard.runs.run_events import RunMoved
+from flexbt_onboard.runs.run_snapshot import RunStatus
 from flexbt_onboard.runs.run_supervisor import LastRun
 from flexbt_testing.seeded_missions import _model, seeded_machine
 
@@ -41,8 +42,8 @@ class Robot:
         self.system = MachineSystem(define(machine), _model, MachineBounds(Operator.ALL, forces=2, faults=1))
         self.run = self.system._run
         clock: Any = SimpleNamespace(now=self.system.clock.now, stamp=lambda: Time(sec=1000))
-        self._source = SnapshotSource(self.run, clock, RUN, RunGoals())
-        self._snapshot = RunSnapshot(RUN, 'Test', {'/': 1}, is_announced=True, has_begun=True)
+        self._status = RunStatus(RUN, 'Test', 1, clock, RunGoals())
+        self._status.publish(is_announced=True, has_begun=True)
         self._sent = 0
 
     def step(self) -> bool:
@@ -54,14 +55,14 @@ class Robot:
 
     def status(self) -> Any:
         """As the executive sends it, as the console receives it."""
-        fields, _ = self._source.take(self._snapshot)
-        self._snapshot = RunSnapshot(**{**vars(self._snapshot), **fields, 'is_stopping': self.run.is_ending})
+        self._status.read(RunMoved(self.run))
+        self._status.publish(is_stopping=self.run.is_ending)
         ended = self.run.outcome
-        shown = self._snapshot if ended is None else LastRun(1, RUN, 'Test', ended)
+        shown = self._status.snapshot if ended is None else LastRun(1, RUN, 'Test', ended)
         status = status_of(shown, [], [], [], ExecutiveStatus().robot_pose, '', NOBODY, [], '')
         self._sent += 1
         status.executive_id, status.sequence = 'robot', self._sent
-        return snapshot_record(status)
+        return record_of(status)
 
 
 def seen(mirror: Mirror) -> tuple[object, ...]:
