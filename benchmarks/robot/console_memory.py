@@ -54,7 +54,7 @@ from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChan
 from flexbt_console.ui.screen.app import OperatorScreen
 from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.web.access import Access
-from flexbt_console.ui.web.requests import PageStation
+from flexbt_console.ui.web.requests import LEAVING
 from flexbt_console.ui.web.server import WebServer, serving
 from flexbt_core.clock.clock import ManualClock
 
@@ -84,7 +84,7 @@ class Robot(NullRobot):
         return tracked
 
     def step(self) -> None:
-        """What is heard in half a second."""
+        """Return what is heard in half a second."""
         self._step += 1
         self.sequence += 1
         self.clock.advance(STEP)
@@ -158,10 +158,10 @@ class Robots:
         return self._robot.mirror, self._robot
 
     def open(self, name: str) -> None:
-        """It is open."""
+        """Measure with it open."""
 
     def close(self, name: str) -> None:
-        """It stays open."""
+        """Keep it open."""
 
 
 def resident() -> float:
@@ -180,7 +180,7 @@ def hours(robot: Robot, count: int, look: int) -> Iterator[int]:
 
 
 async def with_screen(robot: Robot, count: int, look: int, note: Callable[[int], None]) -> None:
-    """A screen at the mirror."""
+    """Open a screen at the mirror."""
     robot.step()
     station = Station(robot.mirror, robot, robot.make, 5.0, Attention(robot.clock), 'it ends')
     screen: Any = OperatorScreen(station, robot.clock)
@@ -192,12 +192,12 @@ async def with_screen(robot: Robot, count: int, look: int, note: Callable[[int],
 
 
 async def with_page(robot: Robot, count: int, look: int, note: Callable[[int], None]) -> None:
-    """A page at the server."""
+    """Open a page at the server."""
     robot.step()
     access, attention = Access(), Attention(ManualClock())
 
-    def station(mirror: Mirror, link: Any) -> PageStation:
-        return PageStation(mirror, link, robot.make, 5.0, attention)
+    def station(mirror: Mirror, link: Any) -> Station:
+        return Station(mirror, link, robot.make, 5.0, attention, LEAVING)
 
     server = WebServer(Robots(robot), station, access)
     async with serving(server.application(), access.address, 0) as port, ClientSession() as session:

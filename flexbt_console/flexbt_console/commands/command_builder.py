@@ -30,12 +30,12 @@ from .operator_values import answer, parameter_value
 
 
 class CommandBuilder:
-    """Makes the commands of one operator.
+    """A builder of the commands of one operator.
 
     Without an operator (None) whoever sits here is an observer, and every command is refused for the reason ``why``.
     """
 
-    def __init__(self, operator: str | None, why: str = 'an observer gives no commands; leave --observer out') -> None:
+    def __init__(self, operator: str | None, why: str = 'an observer cannot send commands; omit --observer') -> None:
         self.operator = operator
         self._why = why
 
@@ -240,8 +240,8 @@ class CommandBuilder:
         """
         asking = view.snapshot.authority_requests if view.snapshot else ()
         if not operator and len(asking) != 1:
-            who = f'these ask for the authority: {", ".join(asking)}' if asking else 'nobody asks for the authority'
-            raise RefusedError(f'name the operator who is meant; {who}')
+            who = f'requested by {", ".join(asking)}' if asking else 'nobody requests the authority'
+            raise RefusedError(f'name the operator; {who}')
         return replace(self.command(view, kind), grantee=operator or asking[0])
 
 
@@ -249,8 +249,8 @@ def _check_shown(view: View, decision: Decision, unseen: bool) -> None:
     lacking = view.lacks(decision)
     if lacking and not unseen:
         raise NotShownError(
-            f'{decision.path} asks about what was not received ({lacking}); nothing was sent. '
-            'Wait for it, or answer all the same with --unseen'
+            f'the subject of {decision.path} was not received ({lacking}); nothing was sent. '
+            'Wait for it, or answer anyway with --unseen'
         )
 
 
@@ -282,7 +282,7 @@ def _input_request(view: View, decision_id: str) -> Decision:
         return _only(inputs, 'input request')
     decision = _pending(view, decision_id)
     if decision.kind is not DecisionKind.INPUT:
-        raise RefusedError(f'{decision_id} is no input request; use "confirm" or "force"')
+        raise RefusedError('This decision takes no value; use confirm or force')
     return decision
 
 
@@ -293,7 +293,7 @@ def _waiting_path(view: View) -> str:
     active = view.active_paths
     if len(active) != 1:
         states = f'the active states are {", ".join(active)}' if active else 'no state is active'
-        raise RefusedError(f'which state is to be left? {states}; use "force PATH OUTCOME"')
+        raise RefusedError(f'name the state to leave: {states}; use "force PATH OUTCOME"')
     return active[0]
 
 
@@ -358,7 +358,7 @@ def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]],
     if behavior.lacks_machine and not unseen:
         raise NotShownError(
             f'behavior {short_repr(name)} was synthesized, and its machine was not received (it may be too long); '
-            'nothing was sent. Look at its file on the robot, or send it all the same with --unseen'
+            'nothing was sent. Check its file on the robot, or send it anyway with --unseen'
         )
     parameters = {parameter.name: parameter for parameter in behavior.parameters}
     for key, value in arguments:

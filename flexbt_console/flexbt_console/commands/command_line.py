@@ -28,12 +28,12 @@ COMMON_OPTIONS: Final = (
     Option('--namespace', 'namespace of the robot, as --ros-args -r __ns:=NAME', 'NAME', values=robot_names),
     Option(
         '--places',
-        'YAML file of places beside those of the robot (default: FLEXBT_PLACES, or the parameter "places")',
+        'YAML file with places in addition to those of the robot (default: FLEXBT_PLACES, or the parameter "places")',
         'FILE',
     ),
     Option(
         '--lost-after',
-        f'age from which a picture counts as lost, not as late (default {LOST_SECONDS:g})',
+        f'age at which a status counts as lost instead of late (default {LOST_SECONDS:g})',
         'SECONDS',
         read=seconds,
     ),
@@ -171,7 +171,7 @@ def overview() -> str:
         'usage: console [COMMAND] [ARGUMENT ...] [OPTION ...] [--ros-args ...]',
         '',
         "The operator's console of a FlexBT executive.",
-        'Without a command, in a terminal: the screen, or the prompt where it cannot be.',
+        'Without a command, in a terminal: the screen, or else the prompt.',
         '',
         'commands:',
     ]
@@ -196,7 +196,7 @@ def prompt_help(leaving: str) -> list[str]:
     """Return the help of the interactive prompt; ``leaving`` is what happens when the operator leaves it."""
     rows = [(' '.join([spec.name, *(argument.usage for argument in spec.arguments)]), spec) for spec in COMMANDS]
     return [
-        'While a decision is shown, in short: a number or name chooses an outcome;',
+        'Short answers while a decision is shown: a number or name chooses an outcome;',
         'a place, "x y yaw" or a value answers an input request.',
         *_table(
             [

@@ -31,7 +31,7 @@ def candidates(text: str, view: View) -> list[str]:
 
 
 class Offer(NamedTuple):
-    """What a line may become, what that does, and why it would be refused ('' when it would not)."""
+    """A completion of a line, what that does, and why it would be refused ('' if it would not)."""
 
     line: str
     about: str = ''

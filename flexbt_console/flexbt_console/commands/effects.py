@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from flexbt_console.errors import NoAnswerError, NotShownError, RefusedError, UsageError
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
     LIVENESS,
     NOTE_LENGTH,
@@ -35,22 +35,22 @@ from flexbt_core.values.text import one_line
 
 from .command_builder import CommandBuilder, find_behavior
 from .operator_values import assignment, autonomy_level, capability_text, line_count, map_size, retry_count, start_input
-from .spec import DECISION, UNSEEN, Answers, CommandLine, ConsoleHistory, RobotQueries, Send, ShownAnswer
+from .spec import DECISION, UNSEEN, Answers, CommandLine, Inquiry, Reading, Send
 
 
 def alone(kind: CommandKind) -> Send:
     """Return a command without arguments of its own."""
-    return Send((kind,), lambda line, view, make: make.command(view, kind))
+    return Send((kind,), lambda line, view, builder: builder.command(view, kind))
 
 
 def at_path(kind: CommandKind) -> Send:
     """Return a command for the state or container that the line names."""
-    return Send((kind,), lambda line, view, make: make.at_path(kind, view, line.words[0]))
+    return Send((kind,), lambda line, view, builder: builder.at_path(kind, view, line.words[0]))
 
 
 def to_requester(kind: CommandKind) -> Send:
     """Return a command about an operator who asks for the authority."""
-    return Send((kind,), lambda line, view, make: make.to_requester(kind, view, line.first_word))
+    return Send((kind,), lambda line, view, builder: builder.to_requester(kind, view, line.first_word))
 
 
 def check_input(line: CommandLine) -> None:
@@ -63,7 +63,7 @@ def check_input(line: CommandLine) -> None:
 def check_note(line: CommandLine) -> None:
     """Raise UsageError: it is empty, or too long."""
     if len(line.text) > NOTE_LENGTH:
-        raise UsageError(f'the note has {len(line.text)} characters; at most {NOTE_LENGTH} are taken')
+        raise UsageError(f'the note has {len(line.text)} characters; the limit is {NOTE_LENGTH}')
     if not line.text.strip():
         raise UsageError('the note is empty')
 
@@ -72,16 +72,16 @@ def _assignments(line: CommandLine) -> list[tuple[str, str]]:
     return [assignment(word) for word in line.words[1:]]
 
 
-def _start(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+def _start(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
     inputs = [start_input(text, view.places) for text in line.values('--input')]
     level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else None
     _check_listed(line, view)
-    return make.start(view, line.words[0], _assignments(line), level, inputs, unseen=line.has(UNSEEN))
+    return builder.start(view, line.words[0], _assignments(line), level, inputs, unseen=line.has(UNSEEN))
 
 
-def _switch(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+def _switch(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
     _check_listed(line, view)
-    return make.switch(view, line.words[0], _assignments(line), unseen=line.has(UNSEEN))
+    return builder.switch(view, line.words[0], _assignments(line), unseen=line.has(UNSEEN))
 
 
 def _check_listed(line: CommandLine, view: View) -> None:
@@ -90,31 +90,31 @@ def _check_listed(line: CommandLine, view: View) -> None:
         message = view.snapshot.message if view.snapshot is not None else ''
         why = f' ({one_line(message, 300)})' if message else ''
         raise NotShownError(
-            f'the robot has not said which behaviors it has, and how those were synthesized{why}; nothing was sent. '
-            'Wait for it, or send it all the same with --unseen'
+            f'the robot has not sent its list of behaviors and synthesized machines{why}; nothing was sent. '
+            'Wait for it, or send it anyway with --unseen'
         )
 
 
-def _autonomy(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
-    return make.autonomy(view, autonomy_level(line.words[0]), line.words[1] if len(line.words) > 1 else '')
+def _autonomy(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+    return builder.autonomy(view, autonomy_level(line.words[0]), line.words[1] if len(line.words) > 1 else '')
 
 
-def _force(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+def _force(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
     path, outcome = line.words if len(line.words) == 2 else ('', line.words[0])
-    return make.force(view, path, outcome, line.value(DECISION), unseen=line.has(UNSEEN))
+    return builder.force(view, path, outcome, line.value(DECISION), unseen=line.has(UNSEEN))
 
 
-def _input(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+def _input(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
     decision_id, unseen = line.value(DECISION), line.has(UNSEEN)
     if line.has('--decline'):
-        return make.decline(view, decision_id or line.first_word)
+        return builder.decline(view, decision_id or line.first_word)
     if not decision_id and len(line.words) > 1:
         if view.pending(line.words[0]) is not None:
-            return make.answer(view, line.words[0], ' '.join(line.words[1:]), unseen=unseen)
+            return builder.answer(view, line.words[0], ' '.join(line.words[1:]), unseen=unseen)
         if any(decision.wants_text for decision in view.decisions):
             # The first word might be meant as the name of a request that is gone: it must not become the answer.
-            raise RefusedError('a text of several words is one word in quotes, or goes with --decision ID')
-    return make.answer(view, decision_id, line.text, unseen=unseen)
+            raise RefusedError('put a text of several words in quotes, or use --decision ID')
+    return builder.answer(view, decision_id, line.text, unseen=unseen)
 
 
 def _names_decision(line: CommandLine, view: View) -> bool:
@@ -137,20 +137,20 @@ SWITCH: Final = Send((CommandKind.SWITCH,), _switch)
 AUTONOMY: Final = Send((CommandKind.AUTONOMY,), _autonomy)
 CONFIRM: Final = Send(
     (CommandKind.CONFIRM,),
-    lambda line, view, make: make.confirm(view, line.value(DECISION) or line.first_word, unseen=line.has(UNSEEN)),
+    lambda line, view, builder: builder.confirm(view, line.value(DECISION) or line.first_word, unseen=line.has(UNSEEN)),
     Answers(_OUTCOMES, _names_decision),
 )
 FORCE: Final = Send((CommandKind.FORCE,), _force, Answers(_OUTCOMES, _names_state, also_alone=True))
 INPUT: Final = Send((CommandKind.ANSWER, CommandKind.DECLINE), _input, Answers(_VALUES, _names_input_request))
 DECLINE: Final = Send(
     (CommandKind.DECLINE,),
-    lambda line, view, make: make.decline(view, line.value(DECISION) or line.first_word),
+    lambda line, view, builder: builder.decline(view, line.value(DECISION) or line.first_word),
     Answers(_VALUES, _names_decision),
 )
-RESUME: Final = Send((CommandKind.RESUME, CommandKind.RESUME_RUN), lambda line, view, make: make.resume(view))
-REPEAT: Final = Send((CommandKind.REPEAT,), lambda line, view, make: make.repeat(view, line.first_word))
+RESUME: Final = Send((CommandKind.RESUME, CommandKind.RESUME_RUN), lambda line, view, builder: builder.resume(view))
+REPEAT: Final = Send((CommandKind.REPEAT,), lambda line, view, builder: builder.repeat(view, line.first_word))
 NOTE: Final = Send(
-    (CommandKind.NOTE,), lambda line, view, make: replace(make.command(view, CommandKind.NOTE), text=line.text)
+    (CommandKind.NOTE,), lambda line, view, builder: replace(builder.command(view, CommandKind.NOTE), text=line.text)
 )
 
 
@@ -167,49 +167,49 @@ SURROUNDINGS_SECONDS: Final = 2.0
 """So long what is latched, and a plan that is told each second, is waited for."""
 
 
-def status(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
-    return ShownAnswer(status_json(view), status_lines(view))
+def status(line: CommandLine, view: View, mirror: Mirror) -> Reading:
+    return Reading(status_json(view), status_lines(view))
 
 
-def behaviors(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
+def behaviors(line: CommandLine, view: View, mirror: Mirror) -> Reading:
     if view.behaviors is None:
-        raise NoAnswerError('the executive has not said which behaviors it has')
+        raise NoAnswerError('the executive has not sent its list of behaviors')
     if line.words:
         found = (find_behavior(view.behaviors, line.text),)
-        return ShownAnswer(found, behaviors_lines(found, with_machines=True))
-    return ShownAnswer(view.behaviors, behaviors_lines(view.behaviors))
+        return Reading(found, behaviors_lines(found, with_machines=True))
+    return Reading(view.behaviors, behaviors_lines(view.behaviors))
 
 
-def structure(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
+def structure(line: CommandLine, view: View, mirror: Mirror) -> Reading:
     if view.snapshot is None or not view.snapshot.run_id:
         raise RefusedError('nothing has run yet: there is no state machine to show')
     if view.structure is None:
         raise NoAnswerError('the state machine of the run has not arrived')
-    return ShownAnswer(structure_json(view.structure), structure_lines(view.structure, view))
+    return Reading(structure_json(view.structure), structure_lines(view.structure, view))
 
 
-def log(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
-    entries = known.log(line_count(line.words[0]) if line.words else LOG_COUNT)
+def log(line: CommandLine, view: View, mirror: Mirror) -> Reading:
+    entries = mirror.log(line_count(line.words[0]) if line.words else LOG_COUNT)
     text = [text for entry in entries for text in log_lines(entry, with_time=True)]
-    return ShownAnswer(entries, text or ['the log is empty'])
+    return Reading(entries, text or ['the log is empty'])
 
 
-def events(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
-    events = known.events(line_count(line.words[0]) if line.words else LOG_COUNT)
-    return ShownAnswer(events, [event_line(event, with_time=True) for event in events] or ['nothing has happened yet'])
+def events(line: CommandLine, view: View, mirror: Mirror) -> Reading:
+    events = mirror.events(line_count(line.words[0]) if line.words else LOG_COUNT)
+    return Reading(events, [event_line(event, with_time=True) for event in events] or ['nothing has happened yet'])
 
 
-def places(line: CommandLine, view: View, known: ConsoleHistory) -> ShownAnswer:
-    return ShownAnswer(view.places, places_lines(view.places))
+def places(line: CommandLine, view: View, mirror: Mirror) -> Reading:
+    return Reading(view.places, places_lines(view.places))
 
 
-def userdata(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[[str], None]) -> ShownAnswer:
+def userdata(line: CommandLine, inquiry: Inquiry) -> Reading:
     path, *keys = line.words or ('',)
-    scopes = robot.userdata(path, keys, timeout)
-    return ShownAnswer(scopes, userdata_lines(scopes))
+    scopes = inquiry.robot.userdata(path, keys, inquiry.timeout)
+    return Reading(scopes, userdata_lines(scopes))
 
 
-def tree(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[[str], None]) -> ShownAnswer:
+def tree(line: CommandLine, inquiry: Inquiry) -> Reading:
     from flexbt_console.present.style import glyphs  # what only this needs
     from flexbt_console.present.tree_lines import chains_of_failures, whole_tree_lines
 
@@ -220,18 +220,20 @@ def tree(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[
         named = {state.tree_run_id for state in view.snapshot.active_states} if view.snapshot else set()
         return named - {'', *(run.run_id for run in told(view))}
 
-    # Where no state names its tree there may be none at all.
-    view = robot.surroundings(lambda view: bool(told(view)) and not missing(view), min(timeout, SURROUNDINGS_SECONDS))
+    def has_arrived(view: View) -> bool:
+        return bool(told(view)) and not missing(view)  # where no state names its tree there may be none at all
+
+    view = inquiry.robot.surroundings(has_arrived, min(inquiry.timeout, SURROUNDINGS_SECONDS))
     if missing(view):
-        raise NoAnswerError('a tree runs, and its nodes have not arrived; is the BT server in the same namespace?')
+        raise NoAnswerError('a tree runs, but its nodes have not arrived; is the BT server in the same namespace?')
     if not told(view):
         raise RefusedError('no tree has run yet, or the BT server is gone')
     runs = view.running_trees or told(view)[:1]
     shown = [line for run in runs for line in ('', *whole_tree_lines(run, glyphs()))][1:]
-    return ShownAnswer([tree_json(run, chains_of_failures(run)) for run in runs], shown)
+    return Reading([tree_json(run, chains_of_failures(run)) for run in runs], shown)
 
 
-def map_of_robot(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[[str], None]) -> ShownAnswer:
+def map_of_robot(line: CommandLine, inquiry: Inquiry) -> Reading:
     from flexbt_console.present.maps import map_lines, save_map  # what only this needs
 
     wants_scan = line.has('--scan')
@@ -243,7 +245,9 @@ def map_of_robot(line: CommandLine, robot: RobotQueries, timeout: float, tell: C
         has_subject = view.decision is None or not view.lacks(view.decision)
         return view.has_places and has_subject and all(wanted)
 
-    view = robot.surroundings(has_arrived, min(timeout, SURROUNDINGS_SECONDS), SCAN_PERIOD if wants_scan else 0.0)
+    view = inquiry.robot.surroundings(
+        has_arrived, min(inquiry.timeout, SURROUNDINGS_SECONDS), SCAN_PERIOD if wants_scan else 0.0
+    )
     around, pose = view.drawn, view.snapshot.robot_pose if view.snapshot else None
     if around.map is None and pose is None:
         raise NoAnswerError('neither a map nor the pose of the robot has arrived')
@@ -251,16 +255,16 @@ def map_of_robot(line: CommandLine, robot: RobotQueries, timeout: float, tell: C
     if line.has('--png'):
         file = Path(line.value('--png'))
         save_map(file, around, pose, view.places)
-        return ShownAnswer({**value, 'file': str(file)}, [f'the map is in {one_line(str(file))}'])
-    return ShownAnswer(value, map_lines(view, map_size(line.value('--size'))))
+        return Reading({**value, 'file': str(file)}, [f'the map is in {one_line(str(file))}'])
+    return Reading(value, map_lines(view, map_size(line.value('--size'))))
 
 
-def synthesis(line: CommandLine, robot: RobotQueries, timeout: float, tell: Callable[[str], None]) -> ShownAnswer:
+def synthesis(line: CommandLine, inquiry: Inquiry) -> Reading:
     if line.has('--cancel'):
-        count = robot.cancel_synthesis(timeout)
+        count = inquiry.robot.cancel_synthesis(inquiry.timeout)
         if not count:
-            raise RefusedError('no synthesis is under way')
-        return ShownAnswer(count, ['the synthesis is canceled'])
+            raise RefusedError('no synthesis is running')
+        return Reading(count, ['the synthesis is canceled'])
     request = SynthesisRequest(
         line.first_word,
         capability_text(line.value('--file')) if line.has('--file') else '',
@@ -273,14 +277,14 @@ def synthesis(line: CommandLine, robot: RobotQueries, timeout: float, tell: Call
         line.value('--name'),
         line.seconds('--time-limit') or SYNTHESIS_SECONDS,
     )
-    made = robot.synthesis(request, timeout, tell)
-    return ShownAnswer(made, synthesis_lines(made), is_refusal=not made.behavior)
+    made = inquiry.robot.synthesis(request, inquiry.timeout, inquiry.tell, inquiry.left)
+    return Reading(made, synthesis_lines(made), is_refusal=not made.behavior)
 
 
 def check_synthesis(line: CommandLine) -> None:
     if line.has('--cancel'):
         own = {option.name for option in line.spec.options} if line.spec is not None else set()
         if line.words or own & line.options.keys() != {'--cancel'}:
-            raise UsageError('--cancel stands alone: it ends the synthesis that is under way')
+            raise UsageError('--cancel takes no other words: it ends the running synthesis')
     elif line.has('--file') == bool(line.words):
-        raise UsageError('name the SYSTEM that the robot knows, or a file of capabilities of this computer by --file')
+        raise UsageError('name a SYSTEM that the robot knows, or use --file with a capability file on this computer')

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import LIVENESS, NOTE_LENGTH, SYNTHESIS_SECONDS, CommandKind, OperatorCommand
 from flexbt_console.mirror.view import View
 
@@ -62,24 +63,24 @@ def _structure_known(view: View) -> bool:
 # The commands
 
 _REASON = Option('--reason', 'why, for the event log', 'TEXT')
-_DECISION = Option(
-    DECISION, 'the decision that is meant; refused when it is not pending any more', 'ID', values=spec.decisions
+_DECISION = Option(DECISION, 'decision to answer; refused if it is no longer pending', 'ID', values=spec.decisions)
+_UNSEEN = Option(UNSEEN, 'answer even if the subject of the decision (a path, a value) was not received')
+_UNSEEN_MACHINE = Option(UNSEEN, 'send it even if the machine of a synthesized behavior was not received')
+_LEAVING = Option(
+    '--leaving', 'what "quit" does (default: the robot goes on); for programs that start the console', 'TEXT'
 )
-_UNSEEN = Option(UNSEEN, 'answer although what you are asked about (a path, a value) was not received')
-_UNSEEN_MACHINE = Option(UNSEEN, 'send it although the behavior was synthesized, and its machine was not received')
-_LEAVING = Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT')
-_PAGE = Option('--page', 'address of the page of the same robots, which it shows, for who starts both', 'URL')
-_PORT = Option('--port', 'port of the page (default 8465; 0 takes a free one)', 'NUMBER', read=port_number)
+_PAGE = Option('--page', 'address of the page of the same robots, for programs', 'URL')
+_PORT = Option('--port', 'port of the page (default 8465; 0 picks a free one)', 'NUMBER', read=port_number)
 _ADDRESS = Option(
-    '--address', 'address to listen at (default 127.0.0.1: this computer only; beyond it a token is needed)', 'IP'
+    '--address', 'address to listen at (default 127.0.0.1: this computer only; any other requires a token)', 'IP'
 )
 _SCAN_PERIOD = Option(
     '--scan-period',
-    f'from one scan of the lidar on the map to the next (default {effects.SCAN_PERIOD:g})',
+    f'time between two lidar scans on the map (default {effects.SCAN_PERIOD:g})',
     'SECONDS',
     read=seconds,
 )
-_SLOW_LINK = Option('--slow-link', 'show no scan: it and the transforms are most of what comes over the link')
+_SLOW_LINK = Option('--slow-link', 'show no scan; scans and transforms are most of the traffic on the link')
 _ROBOT = Option(
     '--robot',
     'namespace of a robot (default: every robot that is found)',
@@ -89,32 +90,32 @@ _ROBOT = Option(
 )
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
-    '--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
+    '--wait-timeout', 'stop waiting after this time (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
 )
 _PATH_DETAILS: Final = 'PATH is a state or container, in full or its last labels when they are unique.'
 _VALUE_DETAILS: Final = (
-    'VALUE is written as the wanted type: JSON or YAML; a text needs no quotes of its own. A pose is a named place, '
+    'VALUE is JSON or YAML of the requested type; text needs no quotes of its own. A pose is a named place, '
     'or "x y yaw" in metres and radians in the frame "map"; several poses are separated by ";". Its stamp is 0, '
-    'which means now. Words that begin with "-" and are no numbers go after "--".',
+    'which means now. Put words that begin with "-" and are not numbers after "--".',
 )
 
 COMMANDS: Final = (
     CommandSpec(
         'status',
-        'show what runs, what waits for the operator, and how old that knowledge is',
+        'show what runs, which decisions are pending, and how old that information is',
         Show(effects.status),
         link=LinkNeed.HEARD,
         has_arrived=_subjects_known,
     ),
     CommandSpec(
         'watch',
-        'print every change until it is interrupted, or for --timeout seconds',
+        'print every change until interrupted, or for --timeout seconds',
         Mode.WATCH,
         details=(
-            'It goes on when the link is lost, and says so. With --jsonl each line is an object with "event": status, '
+            'It reports a lost link and continues. With --jsonl each line is an object with "event": status, '
             'structure, behaviors, log or link.',
         ),
-        options=(Option('--jsonl', 'print JSON for programs, one object a line, as --json'),),
+        options=(Option('--jsonl', 'print JSON, one object per line, as --json'),),
         link=LinkNeed.NONE,
     ),
     CommandSpec(
@@ -122,7 +123,7 @@ COMMANDS: Final = (
         'list the behaviors that can be started, with their parameters',
         Show(effects.behaviors),
         (Argument('NAME', required=False, spaced=True, values=spec.behaviors),),
-        details=('Of NAME alone, also the machine when it was synthesized. JSON has all machines.',),
+        details=('With NAME, also show the machine if it was synthesized. JSON includes all machines.',),
         has_arrived=_behaviors_known,
     ),
     CommandSpec(
@@ -133,11 +134,11 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'tree',
-        'show the trees that run, or the latest: each node with its status, and what has failed by what',
+        'show the running trees or the latest one: status of each node, and causes of failures',
         Ask(effects.tree),
         details=(
-            'A node that was halted shows how it had ended before. Behind the nodes stands each that has failed by '
-            'itself, with those above it that have failed by it.',
+            'A halted node shows how it ended before. Nodes that failed by themselves are listed at the end, each with '
+            'the ancestors that failed because of it.',
         ),
     ),
     CommandSpec(
@@ -145,37 +146,35 @@ COMMANDS: Final = (
         'show the map: walls, places, the plan, and where the robot is',
         Ask(effects.map_of_robot, is_map=True),
         options=(
-            Option('--png', 'write an image into this file instead', 'FILE', in_prompt=False),
-            Option(
-                '--size', 'cells of the terminal (default: as many as there is room for)', 'COLUMNSxROWS', read=map_size
-            ),
-            Option('--scan', 'with what the lidar meets now', in_prompt=False),
+            Option('--png', 'write an image to this file instead', 'FILE', in_prompt=False),
+            Option('--size', 'size in cells of the terminal (default: what fits)', 'COLUMNSxROWS', read=map_size),
+            Option('--scan', 'include the current lidar scan', in_prompt=False),
         ),
-        details=('As JSON: where the map lies, the robot, the plan, the places and the scan, in metres.',),
+        details=('JSON has the position of the map, the robot, the plan, the places and the scan, in metres.',),
     ),
     CommandSpec(
         'userdata',
-        'show what the states of the run have handed to each other',
+        'show the data that states of the run pass to each other',
         Ask(effects.userdata),
         (Argument('PATH', required=False, values=spec.userdata_paths), Argument('KEY', required=False, repeated=True)),
         details=(
-            'The values of every active machine, by the names of their keys in it; of the machine PATH only, "/" for '
-            'the outermost, and of the KEYs only, when these are given. It is read between two steps of the run.',
+            'Without arguments: all values of every active machine, by key. PATH selects a machine ("/" is the '
+            'outermost), KEY selects keys. The data is read between two steps of the run.',
         ),
     ),
     CommandSpec(
         'log',
         'show the latest lines of the log',
-        Show(effects.log),
+        Show(effects.log, Mirror.log),
         (Argument('COUNT', required=False, read=line_count),),
-        details=(f'COUNT lines at most, {effects.LOG_COUNT} when it is left out.',),
+        details=(f'At most COUNT lines (default {effects.LOG_COUNT}).',),
     ),
     CommandSpec(
         'events',
         'show the latest transitions, and the commands of all operators',
-        Show(effects.events),
+        Show(effects.events, Mirror.events),
         (Argument('COUNT', required=False, read=line_count),),
-        details=(f'COUNT of them at most, {effects.LOG_COUNT} when it is left out.',),
+        details=(f'At most COUNT of them (default {effects.LOG_COUNT}).',),
     ),
     CommandSpec(
         'start',
@@ -188,7 +187,7 @@ COMMANDS: Final = (
         (
             Option(
                 '--autonomy',
-                'off, low, high, full or 0 to 3 (default: as it is shown)',
+                'off, low, high, full or 0 to 3 (default: the current one)',
                 'LEVEL',
                 values=spec.levels,
                 read=autonomy_level,
@@ -201,21 +200,21 @@ COMMANDS: Final = (
         ),
         details=(
             'NAME may have spaces: it ends before the first PARAMETER=VALUE.',
-            'With --wait the exit code is 0 when the run ended by an outcome of its own, and 3 when it was stopped '
-            'or ended by a fault.',
+            'With --wait the exit code is 0 if the run ended with one of its outcomes, and 3 if it was stopped or '
+            'failed.',
         ),
         has_arrived=_all_for_a_start_known,
     ),
     CommandSpec(
         'stop',
-        'stop the run and bring the robot to rest',
+        'stop the run and the robot',
         effects.alone(CommandKind.STOP),
         options=(_REASON, _WAIT, _WAIT_TIMEOUT),
         link=LinkNeed.HEARD,
     ),
     CommandSpec(
         'autonomy',
-        'set how much the robot decides alone',
+        'set how much the robot decides by itself',
         effects.AUTONOMY,
         (
             Argument('LEVEL', values=spec.levels, read=autonomy_level),
@@ -231,11 +230,11 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'confirm',
-        'let the transition happen that waits for the operator',
+        'confirm the pending transition',
         effects.CONFIRM,
         (Argument('ID', required=False, values=spec.decisions),),
         (_UNSEEN, _REASON),
-        details=('Without ID: the only pending decision; when there are several, they are listed.',),
+        details=('Without ID: the only pending decision. If there are several, they are listed.',),
         has_arrived=_subjects_known,
     ),
     CommandSpec(
@@ -251,7 +250,7 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'input',
-        'answer an input request by a value',
+        'answer an input request with a value',
         effects.INPUT,
         (
             Argument('ID', required=False, values=spec.input_requests),
@@ -271,25 +270,23 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'pause',
-        'let the run stand still',
+        'pause the run',
         effects.alone(CommandKind.PAUSE),
         options=(_REASON,),
-        details=(
-            'No state is executed or left, and time does not pass for them, until "resume". "stop" works as ever.',
-        ),
+        details=('Until "resume", no state runs or is left, and their time stands still. "stop" still works.',),
     ),
     CommandSpec(
         'resume',
-        'go on with a paused run, or with one that the end of the executive interrupted',
+        'resume a paused run, or one that was interrupted when the executive ended',
         effects.RESUME,
         options=(_REASON,),
         details=(
-            'After a crash of the executive the states that were active are entered again. "abort" gives the run up.',
+            'After a crash of the executive, the states that were active are entered again. "abort" drops the run.',
         ),
     ),
     CommandSpec(
         'abort',
-        'give up a run that the end of the executive interrupted',
+        'drop a run that was interrupted when the executive ended',
         effects.alone(CommandKind.ABORT_RUN),
         options=(_REASON,),
     ),
@@ -304,7 +301,7 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'lock',
-        'keep a state or container from being left',
+        'prevent a state or container from being left',
         effects.at_path(CommandKind.LOCK),
         (Argument('PATH', values=spec.states),),
         (_REASON,),
@@ -321,7 +318,7 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'breakpoint',
-        'let every transition out of a state wait for the operator, whatever the autonomy',
+        'hold every transition out of a state for the operator, at any level of autonomy',
         effects.at_path(CommandKind.BREAKPOINT),
         (Argument('PATH', values=spec.states),),
         (_REASON,),
@@ -338,49 +335,50 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'switch',
-        'go on with another behavior, keeping the active states',
+        'switch to another behavior, keeping the active states',
         effects.SWITCH,
         (
             Argument('NAME', spaced=True, values=spec.behaviors),
             Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
         ),
         (_UNSEEN_MACHINE, _REASON),
-        details=(
-            'The other behavior has to have the active states at the same paths; the refusal names those it lacks.',
-        ),
+        details=('The other behavior must have the active states at the same paths. A refusal lists those it lacks.',),
         has_arrived=_behaviors_known,
     ),
     CommandSpec(
         'synthesize',
-        'have a behavior made of capabilities that reaches goals whatever fails, or be told why there is none',
+        'synthesize a behavior that reaches its goals despite failures, or explain why there is none',
         Ask(effects.synthesis),
         (Argument('SYSTEM', required=False),),
         (
-            Option('--goal', 'what is to hold (all of them)', 'FORMULA', repeated=True),
-            Option('--initial', 'what holds at the start', 'FORMULA', repeated=True),
+            Option('--goal', 'goal of the behavior (all must hold)', 'FORMULA', repeated=True),
+            Option('--initial', 'condition at the start', 'FORMULA', repeated=True),
             Option('--outcome', 'outcome of the machine', 'NAME', repeated=True),
-            Option('--retries', 'a state is repeated so often, then it is given up', 'N', read=retry_count),
+            Option('--retries', 'times that a failed state is repeated', 'N', read=retry_count),
             Option(
                 '--liveness',
-                'fair, adversarial or fair-outcomes: what is assumed about failures (default fair)',
+                'fair, adversarial or fair-outcomes: assumption about failures (default fair)',
                 'WHAT',
                 values=lambda typed: LIVENESS,
                 read=liveness,
             ),
             Option('--name', "name of the behavior (default: the system's)", 'NAME'),
-            Option('--spec', 'file on the robot of more variables and formulas', 'FILE'),
-            Option('--file', 'capability file (YAML) of this computer, in place of SYSTEM', 'FILE', in_prompt=False),
+            Option('--spec', 'file on the robot with more variables and formulas', 'FILE'),
+            Option('--file', 'capability file (YAML) on this computer, instead of SYSTEM', 'FILE', in_prompt=False),
             Option(
-                '--time-limit', f'end the search after so long (default {SYNTHESIS_SECONDS:g})', 'SECONDS', read=seconds
+                '--time-limit',
+                f'end the search after this time (default {SYNTHESIS_SECONDS:g})',
+                'SECONDS',
+                read=seconds,
             ),
-            Option('--cancel', 'end the synthesis that is under way, whoever asked for it'),
+            Option('--cancel', 'end the running synthesis, whoever requested it'),
         ),
         details=(
-            "SYSTEM is a capability file of the robot: a name in the executive's capability_directories, or "
-            'package/path.yaml. A FORMULA with blanks is one word in quotes.',
-            'The machine is shown, and becomes a behavior of the robot, which "start" and "switch" take; nothing is '
-            'started by this, and what runs goes on. Where no machine can do that, the answer is why, and the exit '
-            'code 3. In line mode Ctrl-C cancels it.',
+            "SYSTEM is a capability file on the robot: a name in the executive's capability_directories, or "
+            'package/path.yaml. Put a FORMULA with spaces in quotes.',
+            'The machine is shown and becomes a behavior of the robot for "start" and "switch". Nothing is started; '
+            'the current run continues. If there is no such machine, the answer explains why, with exit code 3. In '
+            'line mode Ctrl-C cancels the synthesis.',
         ),
         check=effects.check_synthesis,
     ),
@@ -390,32 +388,32 @@ COMMANDS: Final = (
         effects.alone(CommandKind.CLAIM_AUTHORITY),
         options=(_REASON,),
         details=(
-            'While nobody has the authority, every operator may command. When another operator has it, this asks for '
-            'it; "status" shows who has it. It is lost when its holder was gone for the time that the executive sets. '
-            '"stop" needs no authority.',
+            'While nobody has the authority, every operator may command. If another operator has it, this requests it. '
+            '"status" shows the holder. A holder that is gone for the time set by the executive loses it. "stop" needs '
+            'no authority.',
         ),
     ),
     CommandSpec(
         'release',
-        'give the authority back, or do not ask for it any more',
+        'release the authority, or withdraw a request for it',
         effects.alone(CommandKind.RELEASE_AUTHORITY),
         options=(_REASON,),
     ),
     CommandSpec(
         'handover',
-        'give the authority to another operator',
+        'hand over the authority to another operator',
         effects.to_requester(CommandKind.HAND_OVER_AUTHORITY),
         (Argument('OPERATOR', required=False, values=spec.requesters),),
         (_REASON,),
-        details=('Without OPERATOR: to the one who asks for it.',),
+        details=('Without OPERATOR: to the only one who requests it.',),
     ),
     CommandSpec(
         'refuse',
-        'keep the authority, and take who asks for it from the list',
+        'refuse a request for the authority',
         effects.to_requester(CommandKind.REFUSE_AUTHORITY),
         (Argument('OPERATOR', required=False, values=spec.requesters),),
         (_REASON,),
-        details=('Without OPERATOR: the one who asks for it, who may ask again.',),
+        details=('Without OPERATOR: the only request. The operator may request again.',),
     ),
     CommandSpec(
         'note',
@@ -423,8 +421,8 @@ COMMANDS: Final = (
         effects.NOTE,
         (Argument('TEXT', repeated=True),),
         details=(
-            f'TEXT is what comes after "note", {NOTE_LENGTH} characters at most. It becomes part of the report of the '
-            'run, and of its recording. It needs neither a run nor the authority.',
+            f'TEXT is everything after "note", at most {NOTE_LENGTH} characters. It becomes part of the report and the '
+            'recording of the run. It needs neither a run nor the authority.',
         ),
         check=effects.check_note,
     ),
@@ -443,29 +441,28 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'screen',
-        'the whole screen, also without any command: machine, trees, map, decisions and log, one key for each command',
+        'full screen (default without a command): machine, trees, map, decisions and log; a key for each command',
         Mode.SCREEN,
         options=(_LEAVING, _PAGE, _SCAN_PERIOD, _SLOW_LINK),
         link=LinkNeed.NONE,
     ),
     CommandSpec(
         'web',
-        'the page for a browser: machine, trees and map as pictures, decisions, commands and log',
+        'page for a browser: machine, trees and map as pictures, decisions, commands and log',
         Mode.WEB,
         options=(_ROBOT, _PORT, _ADDRESS, _SCAN_PERIOD, _SLOW_LINK),
         details=(
-            'It prints the address of the page, and serves it until it is interrupted. The page has a line for each '
-            'robot that is found, those that wait first, and ?robot=NAME opens one of them.',
-            'At an address beyond this '
-            'computer the page needs the token that is part of the printed address; FLEXBT_WEB_TOKEN sets it, and '
-            'then it is needed on this computer, too. Nothing is encrypted: for an open network, use a tunnel '
-            '(ssh -L 8465:localhost:8465 STATION).',
+            'It prints the address of the page and serves it until interrupted. The page has a line for each robot '
+            'that is found, the most urgent first; ?robot=NAME opens one of them.',
+            'At an address other than that of this computer, the page requires the token in the printed address. '
+            'FLEXBT_WEB_TOKEN sets the token, which is then required on this computer, too. Nothing is encrypted: on '
+            'an open network, use a tunnel (ssh -L 8465:localhost:8465 STATION).',
         ),
         link=LinkNeed.NONE,
     ),
     CommandSpec(
         'replay',
-        'show a recording on the screen: time line, step, search, speed',
+        'show a recording on the screen, with time line, steps, search and speed',
         Mode.REPLAY,
         (Argument('FILE'),),
         link=LinkNeed.NONE,
@@ -473,19 +470,19 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'completion',
-        'print what makes Tab complete the words of console in a shell',
+        'print the completion script for a shell',
         Mode.COMPLETION,
         (Argument('SHELL', values=lambda typed: SHELLS, read=shell_name),),
-        (Option('--line', 'print the words that the last one of this line may become, as the shell asks', 'TEXT'),),
+        (Option('--line', 'print the completions of the last word of this line (for the script)', 'TEXT'),),
         details=(
             'In bash: . <(console completion bash); in zsh: . <(console completion zsh); in ~/.bashrc or ~/.zshrc for '
-            'every shell. Names of behaviors, states, decisions and robots are asked of the robot, for 1.5 s at most.',
+            'every shell. Names of behaviors, states, decisions and robots come from the robot, within 1.5 s.',
         ),
         link=LinkNeed.NONE,
     ),
     CommandSpec(
         'prompt',
-        'the interactive prompt, also without any command where there is no room for the screen, or Textual is missing',
+        'interactive prompt (default without a command if the terminal cannot show the screen or Textual is missing)',
         Mode.PROMPT,
         options=(_LEAVING, _PAGE),
         link=LinkNeed.NONE,
@@ -498,7 +495,7 @@ def find(name: str) -> CommandSpec | None:
     return next((spec for spec in COMMANDS if spec.name == name), None)
 
 
-def build(line: CommandLine, view: View, make: CommandBuilder) -> OperatorCommand:
+def build(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
     """Make the command for the executive that the line asks for, bound to what ``view`` shows.
 
     Raises:
@@ -506,5 +503,5 @@ def build(line: CommandLine, view: View, make: CommandBuilder) -> OperatorComman
         RefusedError: it cannot work now.
     """
     assert line.spec is not None and isinstance(line.spec.action, Send)
-    command = line.spec.action.build(line, view, make)
+    command = line.spec.action.build(line, view, builder)
     return replace(command, reason=line.value(_REASON.name))

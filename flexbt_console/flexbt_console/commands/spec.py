@@ -11,12 +11,11 @@ from enum import Enum
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
     AutonomyLevel,
     CommandKind,
     DecisionKind,
-    ExecutiveEvent,
-    LogLine,
     OperatorCommand,
     Synthesis,
     SynthesisRequest,
@@ -29,7 +28,7 @@ from .command_builder import CommandBuilder
 
 
 class Typed(NamedTuple):
-    """What completion goes by: the words that come before, those of options left out, and what is known."""
+    """The basis of completion: the words that come before, those of options left out, and what is known."""
 
     words: tuple[str, ...]
     view: View
@@ -84,7 +83,7 @@ class Option(NamedTuple):
 
 
 class LinkNeed(Enum):
-    """What a command needs of the link to the executive.
+    """The need of a command for the link to the executive.
 
     NONE: it works without one. HEARD: an old picture will do: it is shown as such, and at the prompt the command is
     sent all the same. LIVE: the picture has to be the present.
@@ -96,7 +95,7 @@ class LinkNeed(Enum):
 
 
 class Answers(NamedTuple):
-    """That a command answers a decision, of one of the ``kinds``.
+    """A command's way to answer a decision of one of the ``kinds``.
 
     ``names_its_own`` tells whether a line names the decision or state itself; any other is meant for the decision on
     the screen. With ``also_alone`` the command also works while no such decision is pending.
@@ -108,37 +107,34 @@ class Answers(NamedTuple):
 
 
 class Send(NamedTuple):
-    """The command is sent to the executive: ``build`` makes it, bound to what the view shows; raises ConsoleError."""
+    """A command that is sent to the executive. ``build`` binds it to what the view shows, or raises ConsoleError."""
 
     kinds: tuple[CommandKind, ...]
     build: Callable[[CommandLine, View, CommandBuilder], OperatorCommand]
     answers: Answers | None = None
 
 
-class ShownAnswer(NamedTuple):
-    """The answer of a command: the value for programs (JSON), and lines for people; whether it is a "no"."""
+class Reading(NamedTuple):
+    """The answer of a command: the value for programs (JSON), and lines for people under a title.
+
+    ``is_refusal``: the robot says no. ``is_map``: the lines are the map, which some can show as an image.
+    """
 
     value: Any
     text: list[str]
     is_refusal: bool = False
-
-
-class ConsoleHistory(Protocol):
-    """What the console knows beside the view."""
-
-    def log(self, count: int) -> tuple[LogLine, ...]:
-        """Return the latest lines of the log."""
-        ...
-
-    def events(self, count: int) -> tuple[ExecutiveEvent, ...]:
-        """Return the latest transitions and commands."""
-        ...
+    title: str = ''
+    is_map: bool = False
 
 
 class Show(NamedTuple):
-    """The command shows what the console knows; raises ConsoleError when that has not arrived."""
+    """A command that shows what the console knows. It raises ConsoleError if that has not arrived.
 
-    show: Callable[[CommandLine, View, ConsoleHistory], ShownAnswer]
+    ``history`` reads what arrives line by line; it is complete when no more comes.
+    """
+
+    show: Callable[[CommandLine, View, Mirror], Reading]
+    history: Callable[[Mirror], tuple[object, ...]] | None = None
 
 
 class RobotQueries(Protocol):
@@ -181,7 +177,7 @@ class RobotCommands(RobotQueries, Protocol):
 
 
 class NullRobot:
-    """Stands for a robot where there is none to ask; ``why`` is told."""
+    """A robot where there is none to ask; ``why`` is the reason of its refusals."""
 
     why: ClassVar[str] = 'there is no robot to ask'
 
@@ -208,16 +204,30 @@ class NullRobot:
         raise RefusedError(self.why)
 
 
-class Ask(NamedTuple):
-    """The command asks the robot, and waits for what it says: so many seconds, or longer, and then it tells lines
-    meanwhile. Not on the executor thread. ``is_map``: what it shows is the map, which some can show as an image."""
+class Inquiry(NamedTuple):
+    """The robot that is asked, and how long its answer may take, in seconds.
 
-    ask: Callable[[CommandLine, RobotQueries, float, Callable[[str], None]], ShownAnswer]
+    A synthesis may take longer. It reports lines by ``tell`` meanwhile, and is canceled once ``left`` is done.
+    """
+
+    robot: RobotQueries
+    timeout: float
+    tell: Callable[[str], None]
+    left: Future[None] | None = None
+
+
+class Ask(NamedTuple):
+    """A command that asks the robot and waits for its answer. Not on the executor thread.
+
+    ``is_map``: it shows the map, which some can show as an image.
+    """
+
+    ask: Callable[[CommandLine, Inquiry], Reading]
     is_map: bool = False
 
 
 class Mode(Enum):
-    """The command is a mode of the console, which goes on until it is interrupted. In line mode only."""
+    """A command that is a mode of the console and runs until it is interrupted. In line mode only."""
 
     WATCH = 'watch'
     PROMPT = 'prompt'
@@ -230,7 +240,7 @@ class Mode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CommandSpec:
-    """All that the console knows of a command.
+    """The declaration of a command.
 
     How it is written: ``name``, ``arguments``, ``options``, and ``check``, which finds what is wrong with a line beyond
     its single words (UsageError). What it does: ``action``. ``details`` are paragraphs of help. ``link`` is what it

@@ -91,7 +91,7 @@ def link_line(view: View) -> str:
     word = link_word(view)
     if view.age is None:
         return Line(f'{word} for an executive' if view.listening else f'{word} was heard', tone_of(word))
-    return Line(f'{word} ago' + ('' if view.live else ': what follows may not be so any more'), _LINK_TONES[view.link])
+    return Line(f'{word} ago' + ('' if view.live else ': the rest may be outdated'), _LINK_TONES[view.link])
 
 
 def age_text(seconds: float) -> str:
@@ -117,7 +117,7 @@ def where_lines(snapshot: ExecutiveSnapshot) -> list[str]:
 
 
 def blind_text(snapshot: ExecutiveSnapshot) -> str:
-    """That the pose is not known, or old, and what that means; '' when it is known."""
+    """Return that the pose is unknown or old, and what that means; '' if it is known."""
     what = 'pose old' if snapshot.robot_pose is not None else 'pose unknown'
     return f'{what}: {one_line(snapshot.pose_problem)}; motion is not watched' if snapshot.pose_problem else ''
 
@@ -135,7 +135,7 @@ def peer_line(peer: Peer) -> str:
     if not peer.expected:
         word, tone = 'not seen', Tone.DIM
     elif not peer.alive:
-        word, tone = 'MISSING', Tone.ERROR
+        word, tone = 'not found', Tone.ERROR
     elif peer.late:
         word, tone = f'late {age_text(peer.age)}', Tone.WARNING
     elif not peer.ready:
@@ -152,7 +152,7 @@ def what_runs(view: View) -> str:
     name = one_line(snapshot.behavior) or 'no behavior'
     state = snapshot.state.name
     if snapshot.state is ExecutiveState.INTERRUPTED:
-        return Line(f'{state}  {name}: "resume" goes on with it, "abort" gives it up', Tone.WARNING)
+        return Line(f'{state}  {name}: "resume" continues it, "abort" drops it', Tone.WARNING)
     if view.running:
         return f'{state}  {name}'
     if not snapshot.run_id:
@@ -174,8 +174,8 @@ def behavior_line(view: View) -> str:
 def authority_text(snapshot: ExecutiveSnapshot) -> str:
     """Return who may command, and who asks for it."""
     asking = ', '.join(map(one_line, snapshot.authority_requests))
-    return (one_line(snapshot.authority) or 'nobody: every operator may command') + (
-        f'  (asked for by {asking})' if asking else ''
+    return (one_line(snapshot.authority) or 'nobody; every operator may command') + (
+        f'  (requested by {asking})' if asking else ''
     )
 
 
@@ -185,8 +185,8 @@ def authority_asked_line(snapshot: ExecutiveSnapshot, operator: str | None) -> s
     if snapshot.authority != operator or not snapshot.authority_requests:
         return ''
     oldest, *others = snapshot.authority_requests
-    who = f'{one_line(oldest)} and {len(others)} more ask' if others else f'{one_line(oldest)} asks'
-    return Line(f'{who} for the authority: "c" answers', Tone.WARNING)
+    who = f'{one_line(oldest)} and {len(others)} more request' if others else f'{one_line(oldest)} requests'
+    return Line(f'{who} control: press "c" to answer', Tone.WARNING)
 
 
 def decision_line(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
@@ -205,13 +205,18 @@ def asked_text(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
         has_breakpoint = pending.path in snapshot.breakpoints
         needs = f' ({"breakpoint" if has_breakpoint else _required(pending.required_autonomy)})'
         return f'{where} wants {one_line(pending.outcome)}{needs}{prompt}'
-    return f'{where} asks to choose{prompt}'
+    return f'{one_line(pending.prompt)} ({where})' if pending.prompt else f'{where}: choose an outcome'
+
+
+def autonomy_needed(level: int) -> str:
+    """Return the level of autonomy at which a transition that requires ``level`` needs no operator."""
+    return (
+        'always asks' if level >= AutonomyLevel.FULL else f'automatic at {AutonomyLevel(level + 1).name.capitalize()}'
+    )
 
 
 def _required(level: int) -> str:
-    if level >= AutonomyLevel.FULL:
-        return 'always your decision'
-    return f'requires more than {autonomy_text(level)}' if level >= 0 else 'your decision'
+    return autonomy_needed(level) if level >= 0 else 'your decision'
 
 
 def reason_lines(pending: Decision, view: View) -> list[str]:
@@ -229,7 +234,7 @@ def reason_lines(pending: Decision, view: View) -> list[str]:
 def subject_lines(pending: Decision, view: View) -> list[str]:
     """Return what a pending decision is about, or that it was not received; and what of it is not shown."""
     if lacking := view.lacks(pending):
-        return [Line(f'{one_line(lacking)} NOT RECEIVED: what you are asked about is not shown', Tone.ERROR)]
+        return [Line(f'{one_line(lacking)} NOT RECEIVED: the subject of this decision is not shown', Tone.ERROR)]
     subject = view.subject(pending)
     if subject is None:
         return []
@@ -299,7 +304,7 @@ def _labelled(label: str, line: str) -> str:
 
 def not_paused_lines(state: ActiveState) -> list[str]:
     """Return what of a paused state goes on all the same."""
-    return [Line(f'goes on: {one_line(text)}', Tone.WARNING) for text in state.not_paused]
+    return [Line(f'still active: {one_line(text)}', Tone.WARNING) for text in state.not_paused]
 
 
 def limits_text(parameter: BehaviorParameter) -> str:
@@ -321,7 +326,7 @@ def parameter_text(parameter: BehaviorParameter) -> str:
 def machine_text_lines(behavior: Behavior) -> list[str]:
     """Return the machine of a synthesized behavior, or that it was not received; nothing of one that is installed."""
     if behavior.lacks_machine:
-        return [Line('machine NOT RECEIVED (it may be too long): what this behavior does is not shown', Tone.ERROR)]
+        return [Line('machine NOT RECEIVED (it may be too long): this behavior is not shown', Tone.ERROR)]
     return [one_line(line) for line in behavior.machine.splitlines()]
 
 
@@ -378,7 +383,7 @@ def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
 
 
 def alarm_line(view: View) -> str:
-    """That the robot moves though it should stand, or that the stop guard holds it; '' when neither is so."""
+    """Return the alarm that the robot moves though it should stand, or that the stop guard holds it; '' for neither."""
     motion = view.unwanted_motion
     if motion is None or (view.guard.told and not view.live):  # what the robot did is older than what the guard says
         return Line(view.guard.told, Tone.ERROR) if view.guard.told else ''
@@ -412,7 +417,7 @@ def robot_line(robot: RobotOverview) -> str:
 def unreachable_text(view: View) -> str:
     """Tell that a robot is not heard, for how long already, and what it did then."""
     if view.age is None:
-        return 'unreachable: nothing was heard of it'
+        return 'unreachable: never heard'
     then = '  '.join(filter(None, (what_runs(view), *map(one_line, view.active_paths))))
     return f'unreachable: last heard {view.age:.0f} s ago; {alarm_line(view) or f"then {then}"}'
 
@@ -472,7 +477,7 @@ def command_result_lines(tracked: TrackedCommand) -> list[str]:
     if tracked.state is CommandState.APPLIED:
         text = [f'{name}: applied ({(duration or 0.0) * 1e3:.0f} ms)']
         if is_stop and tracked.confirmed_by is Confirmation.STOP_GUARD:
-            told = 'confirmed by the stop guard, which holds the robot; not by the executive'
+            told = 'confirmed by the stop guard, which holds the robot, not by the executive'
             return [Line(f'{text[0]}, {told}', Tone.WARNING)]
         if is_stop:
             text = [f'{text[0]}, confirmed by the executive']
@@ -495,7 +500,7 @@ def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
             if len(value.text) > VALUE_LENGTH:
                 text += f'... ({len(value.text)} characters; all of them: --json)'
             shown.append(f'  {one_line(value.key)} ({one_line(value.type) or "cannot be sent"}) = {text}')
-    return shown or ['the machines have no userdata']
+    return shown or ['no userdata']
 
 
 def synthesis_lines(made: Synthesis) -> list[str]:
@@ -505,7 +510,7 @@ def synthesis_lines(made: Synthesis) -> list[str]:
     return [
         *(one_line(line) for line in made.machine.splitlines()),
         *(f'note: {one_line(note)}' for note in made.notes),
-        f'behavior {one_line(made.behavior)!r} is there: start {one_line(made.behavior)}',
+        f'behavior {one_line(made.behavior)!r} is ready; run `start {one_line(made.behavior)}`',
     ]
 
 
@@ -515,4 +520,4 @@ def places_lines(known: Mapping[str, FramedPose]) -> list[str]:
         f'{one_line(name)}  x {place.x:.2f}  y {place.y:.2f}  yaw {place.yaw:.2f}  ({one_line(place.frame)})'
         for name, place in sorted(known.items())
     ]
-    return shown or ['no named places; the executive has a parameter "places", and the console an option --places']
+    return shown or ['no named places; set the parameter "places" of the executive or the option --places']

@@ -11,33 +11,32 @@ from typing import Final
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import COMMON_OPTIONS, check, parse
 from flexbt_console.commands.registry import COMMANDS, build, find
-from flexbt_console.commands.spec import DECISION, Ask, CommandLine, LinkNeed, Send, Show
+from flexbt_console.commands.spec import DECISION, CommandLine, LinkNeed, Send, Show
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.records import CommandKind, Decision, DecisionKind, OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_core.clock.clock import Clock
 from flexbt_core.values.text import did_you_mean, short_repr
 
-CHANGED = 'the decision changed while you were typing; nothing was sent. Look at it, and answer again'
+CHANGED = 'the decision changed while you were typing; nothing was sent. Check it and answer again'
 
 
 class NoLiveLinkError(RefusedError):
-    """A live link is needed, and there is none now."""
+    """A live link that is needed and missing."""
 
 
 class Local(Enum):
-    """What the prompt does by itself."""
+    """An action of the user interface itself."""
 
     NOTHING = 'nothing'
     QUIT = 'quit'
     HELP = 'help'
-    SHOW = 'show'
-    ASK = 'ask'
+    READ = 'read'
 
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """What is to be done: send ``command``, called ``label`` to the operator, or something local with ``line``."""
+    """The meaning of a line: send ``command``, which the operator sees as ``label``, or do ``local`` with ``line``."""
 
     local: Local = Local.NOTHING
     command: OperatorCommand | None = None
@@ -53,24 +52,24 @@ class Bound:
     hasty: bool = False
 
     def decision(self, view: View) -> Decision:
-        """That decision.
+        """Return that decision.
 
         Raises:
             RefusedError: it is not pending any more, or was not there yet when the typing began.
         """
         if self.hasty:
-            raise RefusedError('this decision had just come up when you began to type; nothing was sent')
+            raise RefusedError('this decision appeared just as you began to type; nothing was sent')
         if self.decision_id is None:
             if view.decision is not None:
                 raise RefusedError(CHANGED)
-            raise RefusedError('nothing waits for you; "help" lists the commands')
+            raise RefusedError('no decision is pending; "help" lists the commands')
         found = view.pending(self.decision_id)
         if found is None:
-            raise RefusedError(CHANGED if view.decision else 'the decision is gone; nothing was sent')
+            raise RefusedError(CHANGED if view.decision else 'the decision is no longer pending; nothing was sent')
         return found
 
 
-def interpret(text: str, view: View, make: CommandBuilder, bound: Bound) -> Meaning:
+def interpret(text: str, view: View, builder: CommandBuilder, bound: Bound) -> Meaning:
     """Find out what a line means. Names of commands come first; then it is an answer.
 
     Raises:
@@ -90,15 +89,15 @@ def interpret(text: str, view: View, make: CommandBuilder, bound: Bound) -> Mean
         return Meaning(Local.HELP, line=CommandLine(topic))
     spec = find(name)
     if spec is not None and spec.in_prompt:
-        return _command(parse([name, *words[1:]]), view, make, bound)
+        return _command(parse([name, *words[1:]]), view, builder, bound)
     if spec is not None and not any(text.strip() in decision.choices for decision in view.decisions):
         raise UsageError(f'{name!r} is for the command line: console {name}')
     if bound.decision_id is None and view.decision is None and not words[0].isdigit():
         raise UsageError(_no_command(words[0]))
-    return _answer(text.strip(), view, make, bound.decision(view))
+    return _answer(text.strip(), view, builder, bound.decision(view))
 
 
-def _command(line: CommandLine, view: View, make: CommandBuilder, bound: Bound) -> Meaning:
+def _command(line: CommandLine, view: View, builder: CommandBuilder, bound: Bound) -> Meaning:
     spec = line.spec
     assert spec is not None
     if line.has('--help'):
@@ -106,15 +105,25 @@ def _command(line: CommandLine, view: View, make: CommandBuilder, bound: Bound) 
     shell_only = [option.name for option in spec.options if not option.in_prompt and line.has(option.name)]
     shell_only += [option.name for option in COMMON_OPTIONS if line.has(option.name)]
     if shell_only:
-        raise UsageError(f'{shell_only[0]} is for the command line; it means nothing at the prompt')
+        raise UsageError(f'{shell_only[0]} is for the command line, not for the prompt')
     check(line)
-    if isinstance(spec.action, Show):
-        return Meaning(Local.SHOW, line=line)
-    if spec.link is LinkNeed.LIVE:
+    if spec.link is LinkNeed.LIVE and not isinstance(spec.action, Show):
         _require_live(view)
-    if isinstance(spec.action, Ask):
-        return Meaning(Local.ASK, line=line)
-    return Meaning(command=build(_bind(line, view, bound), view, make), label=' '.join([spec.name, *line.words]))
+    if isinstance(spec.action, Send):
+        line = _bind(line, view, bound)
+    return meaning_of(line, view, builder, ' '.join([spec.name, *line.words]))
+
+
+def meaning_of(line: CommandLine, view: View, builder: CommandBuilder, label: str) -> Meaning:
+    """Return the meaning of a line that is checked and names all that it is about.
+
+    Raises:
+        ConsoleError: it cannot work now; nothing is sent.
+    """
+    assert line.spec is not None
+    if isinstance(line.spec.action, Send):
+        return Meaning(command=build(line, view, builder), label=label)
+    return Meaning(Local.READ, line=line)
 
 
 def _bind(line: CommandLine, view: View, bound: Bound) -> CommandLine:
@@ -131,7 +140,7 @@ def _bind(line: CommandLine, view: View, bound: Bound) -> CommandLine:
     return line.bound_to(decision.id)
 
 
-def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> Meaning:
+def _answer(text: str, view: View, builder: CommandBuilder, decision: Decision) -> Meaning:
     _require_live(view)
     choices = decision.choices
     chosen = text
@@ -142,15 +151,15 @@ def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> 
             verb = 'input' if decision.kind is DecisionKind.INPUT else 'force'
             raise RefusedError(f'{text} is an answer, and the number of {short_repr(counted)}; write: {verb} {text}')
         if text not in choices and counted is None:
-            raise RefusedError(f'{short_repr(text)} is none of the choices 1 to {len(choices)}')
+            raise RefusedError(f'{short_repr(text)} is not one of the choices 1 to {len(choices)}')
         chosen = text if counted is None else counted
     if decision.kind is DecisionKind.INPUT and not choices and decision.wants_text:
         # Any mistyped command would be a valid answer.
-        raise RefusedError(f'{text!r} is no command; a text is answered by: input "..."')
-    return choose(chosen, view, make, decision)
+        raise RefusedError(f'{text!r} is not a command; to answer with text, use: input "..."')
+    return choose(chosen, view, builder, decision)
 
 
-def choose(chosen: str, view: View, make: CommandBuilder, decision: Decision, *, unseen: bool = False) -> Meaning:
+def choose(chosen: str, view: View, builder: CommandBuilder, decision: Decision, *, unseen: bool = False) -> Meaning:
     """Return the command by which a decision is answered: one of its choices, or the value that it asks for, as text.
 
     ``unseen``: the operator was asked, and insists, although what the decision is about was not received.
@@ -162,16 +171,16 @@ def choose(chosen: str, view: View, make: CommandBuilder, decision: Decision, *,
     """
     _require_live(view)
     if decision.kind is DecisionKind.INPUT:
-        return Meaning(command=make.answer(view, decision.id, chosen, unseen=unseen), label=f'input {chosen}')
-    command = make.choose(view, decision, chosen, unseen=unseen)
+        return Meaning(command=builder.answer(view, decision.id, chosen, unseen=unseen), label=f'input {chosen}')
+    command = builder.choose(view, decision, chosen, unseen=unseen)
     verb = 'confirm' if command.kind is CommandKind.CONFIRM else 'force'
     return Meaning(command=command, label=f'{verb} {chosen}')
 
 
 def _require_live(view: View) -> None:
     if not view.live:
-        seen = 'no executive was heard' if view.age is None else f'what you see is {view.age:.1f} s old'
-        raise NoLiveLinkError(f'there is no live link ({seen}); nothing was sent. Only "stop" is tried all the same')
+        seen = 'no executive was heard' if view.age is None else f'the status is {view.age:.1f} s old'
+        raise NoLiveLinkError(f'there is no live link ({seen}); nothing was sent. Only "stop" can be sent')
 
 
 def _no_command(word: str) -> str:
@@ -196,7 +205,7 @@ So it is also when there was nothing in between for no longer than this: who pre
 
 
 class ShownDecision:
-    """Binds each typed line to the decision that was on the screen at its first key."""
+    """A binding of each typed line to the decision that was on the screen at its first key."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -213,7 +222,7 @@ class ShownDecision:
         return self._shown
 
     def drawn(self, decision_id: str | None) -> None:
-        """The screen shows this decision now."""
+        """Note that the screen shows this decision now."""
         if decision_id == self._shown:
             return
         now = self._clock.now()
@@ -224,11 +233,11 @@ class ShownDecision:
         self._shown = decision_id
 
     def known(self, decision_id: str) -> None:
-        """The screen shows this decision now, for which the operator has asked."""
+        """Note that the screen shows this decision now, which the operator has asked for."""
         self._shown, self._left_at, self._replaced_at = decision_id, None, None
 
     def typed(self, text: str) -> None:
-        """The line reads so now; the first character of a line binds it."""
+        """Note the text of the line. Its first character binds the line to the decision on the screen."""
         if not text:
             self._typing = False
         elif not self._typing:

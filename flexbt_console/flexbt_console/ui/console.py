@@ -144,15 +144,15 @@ def _run(line: CommandLine) -> ExitCode:
         return _complete(line)
     if line.spec is not None and line.spec.action in _INTERACTIVE:
         return _run_interactive(line, _INTERACTIVE[line.spec.action])
-    from flexbt_console.ui.line.line_mode import LineSession, list_robots, run
+    from flexbt_console.ui.line.line_mode import LineMode, list_robots
 
     keep_stdout_for_python()
     with _open_runtime(line) as runtime:
         if line.spec is not None and line.spec.action is Mode.ROBOTS:  # who only looks is present nowhere
             fleet = _fleet(line, runtime, None).fleet
             return list_robots(fleet, runtime.steady, _timeout(line), as_json=line.has('--json'))
-        mirror, link, make = _parts(line, runtime)
-        return run(LineSession(mirror, link, make, line, _timeout(line), runtime.steady))
+        mirror, link = _parts(line, runtime)
+        return LineMode(line, _station(line, runtime, mirror, link), link, runtime.steady).run()
 
 
 def _complete(line: CommandLine) -> ExitCode:
@@ -187,7 +187,7 @@ def _known_of_robots(typed: ShellLine) -> tuple[View, tuple[str, ...]]:
 
             fleet = _fleet(line, runtime, None).fleet
             return View(LinkState.LOST, None), found_robots(fleet, runtime.steady, COMPLETION_SECONDS)
-        mirror, link, _ = _parts(line, runtime)
+        mirror, link = _parts(line, runtime)
         link.wait_for(is_known, COMPLETION_SECONDS)
         return mirror.view(), ()
 
@@ -241,7 +241,7 @@ def _run_replay(line: CommandLine) -> ExitCode:
 def _run_web(line: CommandLine) -> ExitCode:
     try:
         from flexbt_console.ui.web.access import Access
-        from flexbt_console.ui.web.requests import PageStation
+        from flexbt_console.ui.web.requests import LEAVING as PAGE_LEAVING
         from flexbt_console.ui.web.server import WebServer, print_address, run_web
     except ModuleNotFoundError as error:
         if error.name != 'aiohttp':
@@ -249,7 +249,7 @@ def _run_web(line: CommandLine) -> ExitCode:
         raise UsageError('the page needs aiohttp: install it, or use a command (console --help)') from None
     from flexbt_console.link.simulator_link import SimulatorLink
 
-    from .station import Attention
+    from .station import Attention, Station
 
     access = Access.of(line.value('--address') or '127.0.0.1', os.environ.get('FLEXBT_WEB_TOKEN', ''))
     only = dict.fromkeys(map(full_namespace, line.values('--robot')))
@@ -257,8 +257,9 @@ def _run_web(line: CommandLine) -> ExitCode:
         operator, simulator = _operator(line), SimulatorLink(runtime)
         attention = Attention(runtime.steady)
 
-        def station(mirror: Mirror, link: RobotCommands) -> PageStation:
-            return PageStation(mirror, link, CommandBuilder(operator), _timeout(line), attention, obstacles=simulator)
+        def station(mirror: Mirror, link: RobotCommands) -> Station:
+            builder = CommandBuilder(operator)
+            return Station(mirror, link, builder, _timeout(line), attention, PAGE_LEAVING, obstacles=simulator)
 
         server = WebServer(_fleet(line, runtime, operator, list(only)), station, access)
         run_web(server.application(), access, _port(line), print_address)
@@ -270,10 +271,10 @@ def _port(line: CommandLine) -> int:
 
 
 def _run_prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
-    mirror, link, make = _parts(line, runtime)
+    mirror, link = _parts(line, runtime)
     from flexbt_console.ui.line.prompt import run_prompt  # while the robot is discovered
 
-    run_prompt(_station(line, runtime, mirror, link, make), runtime.steady, watch.on_signal)
+    run_prompt(_station(line, runtime, mirror, link), runtime.steady, watch.on_signal)
 
 
 def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
@@ -281,25 +282,23 @@ def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -
     mirror, link = robots.select(robots.own)
     from flexbt_console.ui.screen.run import run_screen  # while the robots are discovered
 
-    station = _station(line, runtime, mirror, link, CommandBuilder(_operator(line)))
+    station = _station(line, runtime, mirror, link)
     run_screen(station, runtime.steady, watch.on_signal, robots)
 
 
-def _station(
-    line: CommandLine, runtime: NodeRuntime, mirror: Mirror, link: RobotCommands, make: CommandBuilder
-) -> Station:
+def _station(line: CommandLine, runtime: NodeRuntime, mirror: Mirror, link: RobotCommands) -> Station:
     from .station import Attention, Station
 
+    builder, attention = CommandBuilder(_operator(line)), Attention(runtime.steady)
     leaving = line.value('--leaving') or LEAVING
-    return Station(mirror, link, make, _timeout(line), Attention(runtime.steady), leaving, line.value('--page'))
+    return Station(mirror, link, builder, _timeout(line), attention, leaving, line.value('--page'))
 
 
-def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, ExecutiveLink, CommandBuilder]:
+def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, ExecutiveLink]:
     from flexbt_console.link.operator_link import ExecutiveLink
 
-    operator = _operator(line)
     mirror = _mirror_maker(line, runtime)()
-    return mirror, ExecutiveLink(runtime, mirror, operator), CommandBuilder(operator)
+    return mirror, ExecutiveLink(runtime, mirror, _operator(line))
 
 
 def _fleet(line: CommandLine, runtime: NodeRuntime, operator: str | None, only: Sequence[str] = ()) -> FleetLink:

@@ -78,7 +78,7 @@ def _runs(view: View) -> str:
 
 
 def _is_idle(view: View) -> str:
-    return 'a behavior runs; "w" goes on with another one' if view.running else _has_behaviors(view)
+    return 'a behavior runs; "w" switches to another one' if view.running else _has_behaviors(view)
 
 
 def _is_switchable(view: View) -> str:
@@ -86,26 +86,26 @@ def _is_switchable(view: View) -> str:
 
 
 def _has_behaviors(view: View) -> str:
-    return '' if view.behaviors else 'the robot has not said which behaviors it has'
+    return '' if view.behaviors else 'the robot has not sent its list of behaviors'
 
 
 def _waits(view: View) -> str:
-    return '' if view.decision is not None else 'nothing waits for you'
+    return '' if view.decision is not None else 'no decision is pending'
 
 
 def _has_choices(view: View) -> str:
-    return _waits(view) or ('' if view.decision is not None and view.decision.choices else 'there is nothing to pick')
+    return _waits(view) or ('' if view.decision is not None and view.decision.choices else 'it has no choices')
 
 
 def _wants_pose(view: View) -> str:
     if view.decision is None or not view.decision.wants_pose:
-        return 'no pose is asked for'
+        return 'no pose is requested'
     return '' if has_map(view) else 'there is no map to point at yet; ":" types a place, or x y yaw'
 
 
 def _wants_value(view: View) -> str:
     is_input = view.decision is not None and view.decision.kind is DecisionKind.INPUT
-    return '' if is_input else 'no value is asked for'
+    return '' if is_input else 'no value is requested'
 
 
 def _is_active(view: View) -> str:
@@ -118,7 +118,7 @@ def _has_outcomes(view: View) -> str:
 
 
 def _is_lockable(view: View) -> str:
-    return '' if view.lockable_paths else 'nothing that is active can be locked'
+    return '' if view.lockable_paths else 'no active state can be locked'
 
 
 # The lines of keys. Of several states that are active, any can be meant; a lock is also for the containers around them.
@@ -178,7 +178,7 @@ _OF_DECISION: Final = (
         ('enter',),
         'Enter',
         'confirm',
-        'send the answer in brackets to the decision on the screen; begin the line for a value',
+        'Send the answer in brackets to the decision on the screen; for a value, begin the line',
         'confirm',
         _waits,
         sends=True,
@@ -187,18 +187,18 @@ _OF_DECISION: Final = (
         tuple('0123456789'),
         '0-9',
         'pick',
-        'put the answer of that number in brackets, by 0 from a list; Enter sends it',
+        'Put the answer with this number in brackets (0: choose from a list); Enter sends it',
         'pick',
         _has_choices,
     ),
     KeyBinding(
-        ('g',), 'g', 'point', 'answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2
+        ('g',), 'g', 'point', 'Answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2
     ),
     KeyBinding(
         ('a',),
         'a',
         'all',
-        'all that waits for you: one of it comes into the bar',
+        'List pending decisions; Enter shows one',
         'waiting',
         _waits,
         rank=3,
@@ -208,7 +208,7 @@ _OF_DECISION: Final = (
         ('d',),
         'd',
         'decline',
-        'decline to give the value that is asked for',
+        'Decline to answer the input request',
         'decline',
         _wants_value,
         _line('decline'),
@@ -222,16 +222,16 @@ _OF_RUN: Final = (
         ('exclamation_mark', 'f8'),
         '! F8',
         'STOP',
-        'stop the run, bring the robot to rest; F8 from anywhere',
+        'Stop the run and the robot; F8 works everywhere',
         'stop',
         lines=_line('stop'),
     ),
-    KeyBinding(('p',), 'p', 'pause', 'pause the run, or go on with it', 'pause', _runs, _pause, sends=True),
+    KeyBinding(('p',), 'p', 'pause', 'Pause or resume the run', 'pause', _runs, _pause, sends=True),
     KeyBinding(
         ('f',),
         'f',
         'force',
-        'leave an active state by an outcome of your choice',
+        'Leave an active state by an outcome of your choice',
         'force',
         _has_outcomes,
         rank=2,
@@ -241,7 +241,7 @@ _OF_RUN: Final = (
         ('plus',),
         '+ -',
         'autonomy',
-        'let the robot decide more alone, or less',
+        'Raise or lower the autonomy of the robot',
         'more_autonomy',
         lines=_autonomy(1),
         rank=2,
@@ -251,18 +251,18 @@ _OF_RUN: Final = (
         ('minus',),
         '-',
         'less autonomy',
-        'let the robot decide less alone',
+        'Lower the autonomy of the robot',
         'less_autonomy',
         lines=_autonomy(-1),
         rank=3,
         sends=True,
     ),
-    KeyBinding(('s',), 's', 'start', 'start a behavior', 'start', _is_idle, sends=True),
+    KeyBinding(('s',), 's', 'start', 'Start a behavior', 'start', _is_idle, sends=True),
     KeyBinding(
         ('w',),
         'w',
         'switch',
-        'go on with another behavior, keeping the active states',
+        'Switch to another behavior, keeping the active states',
         'switch',
         _is_switchable,
         rank=3,
@@ -272,7 +272,7 @@ _OF_RUN: Final = (
         ('l',),
         'l',
         'lock',
-        'keep a state or container from being left, or let it go',
+        'Lock or unlock a state or container',
         'lock',
         _is_lockable,
         _lock,
@@ -283,7 +283,7 @@ _OF_RUN: Final = (
         ('b',),
         'b',
         'break',
-        'set or clear a breakpoint at the active state',
+        'Set or clear a breakpoint at the active state',
         'breakpoint',
         _is_active,
         _breakpoint,
@@ -294,7 +294,7 @@ _OF_RUN: Final = (
         ('r',),
         'r',
         'repeat',
-        'leave the active state and enter it again',
+        'Leave the active state and enter it again',
         'repeat',
         _is_active,
         _repeat,
@@ -305,7 +305,7 @@ _OF_RUN: Final = (
         ('c',),
         'c',
         'authority',
-        'claim the authority to command, or ask who has it; give it to who asks, refuse it, or give it back',
+        'Take, request, hand over or release control',
         'authority',
         lines=_authority,
         rank=3,
@@ -314,13 +314,13 @@ _OF_RUN: Final = (
 )
 
 _OF_SCREEN: Final = (
-    KeyBinding(('colon',), ':', 'command', 'type any command; Tab completes it, Esc leaves', 'command_line'),
-    KeyBinding(('question_mark', 'f1'), '?', 'keys', 'show the keys and the commands', 'help'),
+    KeyBinding(('colon',), ':', 'command', 'Type any command; Tab completes, Esc cancels', 'command_line'),
+    KeyBinding(('question_mark', 'f1'), '?', 'keys', 'Show the keys and the commands', 'help'),
     KeyBinding(
         ('tab',),
         'Tab',
         'focus',
-        'go to the next pane, which the next three are for; after the last, none',
+        'Focus the next pane (PgUp, PgDn and z then act on it)',
         'focus',
         rank=3,
     ),
@@ -328,33 +328,33 @@ _OF_SCREEN: Final = (
         ('pageup',),
         'PgUp',
         'back',
-        'scroll back in the pane with the focus, or else in the log; Esc: the latest',
+        'Scroll back in the focused pane, or in the log; Esc shows the latest',
         'scroll_back',
         rank=3,
     ),
-    KeyBinding(('pagedown',), 'PgDn', 'on', 'scroll on again', 'scroll_on', rank=3),
+    KeyBinding(('pagedown',), 'PgDn', 'on', 'Scroll forward', 'scroll_on', rank=3),
     KeyBinding(
         ('z',),
         'z',
         'zoom',
-        'that pane, or the next one, alone on the screen; after the last, all of them',
+        'Enlarge the focused or next pane; after the last, show all',
         'zoom',
         rank=2,
     ),
-    KeyBinding(('h',), 'h', 'hide', 'hide the pane with the focus; without a focus, show all of them', 'hide', rank=3),
-    KeyBinding(('o',), 'o', 'robots', 'all robots, the most urgent first; Enter goes to one', 'robots', rank=2),
-    KeyBinding(('q',), 'q', 'quit', 'leave the screen', 'leave'),
+    KeyBinding(('h',), 'h', 'hide', 'Hide the focused pane; without focus, show all', 'hide', rank=3),
+    KeyBinding(('o',), 'o', 'robots', 'List robots, the most urgent first; Enter selects one', 'robots', rank=2),
+    KeyBinding(('q',), 'q', 'quit', 'Quit', 'leave'),
     KeyBinding(
         ('u',),
         'u',
         'userdata',
-        'show what the states have handed to each other',
+        'Show the data that states pass to each other',
         'userdata',
         _runs,
         _line('userdata'),
         rank=3,
     ),
-    KeyBinding(('n',), 'n', 'note', 'write a remark into the log', 'note', rank=3),
+    KeyBinding(('n',), 'n', 'note', 'Write a note to the log', 'note', rank=3),
 )
 
 SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state wants'))
@@ -363,8 +363,8 @@ SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state w
 KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
 
 HOW_KEYS_SEND: Final = (
-    'Only STOP acts at once. Any other key that changes something shows its line, list or form first; Enter sends it. '
-    'Letters that follow each other within 0.7 s are a word, and send nothing.'
+    'Only STOP acts at once. Every other command shows its line, list or form first; Enter sends it. '
+    'Letters typed within 0.7 s of each other are a word and send nothing.'
 )
 
 
@@ -372,4 +372,4 @@ def help_lines() -> list[str]:
     """Return the table, for people, and the signs of the decision bar."""
     keys = [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]
     signs = [f'{sign:>6}  {"":<14} {what}' for sign, what in SIGNS]
-    return [*keys, '', HOW_KEYS_SEND, '', 'In the bar of the decision:', *signs]
+    return [*keys, '', HOW_KEYS_SEND, '', 'Signs in the decision bar:', *signs]

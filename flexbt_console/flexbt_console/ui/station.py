@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The station of an operator: carry out a line, follow its commands, notice restarts, explain waiting decisions.
+"""The session of an operator: carry out lines, follow their commands, and measure why decisions have waited.
 
-Prompt, screen and page use it.
+Line mode, prompt, screen and page differ only in where lines come from and where answers go.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from functools import partial
 from math import fsum
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import prompt_command_help, prompt_help
-from flexbt_console.commands.spec import Ask, CommandLine, RobotCommands, RobotQueries, Show
+from flexbt_console.commands.spec import Ask, CommandLine, Inquiry, Reading, RobotCommands, RobotQueries, Show
 from flexbt_console.mirror.command_tracker import CommandState, Confirmation
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import OperatorCommand
@@ -23,101 +23,137 @@ from flexbt_console.present.rendering import command_result_lines
 from flexbt_console.present.style import Line, Tone
 from flexbt_core.clock.clock import Clock
 
-from .answers import Local, Meaning
+from .answers import Bound, Local, Meaning, interpret
+
+
+class Obstacles(Protocol):
+    """Obstacles that an operator drops into a simulated world. Each method raises ConsoleError."""
+
+    @property
+    def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
+        """Those that were dropped here: name, centre (m) and radius (m) of each."""
+
+    def is_possible(self) -> bool:
+        """Return whether there is a simulator."""
+
+    def drop(self, x: float, y: float, timeout: float) -> str:
+        """Put one there; gives its name. Not on the executor thread."""
+
+    def remove(self, name: str, timeout: float) -> None:
+        """Take it away again."""
 
 
 @dataclass(frozen=True)
 class Station:
-    """A robot as its operator has it; ``timeout`` is in seconds, for each answer; ``leaving`` says what happens when
-    its operator leaves.
+    """A robot as its operator has it. ``timeout`` is that of each answer, in seconds; ``leaving`` says what happens
+    when the operator leaves.
 
-    ``page`` is the address of the page of the same robots, '' where there is none known.
-    ``attention`` is what its operator deals with: one for all robots of that operator.
+    ``page`` is the address of the page of the same robots, '' if it is not known. ``attention`` is shared by all robots
+    of the operator. Without ``obstacles`` nobody can drop any.
     """
 
     mirror: Mirror
     link: RobotCommands
-    make: CommandBuilder
+    builder: CommandBuilder
     timeout: float
     attention: Attention
     leaving: str
     page: str = ''
+    obstacles: Obstacles | None = None
+
+    def carry_out(self, meaning: Meaning, view: View) -> OperatorCommand | Reading | RobotRequest | None:
+        """Do what was meant by what was seen in ``view``. Return the command that was sent, or what there is to read.
+        To leave is left to the caller.
+
+        Raises:
+            ConsoleError: what is to be shown has not arrived.
+        """
+        line = meaning.line
+        if meaning.command is not None:
+            command = self.attention.measured(meaning.command)
+            self.link.send(command, self.timeout, meaning.label)
+            return command
+        spec = line.spec if line is not None else None
+        if meaning.local is Local.HELP:
+            text = prompt_help(self.leaving) if spec is None else prompt_command_help(spec)
+            return Reading(None, text, title='help')
+        if line is None or spec is None:
+            return None
+        if isinstance(spec.action, Show):
+            return spec.action.show(line, view, self.mirror)._replace(title=spec.name)
+        return RobotRequest(line, self.timeout)
 
 
-class Reading(NamedTuple):
-    """Lines to be read, and what they are about; whether they are the map."""
+class RobotRequest(NamedTuple):
+    """A question to the robot. ``timeout`` is in seconds; a synthesis has a time of its own."""
 
-    title: str
-    text: list[str]
-    is_map: bool = False
+    line: CommandLine
+    timeout: float
 
+    def ask(self, robot: RobotQueries, tell: Callable[[str], None], left: Future[None] | None = None) -> Reading:
+        """Ask the robot and wait; see :class:`Inquiry`. Not on the thread of a user interface.
 
-RobotRequest = Callable[[RobotQueries, Callable[[str], None]], Reading]
-"""Asks the robot, and waits: ``Station.timeout`` seconds at most, but for a synthesis, which has a time of its own and
-tells lines meanwhile. Not on the thread of a user interface. Raises ConsoleError."""
+        Raises:
+            ConsoleError: there is no answer.
+        """
+        spec = self.line.spec
+        assert spec is not None and isinstance(spec.action, Ask)
+        reading = spec.action.ask(self.line, Inquiry(robot, self.timeout, tell, left))
+        return reading._replace(title=spec.name, is_map=spec.action.is_map)
 
-
-def carry_out(meaning: Meaning, view: View, station: Station) -> OperatorCommand | Reading | RobotRequest | None:
-    """Do what was meant by what was seen in ``view``, and give the command that was sent, or what there is to read.
-    To leave is left to the caller.
-
-    Raises:
-        ConsoleError: what is to be shown has not arrived.
-    """
-    line = meaning.line
-    if meaning.command is not None:
-        command = station.attention.measured(meaning.command)
-        station.link.send(command, station.timeout, meaning.label)
-        return command
-    spec = line.spec if line is not None else None
-    if meaning.local is Local.HELP:
-        return Reading('help', prompt_help(station.leaving) if spec is None else prompt_command_help(spec))
-    if line is None or spec is None:
-        return None
-    if isinstance(spec.action, Show):
-        return Reading(spec.name, spec.action.show(line, view, station.mirror).text)
-    if isinstance(spec.action, Ask):
-        return partial(_ask, spec.name, spec.action, line, station.timeout)
-    return None
-
-
-def _ask(
-    title: str, action: Ask, line: CommandLine, timeout: float, robot: RobotQueries, tell: Callable[[str], None]
-) -> Reading:
-    return Reading(title, action.ask(line, robot, timeout, tell).text, action.is_map)
-
-
-# What an operator is told of the commands that were sent: that there is no answer yet, and what became of each.
 
 SOON_SECONDS: Final = 0.5
-"""Of a command that is answered within that time only the answer is told."""
+"""If a command is answered within this time, only the answer is reported."""
+
+RESTARTED: Final = Line('the executive was restarted; the first line shows what runs now', Tone.WARNING)
 
 
 @dataclass(frozen=True, slots=True)
 class _Sent:
     mirror: Mirror
     given: float
-    told: tuple[CommandState, Confirmation | None] | None = None
+    reported: tuple[CommandState, Confirmation | None] | None = None
 
 
-class SentCommands:
-    """The commands of one operator, for one robot or several. An answer after the time-out is told, too."""
+class Session:
+    """An operator at work, in any user interface: lines are carried out, and commands are followed to their answers.
 
-    def __init__(self, clock: Clock) -> None:
+    ``station`` is the robot of the moment. Commands to another one are followed, too, also after the time-out.
+    """
+
+    def __init__(self, station: Station, clock: Clock) -> None:
+        self.station = station
         self._clock = clock
         self._sent: dict[str, _Sent] = {}
+        self._executive = ''
 
-    def add(self, mirror: Mirror, command_id: str) -> None:
-        """It was given to the robot of that mirror."""
+    def turn_to(self, station: Station) -> None:
+        """Go on with another robot, or with the same one at another time."""
+        self.station, self._executive = station, ''
+
+    def interpret(self, text: str, view: View, bound: Bound) -> Meaning:
+        """Return what a line means. Raises what :func:`interpret` raises."""
+        return interpret(text, view, self.station.builder, bound)
+
+    def carry_out(self, meaning: Meaning, view: View) -> OperatorCommand | Reading | RobotRequest | None:
+        """Carry out as :meth:`Station.carry_out`, and follow the command that was sent."""
+        done = self.station.carry_out(meaning, view)
+        if isinstance(done, OperatorCommand):
+            self.follow(self.station.mirror, done.id)
+        return done
+
+    def follow(self, mirror: Mirror, command_id: str) -> None:
+        """Follow a command that was sent to the robot of that mirror."""
         self._sent[command_id] = _Sent(mirror, self._clock.now())
 
-    def __bool__(self) -> bool:
-        """Return whether there is a command of which more may be told."""
+    @property
+    def is_waiting(self) -> bool:
+        """True while more may be reported of a command."""
         return bool(self._sent)
 
-    def updates(self) -> list[list[str]]:
+    def answers(self) -> list[list[str]]:
         """Return the lines of each command whose state has changed since the last call, in the order of sending."""
-        updates = []
+        answers = []
         for command_id, sent in list(self._sent.items()):
             tracked = sent.mirror.command(command_id)
             if tracked is None or (
@@ -125,15 +161,21 @@ class SentCommands:
                 and tracked.confirmed_by is not Confirmation.STOP_GUARD  # the executive may still confirm it
             ):
                 del self._sent[command_id]
-            elif (tracked.state, tracked.confirmed_by) == sent.told or (
+            elif (tracked.state, tracked.confirmed_by) == sent.reported or (
                 tracked.state is CommandState.PENDING and self._clock.now() < sent.given + SOON_SECONDS
             ):
                 continue
             else:
-                self._sent[command_id] = _Sent(sent.mirror, sent.given, (tracked.state, tracked.confirmed_by))
+                self._sent[command_id] = replace(sent, reported=(tracked.state, tracked.confirmed_by))
             if tracked is not None:
-                updates.append(command_result_lines(tracked))
-        return updates
+                answers.append(command_result_lines(tracked))
+        return answers
+
+    def news(self, view: View) -> list[list[str]]:
+        """Return what is new for an operator who sees the state: a restarted executive, and :meth:`answers`."""
+        before, self._executive = self._executive, view.snapshot.executive_id if view.snapshot else self._executive
+        restarted: list[list[str]] = [[RESTARTED]] if before not in ('', self._executive) else []
+        return restarted + self.answers()
 
 
 # Why a decision has waited: its operator dealt with another one, had not noticed it, or was dealing with it.
@@ -152,7 +194,7 @@ DecisionKey = tuple[str, str]
 
 
 class Attention:
-    """What the operator deals with, and since when, by the keys that are pressed."""
+    """The decision that the operator deals with, and since when, by the keys that are pressed."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -161,13 +203,13 @@ class Attention:
         self._current: tuple[DecisionKey, float] | None = None
 
     def pending(self, views: Iterable[View]) -> None:
-        """What waits in these waits now."""
+        """Note which decisions are pending now."""
         now = self._clock.now()
         waiting = [key for view in views for one in view.decisions if (key := _key(view, one.id)) is not None]
         self._seen = {one: self._seen.get(one, now) for one in waiting}
 
     def touched(self, view: View, decision_id: str | None) -> None:
-        """A key was pressed while this decision of the view was on the screen; None is none."""
+        """Note a key that was pressed while this decision was on the screen; None for none."""
         key = _key(view, decision_id)
         if self._current is not None and self._current[0] == key:
             return
@@ -175,10 +217,11 @@ class Attention:
         self._current = (key, self._clock.now()) if key is not None else None
 
     def measured(self, command: OperatorCommand) -> OperatorCommand:
-        """With why the decision that it answers has waited, for the report of the run."""
-        if not command.decision_id:
+        """Return the command with why the decision that it answers has waited, if that was seen here."""
+        decision = (command.executive_id, command.decision_id)
+        if decision not in self._seen:
             return command
-        queue, interaction = self.answered((command.executive_id, command.decision_id))
+        queue, interaction = self.answered(decision)
         return replace(command, wait_queue=queue, wait_interaction=interaction)
 
     def answered(self, decision: DecisionKey) -> tuple[float, float]:
@@ -198,20 +241,3 @@ class Attention:
 
 def _key(view: View, decision_id: str | None) -> DecisionKey | None:
     return (view.snapshot.executive_id, decision_id) if decision_id and view.snapshot is not None else None
-
-
-# That the executive of a robot is not the one that was there before, with which its run may have gone.
-
-RESTARTED = Line('the executive was restarted; the first line says what runs now', Tone.WARNING)
-
-
-class Restarts:
-    """What was seen of one robot so far."""
-
-    def __init__(self) -> None:
-        self._known = ''
-
-    def told(self, view: View) -> list[str]:
-        """Return what is to be told of this view."""
-        before, self._known = self._known, view.snapshot.executive_id if view.snapshot is not None else self._known
-        return [RESTARTED] if before not in ('', self._known) else []

@@ -51,7 +51,7 @@ class TerminalWatch:
 
     def __init__(self, sign_off: Callable[[], object]) -> None:
         self.has_given_up = threading.Event()
-        """Whether there is nobody to whom anything could be shown."""
+        """True when nobody is left to show anything to."""
         self._sign_off = sign_off
         self._is_over = threading.Event()
         self._signals, self._signaled = os.pipe()
@@ -61,7 +61,7 @@ class TerminalWatch:
         threading.Thread(target=self._watch, name='terminal_watch', daemon=True).start()
 
     def signaled(self, number: int) -> None:
-        """The process ends because of this signal; may be called by its handler, and more than once."""
+        """End the process because of this signal. Its handler may call this, also more than once."""
         os.write(self._signaled, bytes((number,)))
 
     @contextlib.contextmanager
@@ -84,7 +84,7 @@ class TerminalWatch:
             yield
 
     def close(self) -> None:
-        """The terminal is not used any more."""
+        """Stop watching: the terminal is no longer used."""
         self._is_over.set()
         self.signaled(0)
 

@@ -193,7 +193,7 @@ def test_answers(make: CommandBuilder) -> None:
             make.answer(view(INPUT), '', text)
     with pytest.raises(RefusedError, match='not pending'):
         make.answer(view(INPUT), 'old', 'kitchen')
-    with pytest.raises(RefusedError, match='is no input request'):
+    with pytest.raises(RefusedError, match='takes no value'):
         make.answer(view(TRANSITION), 't1', 'kitchen')
     limited = Decision('i2', DecisionKind.INPUT, '/Ask', input_type='string', input_choices=('a b', 'c'))
     assert make.answer(view(limited), '', 'a b').inputs[0].text == '"a b"'
@@ -285,14 +285,14 @@ def test_states_are_named_by_their_last_labels_and_what_goes_on_depends_on_the_s
     )
     assert make.resume(interrupted).kind is CommandKind.RESUME_RUN
     assert make.command(interrupted, CommandKind.ABORT_RUN).run_id == 'r1'
-    assert '"resume" goes on' in '\n'.join(status_lines(interrupted))
+    assert '"resume" continues' in '\n'.join(status_lines(interrupted))
 
 
 def test_a_decision_says_why_it_is_asked() -> None:
     """By the autonomy that is required, or by a breakpoint, whatever is required."""
     low = dataclasses.replace(TRANSITION, required_autonomy=0)
     shown = '\n'.join(status_lines(view(low)))
-    assert 'requires more than 0 Off' in shown and 'breakpoint' not in shown
+    assert 'automatic at Low' in shown and 'breakpoint' not in shown
     snapshot = view(low).snapshot
     assert snapshot is not None
     stopped = dataclasses.replace(snapshot, breakpoints=('/Nav', low.path))
@@ -308,7 +308,7 @@ def test_the_authority_is_handed_to_the_one_who_asks(make: CommandBuilder) -> No
         assert make.to_requester(kind, asked_by('bob', 'eve'), 'zoe').grantee == 'zoe'
         with pytest.raises(RefusedError, match='bob, eve'):
             make.to_requester(kind, asked_by('bob', 'eve'))
-        with pytest.raises(RefusedError, match='nobody asks'):
+        with pytest.raises(RefusedError, match='nobody requests'):
             make.to_requester(kind, asked_by())
 
 

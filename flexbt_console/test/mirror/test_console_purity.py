@@ -48,3 +48,8 @@ def test_is_free_of_ros_and_of_a_user_interface(statement: str) -> None:
     loaded = modules_after(statement)
     assert 'flexbt_console' in loaded
     assert not loaded & {'rclpy', 'flexbt_msgs', 'prompt_toolkit', 'textual', 'rich', 'numpy', 'yaml'}
+
+
+def test_line_mode_waits_for_no_library_of_a_user_interface() -> None:
+    loaded = modules_after('import flexbt_console.ui.line.line_mode')
+    assert 'rclpy' in loaded and not loaded & {'asyncio', 'prompt_toolkit', 'textual'}

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from flexbt_console.commands.command_line import check, parse
-from flexbt_console.commands.spec import Ask, NullRobot, ShownAnswer
+from flexbt_console.commands.spec import Ask, Inquiry, NullRobot, Reading
 from flexbt_console.errors import ConsoleError, NoAnswerError, RefusedError, UsageError
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.records import (
@@ -67,12 +67,12 @@ def robot(run_id: str = 't', **around: Any) -> SeenRobot:
                           trees=trees.runs(), surroundings=Surroundings(**known)))  # fmt: skip
 
 
-def shown(seen: SeenRobot, *words: str) -> ShownAnswer:
+def shown(seen: SeenRobot, *words: str) -> Reading:
     """Return the answer of a command."""
     line = parse(words)
     check(line)
     assert line.spec is not None and isinstance(line.spec.action, Ask)
-    return line.spec.action.ask(line, seen, 5.0, print)
+    return line.spec.action.ask(line, Inquiry(seen, 5.0, print))
 
 
 @pytest.mark.parametrize(

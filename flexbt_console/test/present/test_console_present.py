@@ -102,7 +102,7 @@ def test_a_node_that_is_late_is_shown_with_its_age_and_a_dead_one_is_told() -> N
     assert '/bt_server late 4.0 s: it hangs' in scene.toolbar()
     assert 'node      /bt_server late 4.0 s: it hangs' in status_lines(scene.mirror.view())
     gone = scene.show(peers(alive=False, ready=False, problem='start it again'))
-    assert gone == ['node /bt_server MISSING: start it again']
+    assert gone == ['node /bt_server not found: start it again']
     assert tone_of(gone[0]) is Tone.ERROR
     assert scene.show(peers()) == ['node /bt_server is there again']
     assert status_lines(scene.mirror.view())[-1] == 'nodes     /bt_server ok'
@@ -189,8 +189,8 @@ def test_what_has_not_stopped_and_what_is_not_paused_is_told_and_not_again_and_a
     assert '/Drive has not stopped for 3 s' in scene.toolbar()
     paused = ActiveState('/Drive', paused=True, not_paused=('Spin::4: its server cannot',))
     scene.show(replace(RUNNING, state=ExecutiveState.PAUSED, active_states=(paused,)))
-    assert scene.toolbar()[1:3] == ['> /Drive (paused)', '    goes on: Spin::4: its server cannot']
-    assert '            goes on: Spin::4: its server cannot' in status_lines(scene.mirror.view())
+    assert scene.toolbar()[1:3] == ['> /Drive (paused)', '    still active: Spin::4: its server cannot']
+    assert '            still active: Spin::4: its server cannot' in status_lines(scene.mirror.view())
 
 
 def test_places_of_the_robot_count_and_those_of_the_console_are_added() -> None:

@@ -175,7 +175,7 @@ class Robot:
         self.mirror.receive_tree_status('t', 2, statuses, [], 5.0, finished=False, paused=False, structure=2)
 
     def show(self, *decisions: Decision, **parts: object) -> None:
-        """The executive says that this waits, and what else is given."""
+        """Publish that this decision waits, and what else is given."""
         changed = {'sequence': self.snapshot.sequence + 1, 'decisions': decisions, **parts}
         self.snapshot = dataclasses.replace(self.snapshot, **changed)  # type: ignore[arg-type]
         self.mirror.receive_snapshot(self.snapshot)
@@ -231,7 +231,7 @@ async def all_done(*_: float) -> None:
 
 
 async def seen(robot: Robot, pilot: Pilot[None]) -> None:
-    """What the mirror has is on the screen, and the operator has had the time to see it."""
+    """Wait until the screen shows what the mirror has, and the operator has had the time to see it."""
     app = pilot.app
     assert isinstance(app, OperatorScreen)
     await pilot.pause()
@@ -259,7 +259,7 @@ def test_everything_of_now_is_on_the_screen(size: tuple[int, int]) -> None:
                 'LIVE',
                 'RUNNING',
                 'Patrol',
-                'navigation MISSING',
+                'navigation not found',
                 'Drive',
                 'FollowPath',
                 'IsFar?',
@@ -297,7 +297,7 @@ def test_enter_answers_the_decision_on_the_screen_and_no_later_one() -> None:
         await pilot.press('enter')  # sooner than anybody can have read it
         assert robot.link.sent == []
         await seen(robot, pilot)
-        assert 'just come up' in text_of(app)
+        assert 'appeared just' in text_of(app)
         await pilot.press('enter')
         (sent,) = robot.link.sent
         assert (sent.kind, sent.decision_id, sent.outcome) == (CommandKind.CONFIRM, 'd1', '')
@@ -341,10 +341,10 @@ def test_an_answer_to_what_was_not_received_is_asked_for_once_more() -> None:
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         rows = text_of(app).splitlines()
         assert any('path, goal NOT RECEIVED  x 2.00 y 2.00' in row for row in rows)  # in the place of the plan's length
-        assert any('path, goal NOT RECEIVED: what you are asked about is not shown' in row for row in rows)
+        assert any('path, goal NOT RECEIVED: the subject of this decision is not shown' in row for row in rows)
         assert all(len(row) <= 80 for row in rows) and 'plan 1.4 m' not in text_of(app)
         await pilot.press('2', 'enter', 'enter', 'enter')  # who presses Enter again and again sends nothing
-        assert robot.link.sent == [] and 'what this is about was not received' in text_of(app)
+        assert robot.link.sent == [] and 'the subject was not received' in text_of(app)
         await pilot.press(*'wait', 'enter')
         assert robot.link.sent == []
         robot.clock.advance(1.0)
@@ -463,7 +463,7 @@ def test_blind_it_says_so_and_refuses_all_but_stop() -> None:
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         robot.clock.advance(60.0)
         await seen(robot, pilot)
-        assert 'BLIND' in text_of(app) and 'LOST' in text_of(app)
+        assert 'NO LINK' in text_of(app) and 'LOST' in text_of(app)
         await pilot.press('1', 'enter', 'p', 'enter', 'plus', 'enter')
         assert robot.link.sent == []
         await pilot.press('exclamation_mark')
@@ -519,7 +519,9 @@ def test_who_is_asked_for_the_authority_gives_it_to_one_and_refuses_another() ->
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         shown = text_of(app)
-        assert 'bob and 1 more ask for the authority: "c" answers' in shown and 'c authority' in shown.splitlines()[-1]
+        assert (
+            'bob and 1 more request control: press "c" to answer' in shown and 'c authority' in shown.splitlines()[-1]
+        )
         await pilot.press('c', 'escape')
         assert robot.link.sent == []
         for downs, kind, grantee in (
@@ -880,7 +882,7 @@ def test_a_form_shows_the_machine_that_was_synthesized_and_asks_where_it_has_not
         robot.mirror.receive_behaviors(BehaviorList('e', (dataclasses.replace(made, machine='# other'),)))
         await pilot.press('enter')
         await seen(robot, pilot)
-        assert 'is another one than it was in the form; nothing was sent' in text_of(app) and robot.link.sent == []
+        assert 'has changed since the form was opened; nothing was sent' in text_of(app) and robot.link.sent == []
         await open_form()
         await pilot.press('enter')
         assert [one.behavior for one in robot.link.sent] == ['Look there']
@@ -950,10 +952,10 @@ def test_ctrl_c_gives_up_what_was_typed_and_ctrl_q_leaves_as_q_does() -> None:
             await pilot.press(*begun, 'ctrl+c')
             await seen(robot, pilot)
             assert not line.has_class('typing') and told('Ctrl-C') == count
-            assert '"q" leaves: stays. "!" or F8 stops the robot.' in text_of(app)
+            assert 'Press q to quit: stays. Press ! or F8 to stop the robot.' in text_of(app)
         for begun, count in ((), 2), ((*':x',), 2), (('escape', 'w'), 2), (('escape',), 3):
             await pilot.press(*begun, 'ctrl+q', 'ctrl+c')  # what runs is not left by one key, nor out of what is open
-            assert app._exit is False and told('q again leaves: stays; Esc stays') == count
+            assert app._exit is False and told('Press q again to quit: stays. Esc to stay') == count
         await pilot.press('ctrl+q', 'ctrl+q')
         assert app._exit is True and robot.link.sent == []
 
@@ -1088,12 +1090,12 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr('flexbt_console.ui.answers.interpret', fail)
+            patch.setattr('flexbt_console.ui.station.interpret', fail)
             await pilot.press('p')
         await seen(robot, pilot)
         assert 'a fault on purpose' in text_of(app)
         with monkeypatch.context() as patch:
-            patch.setattr('flexbt_console.commands.completion.offers', fail)
+            patch.setattr('flexbt_console.ui.screen.lines.offers', fail)
             await pilot.press('colon', 'c', 'tab', 'escape')
         await seen(robot, pilot)
         await pilot.press('exclamation_mark')
@@ -1127,7 +1129,7 @@ def test_where_there_is_little_room_what_is_active_is_shown_and_what_waits_above
 def test_where_there_is_room_the_bar_says_how_the_others_that_wait_are_listed() -> None:
     robot = Robot()
     robot.show(PLAN, *(dataclasses.replace(WHERE, id=f'd{number}') for number in range(39)))
-    for columns, tail in ((90, '(+39 more: "a" lists them)'), (75, '(+39 more: a)'), (70, '(+39 more)')):
+    for columns, tail in ((83, '(+39 more: "a" lists them)'), (68, '(+39 more: a)'), (60, '(+39 more)')):
         assert decision_lines(robot.mirror.view(), '', columns, ASCII)[0].endswith(tail)
 
 
@@ -1187,9 +1189,9 @@ def test_long_names_push_nothing_out_that_has_to_be_seen() -> None:
     assert any(line.endswith(' patrol  4 s') for line in machine_lines(view, 40, 12, UNICODE))
     first = status_text(view, 80, '', '1 other needs you: o', 'ann').plain
     assert first.rstrip().endswith('  autonomy 1 Low  authority ann  1 other needs you: o'), first
-    assert '  authority ann  (asked for' in status_text(view, 160, '', '', 'bob').plain
+    assert '  authority ann  (requested' in status_text(view, 160, '', '', 'bob').plain
     *wrong, asks = alarm_text(view, 80, 'ann').plain.splitlines()
-    assert (len(wrong), asks) == (2, ' bob and 1 more ask for the authority: "c" answers')
+    assert (len(wrong), asks) == (2, ' bob and 1 more request control: press "c" to answer')
     assert 'authority' not in alarm_text(view, 80, 'bob').plain
 
 
@@ -1406,7 +1408,7 @@ def test_without_colours_what_is_wrong_is_as_bright_as_the_rest(monkeypatch: pyt
 
     async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
         strips = app.screen._compositor.render_strips()
-        styles = [one.style for strip in strips for one in strip if 'MISSING' in one.text]
+        styles = [one.style for strip in strips for one in strip if 'not found' in one.text]
         colours = [style.color.get_truecolor() for style in styles if style and style.color]
         assert colours and all(min(colour) > 200 for colour in colours)
 
@@ -1510,7 +1512,7 @@ def test_a_lock_has_a_refusal_of_its_own() -> None:
     robot = Robot()
     lock = next(key for key in KEYS if key.action == 'lock')
     robot.show(active_states=(ActiveState('/'),))
-    assert lock.blocked(robot.mirror.view()) == 'nothing that is active can be locked'
+    assert lock.blocked(robot.mirror.view()) == 'no active state can be locked'
 
 
 def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_in_the_bar_again() -> None:
@@ -1533,7 +1535,7 @@ def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_in_the_bar
         await pilot.press('enter', 'enter')
         assert len(robot.link.sent) == 1
 
-    on_screen(robot, steps, (80, 24))
+    on_screen(robot, steps, (72, 24))
 
 
 def test_a_key_that_is_held_down_answers_once() -> None:
@@ -1594,7 +1596,7 @@ def test_panes_are_enlarged_and_hidden_and_so_they_are_the_next_time(tmp_path: P
         assert 'map: z h' in await shown('tab', 'tab')
         assert 'x 2.00' not in (hidden := await shown('h')) and 'FollowPath' in hidden and 'map:' not in hidden
         assert 'log: PgUp PgDn z h' in await shown('tab', 'tab')
-        assert 'FollowPath  4 s' not in (alone := await shown('z')).partition('nothing waits')[0], alone
+        assert 'FollowPath  4 s' not in (alone := await shown('z')).partition('no pending decision')[0], alone
         robot.show(WHERE)
         assert 'cursor x 2.00' in await shown('g') and 'FollowPath' in await shown('escape', 'z')
         assert 'x 2.00' not in await shown() and 'claim' in await shown(
@@ -1602,13 +1604,13 @@ def test_panes_are_enlarged_and_hidden_and_so_they_are_the_next_time(tmp_path: P
         )  # which needs the log
 
     async def find_it(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        assert 'x 2.00' not in text_of(app) and '"?" shows the keys' not in text_of(app)
+        assert 'x 2.00' not in text_of(app) and 'Press ? for the keys' not in text_of(app)
         await pilot.press('h')
         await seen(robot, pilot)
-        assert 'x 2.00' in text_of(app) and '"?" shows the keys' in text_of(app)
+        assert 'x 2.00' in text_of(app) and 'Press ? for the keys' in text_of(app)
 
     async def hides_nothing(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        assert 'x 2.00' in text_of(app) and '"?" shows the keys' in text_of(app)
+        assert 'x 2.00' in text_of(app) and 'Press ? for the keys' in text_of(app)
 
     async def is_told(app: OperatorScreen, pilot: Pilot[None]) -> None:
         await pilot.press('tab')
@@ -1866,7 +1868,7 @@ def wild(chance: random.Random, kind: Any) -> Any:
 
 
 def say_anything(chance: random.Random, robot: Robot, number: int) -> None:
-    """The next message of a robot of which one can rely on nothing."""
+    """Return the next message of a robot of which one can rely on nothing."""
     mirror = robot.mirror
     said = chance.randrange(8)
     if said == 0:

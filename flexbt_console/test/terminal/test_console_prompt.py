@@ -138,7 +138,7 @@ def test_the_decision_that_was_shown_is_answered_also_when_it_is_not_the_first_a
 
 
 def test_a_hasty_key_is_not_taken() -> None:
-    with pytest.raises(RefusedError, match='had just come up'):
+    with pytest.raises(RefusedError, match='appeared just as'):
         interpret('1', view(TRANSITION), MAKE, Bound('t1', hasty=True))
     assert interpret('stop', view(TRANSITION), MAKE, Bound('t1', hasty=True)).command is not None
 
@@ -154,8 +154,8 @@ def test_without_a_live_link_only_stop_is_sent(link: LinkState) -> None:
 def test_local_lines() -> None:
     for text, local in (
         ('', Local.NOTHING), ('  ', Local.NOTHING), ('quit', Local.QUIT), ('exit', Local.QUIT),
-        ('help', Local.HELP), ('?', Local.HELP), ('help force', Local.HELP), ('status', Local.SHOW),
-        ('userdata / goal', Local.ASK),
+        ('help', Local.HELP), ('?', Local.HELP), ('help force', Local.HELP), ('status', Local.READ),
+        ('userdata / goal', Local.READ),
     ):  # fmt: skip
         assert interpret(text, view(), MAKE, Bound(None)).local is local
     for text in ('stpo', 'help stpo'):
@@ -163,9 +163,9 @@ def test_local_lines() -> None:
             interpret(text, view(), MAKE, Bound(None))
     with pytest.raises(UsageError, match='for the command line: console watch'):
         interpret('watch', view(INPUT), MAKE, Bound('i1'))
-    with pytest.raises(UsageError, match='means nothing at the prompt'):
+    with pytest.raises(UsageError, match='not for the prompt'):
         interpret('stop --wait', view(), MAKE, Bound(None))
-    with pytest.raises(RefusedError, match='nothing waits'):
+    with pytest.raises(RefusedError, match='no decision is pending'):
         interpret('1', view(), MAKE, Bound(None))
 
 

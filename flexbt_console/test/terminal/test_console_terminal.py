@@ -202,8 +202,8 @@ def test_what_goes_on_though_it_was_told_to_end_is_ended() -> None:
     program = """
 import time
 from flexbt_console.ui import terminal
-terminal_watch.END_SECONDS = 0.1
-terminal_watch.TerminalWatch(lambda: print('signed off', flush=True)).signaled(15)
+terminal.END_SECONDS = 0.1
+terminal.TerminalWatch(lambda: print('signed off', flush=True)).signaled(15)
 time.sleep(600)"""
     ended = subprocess.run([sys.executable, '-c', program], stdout=subprocess.PIPE, timeout=DEADLINE)
     assert (ended.returncode, ended.stdout) == (128 + signal.SIGTERM, b'signed off\n')

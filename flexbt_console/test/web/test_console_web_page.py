@@ -257,7 +257,7 @@ def test_what_was_not_received_is_said_and_answered_only_by_who_insists(browser:
     with served({'robot': robot.station()}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
-        browser.until_text('decision-body', f'path, {NASTY} NOT RECEIVED: what you are asked about is not shown')
+        browser.until_text('decision-body', f'path, {NASTY} NOT RECEIVED: the subject of this decision is not shown')
         browser.until(lambda: browser.run(COUNT_PLAN_PIXELS) == 0)
         browser.until_it_may_be_answered()
         for _ in range(2):
@@ -320,7 +320,7 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
         assert answer.type.startswith('geometry_msgs') and robot.sent[1].decision_id == 'd4'
         assert json.loads(answer.text)['pose']['position']['x'] > 2.0 and browser.text('map-cursor') == ''
         robot.show(state=ExecutiveState.RUNNING)
-        browser.until_text('decision-line', 'nothing waits')
+        browser.until_text('decision-line', 'no pending decision')
         browser.run('document.activeElement.blur()')
         browser.press(':')
         browser.press('note a "word"', Keys.ENTER)
@@ -435,7 +435,7 @@ def test_on_a_phone_what_runs_is_read_and_who_asks_for_the_authority_gets_it(bro
         with served({'robot': robot.station()}) as port:
             browser.driver.get(f'http://127.0.0.1:{port}/')
             browser.until_live()
-            browser.until_text('alarm', 'bob asks for the authority: "c" answers')
+            browser.until_text('alarm', 'bob requests control: press "c" to answer')
             assert browser.run('return document.getElementById("runs").getBoundingClientRect().width') > 120
             browser.press('c')
             browser.until(lambda: browser.run('return document.querySelector("dialog").open'))
@@ -511,7 +511,7 @@ def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser
         assert robot.wait_sent(1)[0].outcome == 'failed'
         browser.until_text('told', 'applied')  # and not confirmed by the same Enter
         assert len(robot.sent) == 1
-        browser.until_text('decision-line', 'nothing waits')
+        browser.until_text('decision-line', 'no pending decision')
         type_into('f', 'fa', Keys.DOWN, Keys.ENTER)  # the only line that fits
         assert robot.wait_sent(2)[1].outcome == 'failed'
         type_into('f', Keys.DOWN, 'failex', Keys.ENTER)  # what is typed at a line is typed into the field
@@ -552,11 +552,11 @@ def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser
         robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='', message='news')
         browser.until_text('alarm', 'news')
         browser.run(submit)
-        browser.until_text('told', 'Made is another one than it was in the form; nothing was sent')
+        browser.until_text('told', 'Made has changed since the form was opened; nothing was sent')
         type_into('s', 'unseen', Keys.ENTER)
         browser.until_text('dialog-body', 'machine NOT RECEIVED')
         browser.run(submit)
-        browser.until_text('dialog-body', 'its machine was not received; nothing was sent')
+        browser.until_text('dialog-body', 'machine was not received; nothing was sent')
         assert len(robot.sent) == 3
         browser.driver.find_element(By.ID, 'unseen-machine').click()
         browser.run(submit)
@@ -610,7 +610,7 @@ def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> Non
         robot.mirror.sender_gone()
         robot.clock.advance(7.0)
         browser.until_text('link', 'LOST')
-        browser.until_text('alarm', 'BLIND')
+        browser.until_text('alarm', 'NO LINK')
         browser.until_text('age', 's old')
         assert browser.run('return [...document.querySelectorAll("[data-choice], #pause")].every(b => b.disabled)')
         assert float(browser.run('return getComputedStyle(document.querySelector("main")).opacity')) < 0.6
@@ -679,7 +679,7 @@ def test_fifty_robots_have_a_line_each_and_keep_the_focus(browser: Browser) -> N
         browser.until(lambda: browser.run('return document.querySelectorAll("[data-robot]").length') == 50)
         browser.run('window.line = document.querySelector("[data-robot=r30]"); line.focus()')
         robots['r22'].show(peers=(Peer('navigation', alive=False),))
-        browser.until_text('robots', 'r22: RUNNING Patrol navigation MISSING')
+        browser.until_text('robots', 'r22: RUNNING Patrol navigation not found')
         browser.until_text('robots-told', 'robots: 50, need you: 0')
         robots['r41'].show(PLAN)  # who waits comes first
         first = 'return document.querySelector("[data-robot]").dataset.robot'

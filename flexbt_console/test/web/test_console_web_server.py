@@ -218,7 +218,7 @@ def test_a_stop_waits_for_no_request_that_waits() -> None:
                 assert 'applied' in await opened.ask(do='stop', decision=None)
             assert not go_on.is_set()
             go_on.set()
-            await pages[0].until(lambda: sum('stands at' in told for told in pages[0].told) == MOST_AT_ONCE)
+            await pages[0].until(lambda: sum('dropped at' in told for told in pages[0].told) == MOST_AT_ONCE)
 
     with served({'robot': robot.station(World())}) as port:
         try:

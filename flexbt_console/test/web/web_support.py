@@ -37,9 +37,9 @@ from flexbt_console.mirror.records import (
     UserdataScope,
 )
 from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, StatusChange
-from flexbt_console.ui.station import Attention
+from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.web.access import Access
-from flexbt_console.ui.web.requests import PageStation
+from flexbt_console.ui.web.requests import LEAVING
 from flexbt_console.ui.web.server import WebServer, serving
 from flexbt_core.clock.clock import ManualClock
 
@@ -97,7 +97,7 @@ class WebRobot(NullRobot):
         self.begin_tree('t', 'Drive')
 
     def begin_tree(self, run: str, tree: str) -> None:
-        """A tree runs."""
+        """Publish a tree that runs."""
         self.tree_run = run
         nodes = [
             MirroredNode(1, 0, 'Main', 'Sequence'),
@@ -111,11 +111,11 @@ class WebRobot(NullRobot):
         self.mirror.receive_tree_status(run, 1, statuses, changes, 5.0, finished=False, paused=False)
 
     def end_tree(self) -> None:
-        """It has ended."""
+        """Note that it has ended."""
         self.mirror.receive_tree_status(self.tree_run, 2, [], [], 6.0, finished=True, paused=False)
 
     def show(self, *decisions: Decision, **parts: Any) -> None:
-        """The executive says that this waits, and what else is given."""
+        """Publish that this decision waits, and what else is given."""
         changed = {'sequence': self.snapshot.sequence + 1, 'decisions': decisions, **parts}
         self.snapshot = dataclasses.replace(self.snapshot, **changed)
         self.mirror.receive_snapshot(self.snapshot)
@@ -145,24 +145,25 @@ class WebRobot(NullRobot):
         """The kinds of what has come."""
         return [command.kind for command in self.sent]
 
-    def station(self, obstacles: Any = None) -> PageStation:
+    def station(self, obstacles: Any = None) -> Station:
         """Return what its page needs."""
-        return PageStation(self.mirror, self, CommandBuilder('ann'), 5.0, Attention(self.clock), obstacles=obstacles)
+        attention = Attention(self.clock)
+        return Station(self.mirror, self, CommandBuilder('ann'), 5.0, attention, LEAVING, obstacles=obstacles)
 
 
 class WebRobots:
     """Robots by their names, as the page finds them; ``opened`` are those of which somebody sees what is around."""
 
-    def __init__(self, stations: Mapping[str, PageStation]) -> None:
+    def __init__(self, stations: Mapping[str, Station]) -> None:
         self.fleet = Fleet()
         self.own = next(iter(stations), '/')
         self.opened: list[str] = []
-        self.stations: dict[str, PageStation] = {}
+        self.stations: dict[str, Station] = {}
         for name, station in stations.items():
             self.come(name, station)
 
-    def come(self, name: str, station: PageStation) -> None:
-        """It is found."""
+    def come(self, name: str, station: Station) -> None:
+        """Note that it is found."""
         self.stations[name] = station
         self.fleet.add(name, station.mirror)
 
@@ -179,16 +180,14 @@ class WebRobots:
         """See :class:`PageRobots`."""
         self.opened.remove(name)
 
-    def station(self, mirror: Mirror, link: RobotCommands) -> PageStation:
+    def station(self, mirror: Mirror, link: RobotCommands) -> Station:
         """Return what the page of one needs."""
         known = (one for one in self.stations.values() if one.mirror is mirror)
-        return next(known, PageStation(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock())))
+        return next(known, Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock()), LEAVING))
 
 
 @contextlib.contextmanager
-def served(
-    stations: Mapping[str, PageStation] | WebRobots, access: Access | None = None, port: int = 0
-) -> Iterator[int]:
+def served(stations: Mapping[str, Station] | WebRobots, access: Access | None = None, port: int = 0) -> Iterator[int]:
     """Provide the server of these robots on a thread of its own, for the time of the context; gives its port."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)

@@ -8,24 +8,23 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
-from flexbt_console.commands.command_builder import CommandBuilder
-from flexbt_console.commands.registry import build
-from flexbt_console.commands.spec import Ask, CommandLine, CommandSpec, LinkNeed, Send, Show, ShownAnswer
+from flexbt_console.commands.spec import CommandLine, LinkNeed, Mode, Send, Show
 from flexbt_console.errors import ExitCode, NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.link.operator_link import ExecutiveLink
 from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import CommandKind, ExecutiveEvent, ExecutiveSnapshot, ExecutiveState, LogLine
+from flexbt_console.mirror.records import CommandKind, ExecutiveSnapshot, ExecutiveState, OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_console.present.events import SETTLE_SECONDS, Event, Follower
 from flexbt_console.present.json_form import encode_json, result_json, robots_json
 from flexbt_console.present.rendering import behavior_line, command_result_lines, left_out_text, robot_line
 from flexbt_console.present.style import coloured, has_colours
+from flexbt_console.ui.answers import meaning_of
+from flexbt_console.ui.station import RobotRequest, Station
 from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.work_thread import watchdog
 from flexbt_core.values.text import one_line
@@ -33,10 +32,10 @@ from flexbt_core.values.text import one_line
 T = TypeVar('T')
 
 LATCHED_SECONDS: Final = 1.0
-"""How long to wait for what is latched beside the status, once that has arrived."""
+"""How long to wait for latched messages once the status has arrived."""
 
 QUIET_SECONDS: Final = 0.1
-"""The latched lines of the log arrive one after the other: they are complete when none comes for so long."""
+"""The latched lines of the log arrive one by one. They are complete when none arrives for this long."""
 
 EXIT_CODES: Final = {
     CommandState.APPLIED: ExitCode.OK,
@@ -46,204 +45,168 @@ EXIT_CODES: Final = {
 }
 
 
-@dataclass(frozen=True)
-class LineSession:
-    """What a command works with; ``timeout`` in seconds, for the executive and for its answer."""
+class LineMode:
+    """One command from its words to its exit code. It shares the session with prompt, screen and page."""
 
-    mirror: Mirror
-    link: ExecutiveLink
-    make: CommandBuilder
-    line: CommandLine
-    timeout: float
-    clock: Clock
+    def __init__(self, line: CommandLine, station: Station, link: ExecutiveLink, clock: Clock) -> None:
+        """Prepare the command of ``line``. ``station.timeout`` is that of the link and of the answer."""
+        assert line.spec is not None
+        self._line = line
+        self._spec = line.spec
+        self._station = station
+        self._mirror = station.mirror
+        self._link = link
+        self._clock = clock
+        self._as_json = line.has('--json') or line.has('--jsonl')
+        self._has_colours = has_colours(sys.stdout)
 
-    def waiting_for(self, what: Callable[[], str]) -> AbstractContextManager[None]:
-        """As :func:`report_wait`."""
-        return report_wait(self.clock, what, self.timeout)
+    def run(self) -> ExitCode:
+        """Run the command and print its answer.
 
-    def live_view(self) -> View:
-        """As that of the link, within the time-out."""
+        Raises:
+            ConsoleError: it had no effect, or there is no answer; the exit code is that of the error.
+        """
+        if isinstance(self._spec.action, Mode):
+            return self._watch(self._line.seconds('--timeout'))
+        view, is_heard = self._seen()
+        run_before = view.snapshot.run_id if view.snapshot else ''
+        meaning = meaning_of(self._line, view, self._station.builder, self._spec.name)
+        done = self._station.carry_out(meaning, view)
+        if isinstance(done, OperatorCommand):
+            return self._wait_for_answer(done, run_before)
+        if isinstance(done, RobotRequest):
+            done = done.ask(self._link, print_progress)
+        assert done is not None
+        self._print(done.value, done.text)
+        return ExitCode.REFUSED if done.is_refusal else ExitCode.OK if is_heard else ExitCode.NO_LINK
 
+    def _seen(self) -> tuple[View, bool]:
+        """Return the view that the command needs, and whether the link was there if it needs one."""
+        spec, action, is_heard = self._spec, self._spec.action, True
+        view, is_command = self._mirror.view(), isinstance(action, Send)
+        if spec.link is LinkNeed.LIVE or (spec.link is LinkNeed.HEARD and not is_command):  # STOP waits for nothing
+            try:
+                view = self._live_view()
+            except NoLinkError:
+                view, is_heard = self._mirror.view(), False
+                if view.snapshot is None or spec.link is LinkNeed.LIVE:
+                    raise
+        has_arrived = spec.has_arrived
+        if has_arrived is not None:
+            timeout = LATCHED_SECONDS if is_command else self._station.timeout
+            with self._waiting_for(lambda: f'what {spec.name} needs to know of the robot'):
+                view = self._link.wait_for(lambda now: now if has_arrived(now) else None, timeout) or view
+        if isinstance(action, Show) and action.history is not None:
+            self._settle(action.history)
+        return view, is_heard
+
+    def _live_view(self) -> View:
         def wanted() -> str:
-            view = self.mirror.view()
+            view = self._mirror.view()
             if view.snapshot is None:
                 return f'an executive ({view.problem or "none was heard yet"})'
-            return f'a picture that is live ({view.problem or f"the last one is {view.age or 0.0:.1f} s old"})'
+            return f'a live status ({view.problem or f"the last one is {view.age or 0.0:.1f} s old"})'
 
-        with self.waiting_for(wanted):
-            return self.link.live_view(self.timeout)
+        with self._waiting_for(wanted):
+            return self._link.live_view(self._station.timeout)
 
-    @property
-    def json(self) -> bool:
-        """Whether the answer is for a program."""
-        return self.line.has('--json')
+    def _settle(self, history: Callable[[Mirror], tuple[object, ...]]) -> None:
+        """Wait until no more of what is latched line by line arrives."""
+        seen = self._link.wait_for(lambda _: history(self._mirror) or None, LATCHED_SECONDS)
+        while seen is not None:
+            before = seen
+            seen = self._link.wait_for(
+                lambda _, before=before: now if (now := history(self._mirror)) != before else None,  # type: ignore[misc]
+                QUIET_SECONDS,
+            )
 
-    def log(self, count: int) -> tuple[LogLine, ...]:
-        """Return the latest lines of the log, as soon as those that are latched have arrived."""
-        return self._settled(lambda: self.mirror.log(count))
+    def _waiting_for(self, what: Callable[[], str]) -> AbstractContextManager[None]:
+        return report_wait(self._clock, what, self._station.timeout)
 
-    def events(self, count: int) -> tuple[ExecutiveEvent, ...]:
-        """Return the latest transitions and commands, as soon as those that are latched have arrived."""
-        return self._settled(lambda: self.mirror.events(count))
-
-    def _settled(self, known: Callable[[], tuple[T, ...]]) -> tuple[T, ...]:
-        """Return what arrives piece by piece, when no more of it comes."""
-        now = self.link.wait_for(lambda _: known() or None, LATCHED_SECONDS) or ()
-        while True:
-            more = self.link.wait_for(lambda _, seen=now: _other(known(), seen), QUIET_SECONDS)  # type: ignore[misc]
-            if more is None:
-                return now
-            now = more
-
-
-def run(session: LineSession) -> ExitCode:
-    """Run the command of the session and print its answer.
-
-    Raises:
-        ConsoleError: it had no effect, or there is no answer; the exit code is that of the error.
-    """
-    spec = session.line.spec
-    assert spec is not None
-    if isinstance(spec.action, Send):
-        return _send(session, spec)
-    if isinstance(spec.action, Show):
-        return _show(session, spec, spec.action)
-    if isinstance(spec.action, Ask):
-        session.live_view()
-        shown = spec.action.ask(session.line, session.link, session.timeout, print_progress)
-        _print(session, shown)
-        return ExitCode.REFUSED if shown.is_refusal else ExitCode.OK
-    as_json = session.json or session.line.has('--jsonl')
-    return watch(session.mirror, session.link, as_json=as_json, seconds=session.line.seconds('--timeout'))
-
-
-def _show(session: LineSession, spec: CommandSpec, action: Show) -> ExitCode:
-    exit_code = ExitCode.OK
-    view = session.mirror.view()
-    if spec.link is not LinkNeed.NONE:
-        try:
-            view = session.live_view()
-        except NoLinkError:
-            view = session.mirror.view()
-            if view.snapshot is None or spec.link is LinkNeed.LIVE:
-                raise
+    def _wait_for_answer(self, command: OperatorCommand, run_before: str) -> ExitCode:
+        name, timeout = self._spec.name, self._station.timeout
+        guard = ' or the stop guard' if command.kind is CommandKind.STOP else ''
+        with self._waiting_for(lambda: f'the answer of the executive{guard}'):
+            tracked = self._link.settled(command.id, timeout + 1.0) or self._mirror.command(command.id)
+        if tracked is None:
+            raise NoAnswerError('no answer')
+        exit_code = EXIT_CODES[tracked.state]
+        if exit_code is ExitCode.TIMEOUT and self._mirror.view().link is LinkState.LOST:
             exit_code = ExitCode.NO_LINK
-    view = _prepared(session, spec, view, session.timeout)
-    _print(session, action.show(session.line, view, session))
-    return exit_code
+        if exit_code is ExitCode.OK and self._line.has('--wait'):
+            return self._wait_for_end(tracked, run_before)
+        self._print(result_json(name, tracked, exit_code), command_result_lines(tracked))
+        return exit_code
 
+    def _wait_for_end(self, tracked: TrackedCommand, run_before: str) -> ExitCode:
+        if not self._as_json:
+            self._print(None, command_result_lines(tracked))
+        starting = self._spec.name == 'start'
+        answer = self._mirror.view().snapshot
+        if answer is None:
+            raise NoLinkError('there is no executive whose run could be waited for')
+        executive_id = tracked.command.executive_id or answer.executive_id  # a STOP names none
+        run: list[str] = [] if starting else [answer.run_id]
 
-def _prepared(session: LineSession, spec: CommandSpec, view: View, timeout: float) -> View:
-    """Return the view with what the command shows, or is checked against, if that arrives within so many seconds."""
-    has_arrived = spec.has_arrived
-    if has_arrived is None:
-        return view
-    with session.waiting_for(lambda: f'what {spec.name} needs to know of the robot'):
-        return session.link.wait_for(lambda now: now if has_arrived(now) else None, timeout) or view
+        def end_of_run(view: View) -> ExecutiveSnapshot | None:
+            snapshot = view.snapshot
+            if view.link is LinkState.LOST and view.age is not None and view.age > self._station.timeout:
+                raise NoLinkError(f'the link was lost {view.age:.1f} s ago; the run may go on')
+            if snapshot is None:
+                return None
+            if snapshot.executive_id != executive_id:
+                is_kept = snapshot.state is ExecutiveState.INTERRUPTED and snapshot.run_id in run
+                what = 'interrupted; "resume" continues it' if is_kept else 'gone'
+                raise RefusedError(f'the executive was restarted; the run is {what}')
+            if starting and snapshot.run_id == run_before:
+                return None
+            run[:] = run or [snapshot.run_id]
+            if snapshot.run_id != run[0]:
+                raise RefusedError('another run was started meanwhile; how this one ended was not seen')
+            return snapshot if snapshot.state is ExecutiveState.IDLE else None
 
+        ended = self._link.wait_for(end_of_run, self._line.seconds('--wait-timeout'), every=0.5)
+        if ended is None:
+            raise NoAnswerError('the run did not end within --wait-timeout; it goes on')
+        by_itself = ended.outcome not in ('', 'preempted', 'error')
+        exit_code = ExitCode.OK if by_itself or not starting else ExitCode.REFUSED
+        result = result_json(self._spec.name, tracked, exit_code, outcome=ended.outcome, message=ended.message)
+        self._print(result, [behavior_line(self._mirror.view())])
+        return exit_code
 
-def _send(session: LineSession, spec: CommandSpec) -> ExitCode:
-    assert isinstance(spec.action, Send)
-    is_stop = CommandKind.STOP in spec.action.kinds  # which waits for nothing: the stop guard may be all that is there
-    seen = session.mirror.view() if is_stop else session.live_view()
-    view = _prepared(session, spec, seen, LATCHED_SECONDS)
-    run_before = view.snapshot.run_id if view.snapshot else ''
-    command = build(session.line, view, session.make)
-    session.link.send(command, session.timeout, spec.name)
-    with session.waiting_for(lambda: f'the answer of the executive{" or the stop guard" if is_stop else ""}'):
-        tracked = session.link.settled(command.id, session.timeout + 1.0) or session.mirror.command(command.id)
-    if tracked is None:
-        raise NoAnswerError('no answer')
-    exit_code = EXIT_CODES[tracked.state]
-    if exit_code is ExitCode.TIMEOUT and session.mirror.view().link is LinkState.LOST:
-        exit_code = ExitCode.NO_LINK
-    if exit_code is ExitCode.OK and session.line.has('--wait'):
-        return _wait_for_end(session, spec.name, tracked, run_before)
-    _print(session, ShownAnswer(result_json(spec.name, tracked, exit_code), command_result_lines(tracked)))
-    return exit_code
+    def _watch(self, seconds: float | None) -> ExitCode:
+        """Print a line for each event, for people or programs, until interrupted or for ``seconds``.
 
+        Raises:
+            NoLinkError: no executive was heard in that time.
+        """
+        follower = Follower(self._mirror)
+        end = None if seconds is None else time.monotonic() + seconds
+        is_settled = self._as_json  # people get what is latched beside the first status in its order
 
-def _wait_for_end(session: LineSession, name: str, tracked: TrackedCommand, run_before: str) -> ExitCode:
-    if not session.json:
-        _print(session, ShownAnswer(None, command_result_lines(tracked)))
-    starting = name == 'start'
-    answer = session.mirror.view().snapshot
-    if answer is None:
-        raise NoLinkError('no executive is there, whose run could be waited for')
-    executive_id = tracked.command.executive_id or answer.executive_id  # a STOP names none
-    run: list[str] = [] if starting else [answer.run_id]
+        def further_events(view: View) -> list[Event] | None:
+            return [] if view.snapshot is not None and not is_settled else follower.events(view) or None
 
-    def end_of_run(view: View) -> ExecutiveSnapshot | None:
-        snapshot = view.snapshot
-        if view.link is LinkState.LOST and view.age is not None and view.age > session.timeout:
-            raise NoLinkError(f'the link was lost {view.age:.1f} s ago; the run may go on')
-        if snapshot is None:
-            return None
-        if snapshot.executive_id != executive_id:
-            is_kept = snapshot.state is ExecutiveState.INTERRUPTED and snapshot.run_id in run
-            what = 'interrupted; "resume" goes on with it' if is_kept else 'gone'
-            raise RefusedError(f'the executive was restarted; the run is {what}')
-        if starting and snapshot.run_id == run_before:
-            return None
-        run[:] = run or [snapshot.run_id]
-        if snapshot.run_id != run[0]:
-            raise RefusedError('another run was started meanwhile; how this one ended was not seen')
-        return snapshot if snapshot.state is ExecutiveState.IDLE else None
+        while True:
+            left = None if end is None else max(0.0, end - time.monotonic())
+            events = self._link.wait_for(further_events, left)
+            if events is None:
+                break
+            if not events:
+                self._link.wait_for(lambda view: None, SETTLE_SECONDS)
+                is_settled = True
+            for name, value, text in events:
+                if self._as_json or text:
+                    stamp = f'{time.strftime("%H:%M:%S")} '
+                    self._print({'event': name, 'time': time.time(), **value}, text, stamp)
+        view = self._mirror.view()
+        if view.snapshot is None:
+            raise NoLinkError(f'no executive was heard in {seconds:g} s')
+        return ExitCode.OK if view.link is not LinkState.LOST else ExitCode.NO_LINK
 
-    ended = session.link.wait_for(end_of_run, session.line.seconds('--wait-timeout'), every=0.5)
-    if ended is None:
-        raise NoAnswerError('the run has not ended in the time of --wait-timeout; it goes on')
-    by_itself = ended.outcome not in ('', 'preempted', 'error')
-    exit_code = ExitCode.OK if by_itself or not starting else ExitCode.REFUSED
-    result = result_json(name, tracked, exit_code, outcome=ended.outcome, message=ended.message)
-    _print(session, ShownAnswer(result, [behavior_line(session.mirror.view())]))
-    return exit_code
-
-
-def _print(session: LineSession, shown: ShownAnswer) -> None:
-    colours = has_colours(sys.stdout)
-    text = '\n'.join(coloured(line, colours) for line in shown.text)
-    print(encode_json(shown.value) if session.json else text, file=sys.stdout, flush=True)
-
-
-def _other(now: tuple[Any, ...], before: tuple[Any, ...]) -> tuple[Any, ...] | None:
-    return now if now != before else None
-
-
-# Following an executive: a line for each event, for people or for programs.
-
-
-def watch(mirror: Mirror, link: ExecutiveLink, *, as_json: bool, seconds: float | None) -> ExitCode:
-    """Print every change, until interrupted or for so many seconds.
-
-    Raises:
-        NoLinkError: the time is over, and no executive was heard.
-    """
-    follower, colours = Follower(mirror), has_colours(sys.stdout)
-    end = None if seconds is None else time.monotonic() + seconds
-    is_settled = as_json  # people are told in its order what is latched beside the first status
-
-    def further_events(view: View) -> list[Event] | None:
-        return [] if view.snapshot is not None and not is_settled else follower.events(view) or None
-
-    while True:
-        left = None if end is None else max(0.0, end - time.monotonic())
-        events = link.wait_for(further_events, left)
-        if events is None:
-            break
-        if not events:
-            link.wait_for(lambda view: None, SETTLE_SECONDS)
-            is_settled = True
-        for name, value, text in events:
-            if as_json:
-                print(encode_json({'event': name, 'time': time.time(), **value}), flush=True)
-            elif text:
-                stamp = time.strftime('%H:%M:%S')
-                print('\n'.join(f'{stamp} {coloured(line, colours)}' for line in text), flush=True)
-    view = mirror.view()
-    if view.snapshot is None:
-        raise NoLinkError(f'no executive was heard in {seconds:g} s')
-    return ExitCode.OK if view.link is not LinkState.LOST else ExitCode.NO_LINK
+    def _print(self, value: Any, text: list[str], prefix: str = '') -> None:
+        lines = '\n'.join(prefix + coloured(line, self._has_colours) for line in text)
+        print(encode_json(value) if self._as_json else lines, flush=True)
 
 
 # Listing the robots of the domain, the most urgent first.

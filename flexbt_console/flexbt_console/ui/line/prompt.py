@@ -26,15 +26,15 @@ from prompt_toolkit.shortcuts import CompleteStyle
 from prompt_toolkit.styles import Style
 
 from flexbt_console.commands.completion import candidates
+from flexbt_console.commands.spec import Reading
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import fold
 from flexbt_console.present.events import SETTLE_SECONDS, Follower
 from flexbt_console.present.style import Line, Tone, coloured, has_colours, tone_of
-from flexbt_console.ui.answers import Bound, Local, NoLiveLinkError, ShownDecision, interpret
-from flexbt_console.ui.station import Reading, RobotRequest, SentCommands, Station, carry_out
+from flexbt_console.ui.answers import Bound, Local, NoLiveLinkError, ShownDecision
+from flexbt_console.ui.station import RobotRequest, Session, Station
 from flexbt_console.ui.terminal import OnSignal, standard_error_as_lines
 from flexbt_core.clock.clock import Clock
 from flexbt_core.values.text import escape_lines, one_line
@@ -96,19 +96,19 @@ class Prompt:
     ) -> None:
         self._mirror = station.mirror
         self._station = station
+        self._session = Session(station, clock)
         self._clock = clock
         self._on_signal = on_signal
         self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
         self._follower = Follower(station.mirror)
         self._history = _History()
-        self._sent = SentCommands(clock)
         self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
         self._refresh_planned = False
         self._settled_at = math.inf
         self._ended = False
         self._has_colours = has_colours(sys.stdout)
-        self._session: PromptSession[str] = PromptSession(
+        self._prompt: PromptSession[str] = PromptSession(
             '> ',
             completer=_PromptCompleter(station.mirror),
             history=self._history,
@@ -121,8 +121,8 @@ class Prompt:
             input=input,
             output=output,
         )
-        self._session.app.min_redraw_interval = REDRAW_SECONDS
-        self._session.default_buffer.on_text_changed += lambda buffer: self._typed(buffer.text)
+        self._prompt.app.min_redraw_interval = REDRAW_SECONDS
+        self._prompt.default_buffer.on_text_changed += lambda buffer: self._typed(buffer.text)
 
     @property
     def shown_decision(self) -> str | None:
@@ -131,15 +131,15 @@ class Prompt:
 
     def refuse_paste(self, characters: int) -> None:
         """Tell that a paste was too long for a line."""
-        told = f'a paste of {characters} characters was left out: a line has {MOST_TYPED} at most; nothing was done'
+        told = f'a paste of {characters} characters was dropped: the limit of a line is {MOST_TYPED}; nothing was done'
         self._print(_warned([told]))
 
     def _typed(self, text: str) -> None:
-        """A key counts as dealing with the decision on the screen."""
+        """Count a key as dealing with the decision on the screen."""
         # What is too long was cut, here or in the terminal's reader: it stays refused when it is made shorter.
         self._history.is_cut = bool(text) and (self._history.is_cut or len(text) > MOST_TYPED)
         if len(text) > MOST_TYPED + 1:
-            self._session.default_buffer.text = text[: MOST_TYPED + 1]
+            self._prompt.default_buffer.text = text[: MOST_TYPED + 1]
             return
         if text:
             self._station.attention.touched(self._mirror.view(), self._shown.shown)
@@ -155,9 +155,9 @@ class Prompt:
         self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._station.leaving}.'])
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._on_signal(self._over.set))
-            stack.enter_context(self._session.app.input.raw_mode())
+            stack.enter_context(self._prompt.app.input.raw_mode())
             if sys.stderr.isatty():
-                stack.enter_context(standard_error_as_lines(self._tell_later))
+                stack.enter_context(standard_error_as_lines(self._print_later))
             tasks = [loop.create_task(part()) for part in (self._read, self._print_all, self._age, self._over.wait)]
             try:
                 await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -174,13 +174,13 @@ class Prompt:
         """Read and do lines until the operator quits."""
         while True:
             try:
-                text = await self._session.prompt_async(set_exception_handler=False, handle_sigint=False)
+                text = await self._prompt.prompt_async(set_exception_handler=False, handle_sigint=False)
             except EOFError:
                 return
             except KeyboardInterrupt:
                 self._shown.take()
                 self._history.is_cut = False
-                self._clear(self._session.default_buffer.text)
+                self._clear(self._prompt.default_buffer.text)
                 continue
             bound, is_cut, self._history.is_cut = Bound(*self._shown.take()), self._history.is_cut, False
             if is_cut:
@@ -190,7 +190,7 @@ class Prompt:
                 return
 
     async def _age(self) -> None:
-        """What time alone changes."""
+        """Redraw what time alone changes."""
         while True:
             self._refresh()
             await asyncio.sleep(AGE_SECONDS)
@@ -198,7 +198,7 @@ class Prompt:
     def _clear(self, text: str) -> None:
         """Ctrl-C, as in a shell: it gives up what was typed."""
         for held in self._held:
-            self._print(_warned([f'{one_line(held.text)}: given up; nothing was sent']))
+            self._print(_warned([f'{one_line(held.text)}: canceled; nothing was sent']))
         if not text.strip() and not self._held:
             self._print([f'Ctrl-C clears the line. "quit" leaves: {self._station.leaving}. "stop" stops the robot.'])
         self._held.clear()
@@ -207,20 +207,18 @@ class Prompt:
         """Do what a line says; False to quit."""
         view = self._mirror.view()
         try:
-            meaning = interpret(text, view, self._station.make, bound)
-            done = carry_out(meaning, view, self._station)
+            meaning = self._session.interpret(text, view, bound)
+            done = self._session.carry_out(meaning, view)
         except NoLiveLinkError:
             self._held.append(_Held(text, bound, self._clock.now() + self._station.timeout))
-            told = f'{one_line(text)}: waits for a live link, {self._station.timeout:g} s at most; Ctrl-C gives it up'
+            told = f'{one_line(text)}: waiting for a live link, at most {self._station.timeout:g} s; Ctrl-C cancels it'
             self._print(_warned([told]))
         except ConsoleError as error:
             self._print(_warned(escape_lines(str(error))))
         else:
-            if isinstance(done, OperatorCommand):
-                self._sent.add(self._mirror, done.id)
-            elif isinstance(done, Reading):
+            if isinstance(done, Reading):
                 self._print(done.text)
-            elif done is not None:
+            elif isinstance(done, RobotRequest):
                 asking = threading.Thread(target=self._ask, args=(text.split()[0], done), name='ask', daemon=True)
                 try:
                     asking.start()
@@ -239,10 +237,10 @@ class Prompt:
                 late = f'there was no live link within {self._station.timeout:g} s; nothing was sent'
                 self._print(_warned([f'{one_line(held.text)}: {late}']))
 
-    def _ask(self, name: str, later: RobotRequest) -> None:
+    def _ask(self, name: str, request: RobotRequest) -> None:
         """Ask the executive, on a thread of its own: the answer may be long in coming."""
         try:
-            text = later(self._station.link, self._tell_later).text
+            text = request.ask(self._station.link, self._print_later).text
         except ConsoleError as error:
             text = _warned([f'{name}: {line}' for line in escape_lines(str(error))])
         except Exception as error:
@@ -250,13 +248,13 @@ class Prompt:
         with contextlib.suppress(RuntimeError):  # the loop was closed just now
             self._loop.call_soon_threadsafe(self._print, text)
 
-    def _tell_later(self, text: str) -> None:
+    def _print_later(self, text: str) -> None:
         """From any thread."""
         with contextlib.suppress(RuntimeError):  # the loop was closed just now
             self._loop.call_soon_threadsafe(self._print, escape_lines(text))
 
     def _fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """A callback of the event loop let an exception escape: the terminal is gone, or it is a fault of ours."""
+        """Handle an exception that escaped a callback: the terminal is gone, or it is a fault of ours."""
         error = context.get('exception')
         if is_gone(error):
             self._over.set()
@@ -266,7 +264,7 @@ class Prompt:
     def _toolbar(self) -> StyleAndTextTuples:
         view = self._mirror.view()
         self._shown.drawn(view.decision.id if view.decision else None)
-        size = self._session.app.output.get_size()
+        size = self._prompt.app.output.get_size()
         shown = toolbar(view, size.columns, min(TOOLBAR_ROWS, max(1, size.rows - 4)))
         fragments: StyleAndTextTuples = []
         for number, (style, text) in enumerate(shown):
@@ -289,13 +287,13 @@ class Prompt:
         self._do_held()
         if self._is_settled(view):
             self._tell(view)
-        self._session.app.invalidate()
+        self._prompt.app.invalidate()
 
     def _tell(self, view: View) -> None:
         for event in self._follower.events(view):
             self._print(event.text, view)
-        for told in self._sent.updates():
-            self._print(told)
+        for lines in self._session.answers():
+            self._print(lines)
 
     def _is_settled(self, view: View) -> bool:
         """Return whether what is latched has arrived beside the first status, so that it is told in its order."""
@@ -312,7 +310,7 @@ class Prompt:
             self._print_queue.put_nowait((text, decision.id if decision else None))
 
     async def _print_all(self) -> None:
-        output = self._session.app.output
+        output = self._prompt.app.output
         while True:
             text, decision_id = await self._print_queue.get()
             while not self._print_queue.empty():
@@ -328,7 +326,7 @@ class Prompt:
             self._shown.drawn(decision_id)
 
     def _write(self, line: Line) -> None:
-        output = self._session.app.output
+        output = self._prompt.app.output
         before, after = coloured(Line('\n', line.tone), self._has_colours).split('\n')
         output.write_raw(before)
         # write() shows an escape character as "?", should one have slipped through.
@@ -343,7 +341,7 @@ class _History(InMemoryHistory):
     def __init__(self) -> None:
         super().__init__()
         self.is_cut = False
-        """Whether the line that is typed was longer than a line may be since it was last empty."""
+        """True if the typed line was too long at any time since it was last empty."""
 
     def append_string(self, string: str) -> None:
         """See :class:`prompt_toolkit.history.History`."""

@@ -33,7 +33,7 @@ _GONE: Final = frozenset({errno.EIO, errno.EBADF, errno.ENXIO, errno.EPIPE})
 
 
 class Typed:
-    """What a terminal sends, without what no line has room for: :data:`MOST_TYPED` characters between two control
+    """The input of a terminal, without what no line has room for: :data:`MOST_TYPED` characters between two control
     characters, and one more, by which the line is known to be too long; of what was pasted as a whole, all or nothing.
 
     prompt_toolkit looks through all of a paste again with each kilobyte of it, and takes milliseconds for each typed

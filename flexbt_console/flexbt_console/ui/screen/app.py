@@ -23,16 +23,16 @@ from textual.drivers.linux_driver import LinuxDriver
 
 from flexbt_console.commands.command_line import prompt_help
 from flexbt_console.commands.registry import find
-from flexbt_console.commands.spec import UNSEEN, CommandSpec, RobotCommands
+from flexbt_console.commands.spec import UNSEEN, CommandSpec, Reading, RobotCommands
 from flexbt_console.errors import ConsoleError, NotShownError, RefusedError
 from flexbt_console.mirror.fleet import Fleet, RobotOverview
 from flexbt_console.mirror.mirror import Change, Mirror
 from flexbt_console.mirror.records import Behavior, OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_console.present.style import Line, Tone
-from flexbt_console.ui.answers import CHANGED, Bound, Local, Meaning, choose, interpret
+from flexbt_console.ui.answers import CHANGED, Bound, Local, Meaning, choose
 from flexbt_console.ui.keys import KEYS, KeyBinding, help_lines
-from flexbt_console.ui.station import Reading, Restarts, RobotRequest, SentCommands, Station, carry_out
+from flexbt_console.ui.station import RobotRequest, Session, Station
 from flexbt_core.clock.clock import Clock
 from flexbt_core.values.text import escape_lines, one_line
 
@@ -142,7 +142,7 @@ class OperatorScreen(OrderedApp):
         image_widget: ImageWidget | None = None,
     ) -> None:
         super().__init__()
-        self._station = station
+        self._session = Session(station, clock)
         self._clock = clock
         self._robots = robots
         self._replay = replay
@@ -156,8 +156,6 @@ class OperatorScreen(OrderedApp):
         if not self._panes.signs.has_braille:
             self.add_class('ascii')
         self._burst = Burst(clock)
-        self._sent = SentCommands(clock)
-        self._restarts = Restarts()
         self._is_planned = False
         self._drawn_at = -math.inf
         self._drawn: View | None = None
@@ -191,13 +189,17 @@ class OperatorScreen(OrderedApp):
             self._robots.fleet.add_listener(lambda: self._wake() if isinstance(self.screen, Overview) else None)
         if self._replay is not None:
             self.set_interval(PLAY_SECONDS, self.guarded(self._play_on))
-            self.tell(['"?" shows the keys. This is a recording: nothing is sent.'])
+            self.tell(['Press ? for the keys. This is a recording: nothing is sent.'])
         else:
             page = [f'In a browser: {one_line(self._station.page)}'] if self._station.page else []
-            self.tell([*page, f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._station.leaving}.'])
+            self.tell([*page, f'Press ? for the keys, ! or F8 to stop the robot, q to quit: {self._station.leaving}.'])
         self.draw()
 
     # What is shown
+
+    @property
+    def _station(self) -> Station:
+        return self._session.station
 
     def tell(self, text: Sequence[str]) -> None:
         """Add lines of the console's own to the log."""
@@ -234,7 +236,7 @@ class OperatorScreen(OrderedApp):
         if (key == 'f8' and not isinstance(self.screen, Overview)) or (key == 'exclamation_mark' and takes_keys):
             station, view = self._station, self._station.mirror.view()
             with contextlib.suppress(Exception):  # it is told when the key has its turn
-                done = carry_out(interpret('stop', view, station.make, Bound(None)), view, station)
+                done = station.carry_out(self._session.interpret('stop', view, Bound(None)), view)
                 if isinstance(done, OperatorCommand):
                     self._stopped.append((station.mirror, done.id))
 
@@ -257,7 +259,7 @@ class OperatorScreen(OrderedApp):
         self._wake()
 
     def on_input_changed(self) -> None:
-        """What the line may become is another."""
+        """Redraw when other completions are shown."""
         self._wake()
 
     def _wake(self) -> None:
@@ -285,13 +287,13 @@ class OperatorScreen(OrderedApp):
 
     def _draw(self, view: View) -> None:
         self._drawn = _timeless(view)
-        for told in filter(None, (self._restarts.told(view), *self._sent.updates())):
+        for told in self._session.news(view):
             self.tell(told)
         self._panes.picking.drawn(view)
         self._overview = self._robots.fleet.overview() if self._robots is not None else []
         self._station.attention.pending([one.view for one in self._overview] or [view])
         if self._panes.map.lose(view):
-            self._warn('the decision is gone; nothing was sent')
+            self._warn('the decision is no longer pending; nothing was sent')
         if isinstance(self.screen, Overview):
             self.screen.draw()
             return
@@ -325,7 +327,7 @@ class OperatorScreen(OrderedApp):
     def _age(self) -> None:
         """Draw what time alone has changed: nothing of one robot that is at rest and heard."""
         has_others = self._robots is not None and len(self._robots.fleet.names) > 1
-        if has_others or self._sent or _timeless(self._station.mirror.view()) != self._drawn:
+        if has_others or self._session.is_waiting or _timeless(self._station.mirror.view()) != self._drawn:
             self._wake()
         self._look_again()
 
@@ -344,7 +346,7 @@ class OperatorScreen(OrderedApp):
         self.action_press('stop')
 
     def action_press(self, action: str) -> None:
-        """A key of the table was pressed."""
+        """Handle a key of the table."""
         key = next(key for key in KEYS if key.action == action)
         if isinstance(self.screen, Overview) and action == 'stop':
             name = self.screen.chosen  # the one under the cursor is meant, and what becomes of it is seen
@@ -353,7 +355,7 @@ class OperatorScreen(OrderedApp):
         view = self._view()
         if action == 'stop' and self._stopped:
             mirror, command_id = self._stopped.popleft()
-            self._sent.add(mirror, command_id)
+            self._session.follow(mirror, command_id)
             if mirror is self._station.mirror:
                 self._wake()
                 return
@@ -365,11 +367,11 @@ class OperatorScreen(OrderedApp):
         if why := key.blocked(view):
             raise RefusedError(f'{key.label}: {why}')
         if key.gives_command:
-            self._station.make.require_operator()
+            self._station.builder.require_operator()
         if key.lines is None:
             getattr(self, f'_do_{action}')(key, view)
-        elif len(written := key.lines(view, self._station.make.operator)) == 1 and key.asks:
-            interpret(written[0], view, self._station.make, _shown(view))  # why it cannot work now is told at once
+        elif len(written := key.lines(view, self._station.builder.operator)) == 1 and key.asks:
+            self._session.interpret(written[0], view, _shown(view))  # why it cannot work now is told at once
             self._line.open(written[0])
         elif len(written) == 1:
             self.do(written[0])
@@ -391,13 +393,12 @@ class OperatorScreen(OrderedApp):
     def _show_replay(self) -> None:
         assert self._replay is not None
         if self._station.mirror is not (mirror := self._replay.player.mirror):  # it went back: what was told since then
-            self._station = replace(self._station, mirror=mirror)  # is not told yet
-            self._restarts = Restarts()
+            self._session.turn_to(replace(self._station, mirror=mirror))  # is not told yet
             self._panes.log.moved()
         self.draw()
 
     def action_pick(self, number: int) -> None:
-        """A number was pressed."""
+        """Pick the answer of that number."""
         view = self._view()
         self._panes.picking.pressed()
         decision = view.decision
@@ -435,8 +436,8 @@ class OperatorScreen(OrderedApp):
     def action_help_quit(self) -> None:
         """Ctrl-C, which leaves nothing but what was begun: whoever wants to leave is told how."""
         self.action_leave_mode()
-        stop = '' if self._replay else ' "!" or F8 stops the robot.'
-        self._warn(f'Ctrl-C gives up what was typed. "q" leaves: {self._station.leaving}.{stop}')
+        stop = '' if self._replay else ' Press ! or F8 to stop the robot.'
+        self._warn(f'Ctrl-C clears what was typed. Press q to quit: {self._station.leaving}.{stop}')
 
     async def action_quit(self) -> None:
         """Ctrl-Q, by which Textual ends a program at once, is as "q", which asks again while a behavior runs."""
@@ -456,7 +457,7 @@ class OperatorScreen(OrderedApp):
         self.draw()
 
     def action_enter_line(self) -> None:
-        """A line was typed; it belongs to the decision that was on the screen when it was begun."""
+        """Carry out the typed line. It belongs to the decision that was on the screen when typing began."""
         if self._line.take_marked():
             self.draw()
             return
@@ -466,7 +467,7 @@ class OperatorScreen(OrderedApp):
             self._show_replay()
         else:
             view = self._view()
-            self._carry_out(interpret(text, view, self._station.make, bound), view)
+            self._carry_out(self._session.interpret(text, view, bound), view)
         self.draw()
 
     # What is done
@@ -474,12 +475,11 @@ class OperatorScreen(OrderedApp):
     def do(self, text: str) -> None:
         """Do what a line says, as at the prompt; it is bound to the decision on the screen."""
         view = self._view()
-        self._carry_out(interpret(text, view, self._station.make, _shown(view)), view)
+        self._carry_out(self._session.interpret(text, view, _shown(view)), view)
 
     def _carry_out(self, meaning: Meaning, view: View) -> None:
-        done = carry_out(meaning, view, self._station)
+        done = self._session.carry_out(meaning, view)
         if isinstance(done, OperatorCommand):
-            self._sent.add(self._station.mirror, done.id)
             if done.decision_id:  # it is answered: there is nothing left to point at
                 self._panes.map.leave()
         elif isinstance(done, Reading):
@@ -493,9 +493,9 @@ class OperatorScreen(OrderedApp):
         elif meaning.local is Local.QUIT:
             self.exit()
 
-    def _ask(self, later: RobotRequest, robot: RobotCommands) -> None:
+    def _ask(self, request: RobotRequest, robot: RobotCommands) -> None:
         try:
-            self.call_later(self._read, later(robot, self._tell_later))
+            self.call_later(self._read, request.ask(robot, self._tell_later))
         except Exception as error:
             self.call_later(self.tell_error, error)
 
@@ -518,10 +518,10 @@ class OperatorScreen(OrderedApp):
             if self._panes.map.is_pointing:
                 answer, decision = self._panes.map.answer(view)
                 if decision is None:
-                    raise RefusedError('the decision is gone; nothing was sent')
-                self._carry_out(choose(answer, view, self._station.make, decision), view)
+                    raise RefusedError('the decision is no longer pending; nothing was sent')
+                self._carry_out(choose(answer, view, self._station.builder, decision), view)
             elif (answer := self._panes.picking.picked(decision)) or decision is None:
-                self._carry_out(self._panes.picking.confirm(view, self._station.make), view)
+                self._carry_out(self._panes.picking.confirm(view, self._station.builder), view)
             elif decision.wants_pose:
                 raise RefusedError('"g" points at it on the map; ":" types a place, or x y yaw')
             elif decision.choices:
@@ -534,7 +534,7 @@ class OperatorScreen(OrderedApp):
 
             def insist() -> None:
                 now = self._view()
-                meaning = choose(answer, now, self._station.make, Bound(asked).decision(now), unseen=True)
+                meaning = choose(answer, now, self._station.builder, Bound(asked).decision(now), unseen=True)
                 self._carry_out(meaning, now)
 
             self._ask_to_insist(error, Entry(f'answer {answer} without seeing it', (answer,)), insist)
@@ -543,7 +543,7 @@ class OperatorScreen(OrderedApp):
         """Ask whether something is to be sent although what it is about was not received."""
         self._warn(str(error))
         entries = [Entry('send nothing, and wait for it', ('wait',)), entry]
-        self._choose('what this is about was not received', entries, lambda number: insist() if number == 1 else None)
+        self._choose('the subject was not received', entries, lambda number: insist() if number == 1 else None)
 
     def _do_point(self, key: KeyBinding, view: View) -> None:
         if not self._panes.map.point(view):
@@ -563,7 +563,7 @@ class OperatorScreen(OrderedApp):
 
     def _do_robots(self, key: KeyBinding, view: View) -> None:
         if self._robots is None:
-            raise RefusedError('there is one robot here')
+            raise RefusedError('there is only one robot')
         self.open(Overview(self._robots.fleet, self._robot), self.switch)
 
     def switch(self, name: str) -> None:
@@ -573,11 +573,10 @@ class OperatorScreen(OrderedApp):
         try:
             mirror, link = self._robots.select(name)
         except KeyError:
-            raise RefusedError(f'{one_line(name)} was forgotten: it has been gone for long') from None
-        self._station = replace(self._station, mirror=mirror, link=link)
+            raise RefusedError(f'{one_line(name)} was dropped from the list: it has been gone for long') from None
+        self._session.turn_to(replace(self._station, mirror=mirror, link=link))
         self._robot = name
         self._turned_to = ''
-        self._restarts = Restarts()
         self._panes.moved()
         self._follow(mirror)
         self.tell([f'this is {one_line(name)}'])
@@ -598,7 +597,7 @@ class OperatorScreen(OrderedApp):
     def _do_start(self, key: KeyBinding, view: View) -> None:
         behaviors = view.behaviors
         if not behaviors:
-            raise RefusedError('the robot has not said which behaviors it has')
+            raise RefusedError('the robot has not sent its list of behaviors')
         entries = [Entry(f'{one.name}  {one.description}', (one.name,), one.error) for one in behaviors]
         command = find(key.action)
         assert command is not None
@@ -612,7 +611,7 @@ class OperatorScreen(OrderedApp):
         def filled(line: str) -> None:
             name = one_line(behavior.name)
             if behavior not in (self._view().behaviors or ()):
-                raise RefusedError(f'{name} is another one than it was in the form; nothing was sent. Look at it again')
+                raise RefusedError(f'{name} has changed since the form was opened; nothing was sent. Check it again')
             try:
                 self.do(line)
             except NotShownError as error:
@@ -646,12 +645,12 @@ class OperatorScreen(OrderedApp):
         page = [f'In a browser: {one_line(self._station.page)}', ''] if self._station.page else []
         keys = [*page, *help_lines(), '', *prompt_help(self._station.leaving)]
         shown = replay_help_lines() if self._replay else keys
-        self._read(Reading('keys', shown))
+        self._read(Reading(None, shown, title='keys'))
 
     def _do_leave(self, key: KeyBinding, view: View) -> None:
         if view.running and not self._is_quitting and self._replay is None:
             self._is_quitting = True
-            raise RefusedError(f'q again leaves: {self._station.leaving}; Esc stays')
+            raise RefusedError(f'Press q again to quit: {self._station.leaving}. Esc to stay')
         self.exit()
 
 

@@ -50,8 +50,9 @@ NARROWEST: Final = 16
 
 
 class Burst:
-    """What was typed in one go, wherever it went: letters, digits, and the Enters of lines and lists. Arrows, Tab and
-    Escape begin another one.
+    """The keys that were typed in one go, wherever they went: letters, digits, and the Enters of lines and lists.
+
+    Arrows, Tab and Escape begin another one.
 
     Two letters are a word. It may be meant as an answer, so no letter of it is a key that sends something, and an Enter
     behind it answers nothing. Neither does the second Enter of two: the first was meant for what it has closed.
@@ -63,7 +64,7 @@ class Burst:
         self._typed_at = -math.inf
 
     def typed(self, key: str, sign: str | None, *, is_elsewhere: bool) -> None:
-        """A key was pressed; ``sign`` is what it types. ``is_elsewhere``: it is for a line or a list that is open."""
+        """Note a pressed key; ``sign`` is what it types. ``is_elsewhere``: an open line or list gets it."""
         now = self._clock.now()
         if now - self._typed_at >= BURST_SECONDS or not (sign or key in ('enter', 'backspace')):
             self._text = ''
@@ -77,7 +78,7 @@ class Burst:
         """Raise RefusedError for a key that is a letter of a word."""
         word = self._text.rpartition(_ENTER)[2]
         if len(word) > 1:
-            raise RefusedError(f'{word!r} is a word, so "{key}" in it did nothing; ":" types a line')
+            raise RefusedError(f'{word!r} is a word, so "{key}" in it did nothing; press : to type a line')
 
     def check_enter(self) -> None:
         """Raise RefusedError for an Enter that was typed in one go with more than a number that picks."""
@@ -98,7 +99,7 @@ class Pick:
 
 
 class Picking:
-    """What Enter would send. The decision that a key belongs to is the one that was drawn when it was pressed."""
+    """The answer that Enter would send. A key belongs to the decision that was drawn when it was pressed."""
 
     def __init__(self, clock: Clock) -> None:
         self._shown = ShownDecision(clock)
@@ -107,14 +108,14 @@ class Picking:
         self._pressed_at = -math.inf
 
     def drawn(self, view: View) -> None:
-        """The screen shows this now."""
+        """Note that the screen shows this now."""
         shown = view.decision.id if view.decision else None
         self._shown.drawn(shown)
         if self._pick is not None and self._pick.decision_id != shown:
             self._pick = None
 
     def pressed(self) -> None:
-        """A key that answers was pressed. With others that came quickly before it, it is for one decision."""
+        """Note that a key was pressed that answers. With others that came quickly before it, it is for one decision."""
         now = self._clock.now()
         if now - self._pressed_at >= BURST_SECONDS:
             self._shown.typed('')
@@ -122,13 +123,13 @@ class Picking:
         self._shown.typed('key')
 
     def turned_to(self, decision_id: str) -> None:
-        """The operator has chosen this decision from a list of all that wait, and knows it."""
+        """Note that the operator has chosen this decision from the list, and so knows it."""
         self._pick = None
         self._pressed_at = -math.inf
         self._shown.known(decision_id)
 
     def moved(self) -> None:
-        """The operator went to another robot: what was picked is gone, and what comes up there is new to the eye."""
+        """Forget what was picked: the operator went to another robot, where each decision is new to the eye."""
         self._pick = None
         self._shown.drawn('')
 
@@ -151,7 +152,7 @@ class Picking:
             raise RefusedError(f'there is no choice {number}; there are {len(decision.choices)}')
         self._pick = Pick(decision.id, decision.choices[number - 1])
 
-    def confirm(self, view: View, make: CommandBuilder) -> Meaning:
+    def confirm(self, view: View, builder: CommandBuilder) -> Meaning:
         """Return the command for what is picked.
 
         Raises:
@@ -163,7 +164,7 @@ class Picking:
         if not answer:
             what = 'pick a choice by its number' if decision.choices else 'type the value, or point at it on the map'
             raise RefusedError(f'nothing is picked yet: {what}')
-        meaning = choose(answer, view, make, decision)
+        meaning = choose(answer, view, builder, decision)
         self._pick = None
         return meaning
 
@@ -180,12 +181,12 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
         if len(acting) > room:
             acting = [*acting[: room - 1], f'  +{len(acting) - room + 1} more']
         folded = [row for line in acting for row in fold(line, columns, room // len(acting))]
-        return [Line('nothing waits for you', Tone.DIM), *folded]
+        return [Line('no pending decision', Tone.DIM), *folded]
     age = f'  {age_text(max(0.0, snapshot.stamp - decision.since))}' if decision.since else ''
     others = len(view.decisions) - 1
     tails = [f'{age}  (+{others} more{listed})' for listed in (': "a" lists them', ': a', '')] if others else [age]
     where = one_line(decision.path)
-    head = f'{signs.waits} {cut_middle(where, columns // 2)}{asked_text(decision, snapshot).removeprefix(where)}'
+    head = f'{signs.waits} {asked_text(decision, snapshot).replace(where, cut_middle(where, columns // 2), 1)}'
     told_of = (*subject_lines(decision, view)[:1], *reason_lines(decision, view)[:1])
     reasons = [Line(f'  {line}', tone_of(line)) for line in told_of]
     texts = choice_texts(decision, view.state(decision.path), signs)

@@ -92,7 +92,7 @@ class ChoiceList(ModalScreen[int | None]):
     ]
 
     def __init__(self, title: str, entries: Sequence[Entry]) -> None:
-        """The title is a text of our own; the entries may be of others."""
+        """Prepare the list. The title is our own text; the entries may be from others."""
         super().__init__()
         self._title = title
         self._entries = entries
@@ -187,7 +187,7 @@ class ChoiceList(ModalScreen[int | None]):
         return []
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """A line was clicked."""
+        """Choose the line that was clicked."""
         self.dismiss(int(str(event.option_id)))
 
 
@@ -338,7 +338,7 @@ class StartForm(ModalScreen[str | None]):
         return f'Enter: {self._command.name}; Tab: next field; Up Down: choices; Esc leaves'
 
     def on_mount(self) -> None:
-        """The first field is ready to be typed into."""
+        """Focus the first field."""
         if self._fields:
             self.set_focus(self._fields[0])
 
@@ -379,7 +379,7 @@ class ReadingDialog(ModalScreen[None]):
             yield Pane()
 
     def on_mount(self) -> None:
-        """The text has the keys that scroll."""
+        """Give the text the keys that scroll."""
         self.set_focus(self.query_one(VerticalScroll))
 
     def on_pane_resized(self) -> None:
@@ -409,7 +409,7 @@ class MapImage(ModalScreen[None]):
             yield self._widget()
 
     def on_mount(self) -> None:
-        """It is drawn at once."""
+        """Draw it at once."""
         self.draw()
         self.set_interval(IMAGE_SECONDS, self.draw)
 

@@ -84,8 +84,8 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
     if view.problem:
         shown.append(Line(one_line(view.problem), Tone.ERROR))
     if snapshot is not None and not view.live:
-        sent = '' if is_recorded else '; only STOP is sent'
-        shown.append(Line(f'BLIND: this is how it was then{sent}', Tone.ERROR))
+        sent = '' if is_recorded else '; only STOP can be sent'
+        shown.append(Line(f'NO LINK: showing the last known state{sent}', Tone.ERROR))
     if snapshot is not None:
         shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
@@ -145,7 +145,7 @@ class CommandInput(Input):
 
     @property
     def is_open(self) -> bool:
-        """Whether it is typed."""
+        """True while it is typed."""
         return self.has_class('typing')
 
     def open(self, text: str) -> None:
@@ -166,7 +166,7 @@ class CommandInput(Input):
         return self.value
 
     def watch_value(self, value: str) -> None:
-        """The first of what it may become is marked."""
+        """Mark the first completion."""
         self._marked = 0
 
     def mark(self, by: int) -> None:

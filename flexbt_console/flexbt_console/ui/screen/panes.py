@@ -30,7 +30,7 @@ from .robot_panes import LogPane, MachinePane, MapPane
 
 
 class ShownRobot(NamedTuple):
-    """What is shown: ``robot``, one of ``robots``, as it is in ``view`` of its ``mirror``."""
+    """The robot on the screen: ``robot``, one of ``robots``, as it is in ``view`` of its ``mirror``."""
 
     view: View
     mirror: Mirror
@@ -48,7 +48,7 @@ class Panes:
         self.signs = glyphs()
         self.layout = layout
         self.picking = Picking(clock)
-        self._operator = station.make.operator
+        self._operator = station.builder.operator
         self.log = LogPane(self._operator)
         self._page = one_line(station.page)
         self._line = line
@@ -152,18 +152,18 @@ class Layout:
         return tuple(pane for pane in PANES if pane not in self.hidden and pane != empty)
 
     def focus_next(self, by: int = 1) -> None:
-        """The next pane that has room (1), or the last one (-1), has the focus; behind the last, none."""
+        """Focus the next pane that has room (1) or the previous one (-1); after the last, none."""
         self._focus([pane for pane in PANES if pane not in self.hidden], by)
 
     def enlarge(self) -> None:
-        """The pane with the focus has all the room, or else the next one; behind the last, all have room again."""
+        """Enlarge the pane with the focus, or the next one; after the last, show all."""
         if self.is_enlarged or not self.focused:
             self._focus(PANES, 1, is_enlarged=True)
         else:
             self._set(self.focused, is_enlarged=True)
 
     def hide(self) -> None:
-        """The pane with the focus has no room; without a focus, all have room again."""
+        """Hide the pane with the focus; without a focus, show all."""
         self.hidden = self.hidden | {self.focused} if self.focused else set()
         self._set('', is_enlarged=False)
 

@@ -34,14 +34,14 @@ MOVES: Final = {
 """What each key does on the time line."""
 
 KEYS: Final = (
-    ('Space', 'play, from the beginning when it is at its end; or stand still'),
-    (', .', 'the last and the next moment in which something was said'),
-    ('Home End', f'{JUMP_SECONDS:g} s back and on'),
-    ('[ ]', f'slower and faster, {SPEEDS[0]:g} to {SPEEDS[-1]:g} times'),
-    ('/', 'type a text; Enter goes to the next moment in which it was said'),
-    ('Tab', 'the next pane has the focus: PgUp, PgDn scroll it (Esc: the end), z enlarges it, h hides it'),
-    (':', 'type a command that shows something, such as status, tree, events; Esc leaves'),
-    ('q', 'leave the recording'),
+    ('Space', 'Play or pause; at the end, play from the beginning'),
+    (', .', 'Previous or next event'),
+    ('Home End', f'Jump {JUMP_SECONDS:g} s back or forward'),
+    ('[ ]', f'Slower or faster, {SPEEDS[0]:g} to {SPEEDS[-1]:g} times'),
+    ('/', 'Type a text; Enter goes to its next occurrence'),
+    ('Tab', 'Focus the next pane: PgUp, PgDn scroll it (Esc: the end), z enlarges it, h hides it'),
+    (':', 'Type a command that shows something, such as status, tree, events; Esc cancels'),
+    ('q', 'Quit'),
 )
 
 HELP: Final = ('q quits', 'space plays', '? keys', ', . step', '[ ] speed', '/ finds', 'Home End 10 s')
@@ -72,7 +72,7 @@ class Player(Protocol):
 class NoLink(NullRobot):
     """A recording takes no commands."""
 
-    why = 'this is a recording: nobody is there to ask'
+    why = 'this is a recording: there is no robot to ask'
 
     def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
         """Refuse it."""
@@ -91,7 +91,7 @@ class ReplayBar:
 
     @property
     def is_playing(self) -> bool:
-        """Whether it goes on by itself."""
+        """True while it plays."""
         return self._played_from is not None
 
     def play_on(self) -> bool:

@@ -20,7 +20,6 @@ from flexbt_console.errors import RefusedError
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
     ActiveState,
-    AutonomyLevel,
     Decision,
     ExecutiveSnapshot,
     StateKind,
@@ -30,6 +29,7 @@ from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, cut_middle, fold
 from flexbt_console.present.maps import Frame, MapCanvas, where_text
 from flexbt_console.present.rendering import (
+    autonomy_needed,
     autonomy_text,
     event_line,
     log_lines,
@@ -46,7 +46,7 @@ from .pane import drawn, styled
 
 
 class _Rank(IntEnum):
-    """What a line tells: where there is little room, the last ones are left out first."""
+    """The parts of a line. Where there is little room, the last ones are left out first."""
 
     ACTIVE = 0
     OUTCOME_OF_FIRST = 1
@@ -161,8 +161,7 @@ def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
     texts = []
     for number, outcome in enumerate(state.outcomes):
         level = state.autonomy[number] if number < len(state.autonomy) else -1
-        above = 'always you' if level >= AutonomyLevel.FULL else f'above {autonomy_text(level)}'
-        needs = f'  ({above})' if level >= 0 else ''
+        needs = f'  ({autonomy_needed(level)})' if level >= 0 else ''
         texts.append(f'{one_line(outcome)}{leads_text(state, number, signs)}{needs}')
     return texts
 
@@ -232,7 +231,7 @@ class MapPane:
 
     @property
     def is_pointing(self) -> bool:
-        """Whether there is a cursor."""
+        """True while there is a cursor."""
         return self._cursor is not None
 
     @property
@@ -334,7 +333,7 @@ class LogPane:
 
     @property
     def told(self) -> list[str]:
-        """What the console itself has told, the latest last."""
+        """Lines of the console itself, the latest last."""
         return [line for _, line in self._told]
 
     def tell(self, stamp: float, text: Iterable[str]) -> None:
@@ -348,7 +347,7 @@ class LogPane:
         self._held = held if self._back else []
 
     def moved(self) -> None:
-        """It is another robot's from now on."""
+        """Show another robot from now on."""
         self._told.clear()
         self.follow()
 

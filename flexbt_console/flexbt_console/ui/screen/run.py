@@ -29,8 +29,8 @@ def run_screen(station: Station, clock: Clock, on_signal: OnSignal, robots: Scre
 
 def show_recording(player: Player, clock: Clock, on_signal: OnSignal) -> None:
     """Show a recording in this terminal until the operator leaves it, or a signal ends it."""
-    make = CommandBuilder(None, NOTHING_SENT)
-    station = Station(player.mirror, NoLink(), make, 1.0, Attention(clock), 'it was a recording')
+    builder = CommandBuilder(None, NOTHING_SENT)
+    station = Station(player.mirror, NoLink(), builder, 1.0, Attention(clock), 'it was a recording')
     bar = ReplayBar(player, clock)
     _run(OperatorScreen(station, clock, replay=bar, layout=_layout(), image_widget=image_widget()), on_signal)
 

@@ -46,10 +46,10 @@ class OrderedApp(App[None]):
         raise NotImplementedError
 
     def key_read(self, key: str) -> None:
-        """A key was read, and waits for its turn from now on; on the thread that reads the terminal."""
+        """Note a key that was read and waits for its turn. Called on the thread that reads the terminal."""
 
     def touched(self) -> None:
-        """A key was pressed, whatever it is for."""
+        """Note a pressed key, whatever it is for."""
 
     def guarded(self, call: Callable[P, object]) -> Callable[P, None]:
         """Return the same, except that its errors are told."""

@@ -50,7 +50,7 @@ def source_of(address: str | None) -> str:
 
 
 class WrongTokens:
-    """How long a token has to wait until it is looked at, by the wrong ones that have come from the same source.
+    """The time that a token waits before it is checked, by the wrong ones from the same source.
 
     A right one costs nothing, so who has it is held up only where somebody else guesses from the same source.
     """
@@ -64,7 +64,7 @@ class WrongTokens:
         return max(0.0, self._paid_at.get(source, 0.0) - (GUESSES - 1) * GUESS_SECONDS - self._now())
 
     def note(self, source: str) -> None:
-        """A token from there was wrong."""
+        """Note a wrong token from there."""
         self._paid_at[source] = max(self._paid_at.pop(source, 0.0), self._now()) + GUESS_SECONDS
         if len(self._paid_at) > _ADDRESSES:
             self._paid_at.popitem(last=False)

@@ -25,7 +25,7 @@ MOST_NODES: Final = 400
 
 
 class Drawing(NamedTuple):
-    """What Graphviz is to draw; ``key`` identifies it, or is NO_DRAWING."""
+    """A drawing for Graphviz; ``key`` identifies it, or is NO_DRAWING."""
 
     key: str
     dot: str

@@ -19,14 +19,14 @@ from flexbt_console.mirror.fleet import RobotOverview
 from flexbt_console.mirror.records import OperatorCommand
 from flexbt_console.present.json_form import encode_json
 from flexbt_console.present.style import tone_of
-from flexbt_console.ui.station import Restarts, SentCommands
+from flexbt_console.ui.station import Session, Station
 from flexbt_core.clock.clock import SteadyClock
 from flexbt_core.values.text import escape_lines, one_line
 
 from .access import Access, WrongTokens
 from .drawings import NO_DRAWING, Drawings
 from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
-from .requests import Allowance, PageRequest, PageStation, Told, answered, read
+from .requests import Allowance, PageRequest, Told, answered, read
 
 PULSE: Final = 1.0
 """Seconds after which a page hears something in any case: without that it takes the server for lost."""
@@ -46,7 +46,7 @@ class PageLink:
     """A page at its WebSocket, whose ``source`` is what stands for its address."""
 
     _pictures: Pictures
-    _station: PageStation
+    _session: Session
 
     def __init__(self, socket: web.WebSocketResponse, drawings: Drawings, source: str) -> None:
         self.source = source
@@ -58,8 +58,6 @@ class PageLink:
         self._drawn: dict[str, None] = {}
         self._map = b''
         self._run: str | None = None
-        self._sent = SentCommands(SteadyClock())
-        self._restarts = Restarts()
         self._tasks: set[asyncio.Task[None]] = set()
         self._waiting = 0
         self._left: Future[None] = Future()
@@ -70,9 +68,9 @@ class PageLink:
         """Something has changed; on the thread of the loop."""
         self._changed.set()
 
-    async def serve(self, robot: str, station: PageStation, pictures: Pictures) -> None:
+    async def serve(self, robot: str, station: Station, pictures: Pictures) -> None:
         """Show that robot, and lines of the others, until the page or the server ends it; after :meth:`is_welcome`."""
-        self._pictures, self._station = pictures, station
+        self._pictures, self._session = pictures, Session(station, SteadyClock())
         await self._send({'hello': {'robot': robot, 'commands': COMMAND_PART}})
         show = asyncio.create_task(self._show())
         try:
@@ -124,7 +122,7 @@ class PageLink:
     async def _tell_changes(self) -> None:
         picture = await self._pictures.newest()
         view = picture.view
-        self._station.attention.pending([view, *(one.view for one in picture.robots)])
+        self._session.station.attention.pending([view, *(one.view for one in picture.robots)])
         new = {name: text for name, text in picture.parts.items() if self._shown.get(name) is not text}
         self._shown = picture.parts
         run = view.snapshot.run_id if view.snapshot else None
@@ -146,9 +144,8 @@ class PageLink:
                 if len(self._drawn) > DRAWINGS_KEPT:
                     del self._drawn[next(iter(self._drawn))]
                 self._begin(self._draw(drawing.key, self._drawings.wanted(drawing)))
-        for told in (self._restarts.told(view), *self._sent.updates()):
-            if told:
-                await self._tell(told, tone_of(told[0]).name.lower())
+        for lines in self._session.news(view):
+            await self._tell(lines, tone_of(lines[0]).name.lower())
 
     async def _draw(self, key: str, made: asyncio.Task[str]) -> None:
         try:
@@ -188,11 +185,10 @@ class PageLink:
 
     async def _answer(self, text: str) -> None:
         try:
-            answer = answered(read(text), self._station, self._left)  # here, so that a stop waits for nothing
+            answer = answered(read(text), self._session, self._left)  # here, so that a stop waits for nothing
             if callable(answer):
                 answer = await self._later(answer)
             if isinstance(answer, OperatorCommand):
-                self._sent.add(self._station.mirror, answer.id)
                 self._changed.set()
             elif isinstance(answer, dict):
                 await self._send(answer)

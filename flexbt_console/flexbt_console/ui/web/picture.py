@@ -44,10 +44,10 @@ from flexbt_console.present.rendering import (
 )
 from flexbt_console.present.style import tone_of
 from flexbt_console.ui.keys import KEYS
+from flexbt_console.ui.station import Station
 from flexbt_core.values.text import one_line
 
 from .drawings import Drawing, machine_drawing, tree_drawing
-from .requests import PageStation
 
 T = TypeVar('T')
 
@@ -368,7 +368,7 @@ class Pictures:
     A request of a page, above all a STOP, so never waits until something is encoded.
     """
 
-    def __init__(self, fleet: Fleet, robot: str, station: PageStation, encoder: Executor) -> None:
+    def __init__(self, fleet: Fleet, robot: str, station: Station, encoder: Executor) -> None:
         self._fleet = fleet
         self._robot = robot
         self._station = station
@@ -406,7 +406,7 @@ class Pictures:
     def _make(self) -> Picture:
         station = self._station
         view, robots = station.mirror.view(), self._fleet.overview()
-        parts = parts_of(view, station.make.operator)
+        parts = parts_of(view, station.builder.operator)
         if station.obstacles is not None:
             parts['simulator'] = station.obstacles.is_possible()
             parts['obstacles'] = station.obstacles.dropped

@@ -5,47 +5,25 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, Protocol
 
 from flexbt_console.commands.completion import candidates
-from flexbt_console.commands.spec import RobotCommands, RobotQueries
+from flexbt_console.commands.spec import Reading, RobotCommands
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import OperatorCommand, Synthesis, SynthesisRequest, UserdataScope
+from flexbt_console.mirror.records import OperatorCommand
 from flexbt_console.mirror.view import View
-from flexbt_console.ui.answers import Bound, Local, Meaning, choose, interpret
-from flexbt_console.ui.station import Reading, Station, carry_out
+from flexbt_console.ui.answers import Bound, Local, Meaning, choose
+from flexbt_console.ui.station import RobotRequest, Session, Station
 from flexbt_core.values.json_data import load_json
 
-
-class Obstacles(Protocol):
-    """Obstacles that an operator drops into a simulated world. Each method raises ConsoleError."""
-
-    @property
-    def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
-        """Those that were dropped here: name, centre (m) and radius (m) of each."""
-
-    def is_possible(self) -> bool:
-        """Return whether there is a simulator."""
-
-    def drop(self, x: float, y: float, timeout: float) -> str:
-        """Put one there; gives its name. Not on the executor thread."""
-
-    def remove(self, name: str, timeout: float) -> None:
-        """Take it away again."""
-
-
-@dataclass(frozen=True)
-class PageStation(Station):
-    """A robot as the operator of a page has it."""
-
-    leaving: str = 'close the page: the robot goes on'
-    obstacles: Obstacles | None = None
+LEAVING: Final = 'close the page: the robot goes on'
+"""What "quit" on a page answers."""
 
 
 class PageRobots(Protocol):
@@ -78,7 +56,7 @@ BURST: Final = 60.0
 
 @dataclass
 class Allowance:
-    """How many messages a page may still send: a bucket that fills with time."""
+    """The messages that a page may still send: a bucket that fills with time."""
 
     now: Callable[[], float] = time.monotonic
     left: float = BURST
@@ -104,9 +82,9 @@ def read(text: str) -> dict[str, Any]:
     try:
         message = load_json(text)
     except (ValueError, RecursionError):
-        raise UsageError('the message is no JSON') from None
+        raise UsageError('the message is not JSON') from None
     if not isinstance(message, dict):
-        raise UsageError('the message is no object of JSON')
+        raise UsageError('the message is not a JSON object')
     return message
 
 
@@ -118,15 +96,17 @@ PageRequest = Callable[[], Told]
 
 
 def answered(
-    message: dict[str, Any], station: PageStation, left: Future[None]
+    message: dict[str, Any], session: Session, left: Future[None]
 ) -> Told | dict[str, Any] | PageRequest | None:
-    """Do what a page asks for; a dictionary is a message for the page. Only :data:`Later` waits for anybody.
+    """Do what a page asks for; a dictionary is a message for the page. Only a
+    :data:`PageRequest` waits for anybody.
 
     ``left`` is done once the page is closed: what is synthesized for it is canceled.
 
     Raises:
         ConsoleError: it is not written as it has to be, or cannot work now; nothing was sent.
     """
+    station = session.station
     if 'complete' in message:
         text = _text(message, 'complete')
         return {'candidates': [text, candidates(text, station.mirror.view())[:40]]}
@@ -144,52 +124,28 @@ def answered(
     if 'answer' in message:
         decision = Bound(decision_id).decision(view)
         unseen = message.get('unseen') is True
-        meaning = choose(_text(message, 'answer'), view, station.make, decision, unseen=unseen)
-        return _done(meaning, view, station, left)
+        meaning = choose(_text(message, 'answer'), view, station.builder, decision, unseen=unseen)
+        return _done(meaning, view, session, left)
     if 'do' in message:
-        meaning = interpret(_text(message, 'do'), view, station.make, Bound(decision_id))
-        return _done(meaning, view, station, left)
-    raise UsageError(
-        'the message asks for nothing that is known: do, answer, touched, complete, obstacle, remove_obstacle'
-    )
+        meaning = session.interpret(_text(message, 'do'), view, Bound(decision_id))
+        return _done(meaning, view, session, left)
+    raise UsageError('unknown request; expected one of: do, answer, touched, complete, obstacle, remove_obstacle')
 
 
-def _done(meaning: Meaning, view: View, station: PageStation, left: Future[None]) -> Told | PageRequest | None:
+def _done(meaning: Meaning, view: View, session: Session, left: Future[None]) -> Told | PageRequest | None:
     if meaning.local is Local.QUIT:
-        return Reading('', [station.leaving])
-    done = carry_out(meaning, view, station)
-    if callable(done):
-        return partial(done, _AskedByPage(station.link, left), lambda text: None)
+        return Reading(None, [session.station.leaving])
+    done = session.carry_out(meaning, view)
+    if isinstance(done, RobotRequest):
+        return partial(done.ask, session.station.link, _ignore, left)
     return done
 
 
-@dataclass(frozen=True)
-class _AskedByPage:
-    """The robot as a page asks it that may be closed before the answer has come."""
-
-    robot: RobotQueries
-    left: Future[None]
-
-    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        return self.robot.userdata(path, keys, timeout)
-
-    def synthesis(
-        self,
-        request: SynthesisRequest,
-        timeout: float,
-        tell: Callable[[str], None],
-        left: Future[None] | None = None,
-    ) -> Synthesis:
-        return self.robot.synthesis(request, timeout, tell, left or self.left)
-
-    def cancel_synthesis(self, timeout: float) -> int:
-        return self.robot.cancel_synthesis(timeout)
-
-    def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
-        return self.robot.surroundings(has_arrived, timeout, scan_period)
+def _ignore(text: str) -> None:
+    """Leave out what a synthesis reports meanwhile: a page shows its end."""
 
 
-def _obstacle(where: object, station: PageStation) -> Reading:
+def _obstacle(where: object, station: Station) -> Reading:
     if not (
         isinstance(where, list)
         and len(where) == 2
@@ -197,19 +153,19 @@ def _obstacle(where: object, station: PageStation) -> Reading:
     ):
         raise UsageError('"obstacle" is [x, y], in m')
     name = _simulator(station).drop(float(where[0]), float(where[1]), station.timeout)
-    return Reading('', [f'{name} stands at x {where[0]:.2f}  y {where[1]:.2f}'])
+    return Reading(None, [f'{name} dropped at x {where[0]:.2f}  y {where[1]:.2f}'])
 
 
-def _remove_obstacle(name: str, station: PageStation) -> Reading:
+def _remove_obstacle(name: str, station: Station) -> Reading:
     _simulator(station).remove(name, station.timeout)
-    return Reading('', [f'{name} is taken away'])
+    return Reading(None, [f'{name} removed'])
 
 
-def _simulator(station: PageStation) -> Any:
-    if station.make.operator is None:
-        raise RefusedError('an observer changes nothing; leave --observer out')
+def _simulator(station: Station) -> Any:
+    if station.builder.operator is None:
+        raise RefusedError('an observer cannot drop obstacles; omit --observer')
     if station.obstacles is None or not station.obstacles.is_possible():
-        raise RefusedError('there is no simulator that serves simulation_interfaces; obstacles are put there by hand')
+        raise RefusedError('there is no simulator that serves simulation_interfaces; obstacles cannot be dropped here')
     return station.obstacles
 
 

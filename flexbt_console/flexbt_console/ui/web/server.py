@@ -24,13 +24,14 @@ from flexbt_common.pictures.markup import STYLE
 from flexbt_console.commands.spec import RobotCommands
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.ui.station import Station
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
 from .access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
 from .drawings import Drawings
 from .page_link import PageLink
 from .picture import Pictures
-from .requests import MESSAGE_BYTES, PageRobots, PageStation
+from .requests import MESSAGE_BYTES, PageRobots
 
 MOST_PAGES: Final = 32
 """Pages that are open at the same time."""
@@ -50,9 +51,7 @@ _TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript'
 class WebServer:
     """Serves the pages of robots, also of those that come later; ``station`` makes what the page of one needs."""
 
-    def __init__(
-        self, robots: PageRobots, station: Callable[[Mirror, RobotCommands], PageStation], access: Access
-    ) -> None:
+    def __init__(self, robots: PageRobots, station: Callable[[Mirror, RobotCommands], Station], access: Access) -> None:
         self._robots = robots
         self._station = station
         self._access = access

@@ -21,7 +21,7 @@ const tell = (text, tone) => {
 const send = (message) => {
   const sent = link.send(message);
   if (sent && ('answer' in message || 'do' in message)) touched = undefined;  // that is dealt with; it may be refused, and come back
-  if (!sent && !message.complete) tell('the server of this page is gone; nothing was sent', 'error');
+  if (!sent && !message.complete) tell('The server of this page is gone; nothing was sent', 'error');
   return sent;
 };
 const isLive = () => server.open && known.link?.state === 'live';
@@ -144,7 +144,7 @@ function drawHead() {
   byId('holder').textContent = status?.authority ? `authority ${status.authority}` : '';
   const alarm = [];
   if (!server.open) alarm.push(...(server.text ? [server.text, 'trying again'] : []));
-  else if (!live) alarm.push('BLIND: this is how it was then; only STOP is sent');
+  else if (!live) alarm.push('NO LINK: showing the last known state; only STOP can be sent');
   if (known.link?.problem) alarm.push(known.link.problem);
   if (status) alarm.push(...(status.alarm ? [status.alarm] : []), ...status.missed, ...[status.message, status.asked].filter(Boolean));
   if (byId('alarm').textContent !== alarm.join('\n')) byId('alarm').textContent = alarm.join('\n');
@@ -158,7 +158,7 @@ function drawHead() {
     ['force', running ? '' : 'no state is active'], ['start', ''], ['note', '']];
   for (const [id, why] of blocked) {
     byId(id).disabled = !live || Boolean(why);
-    byId(id).title = live ? why ?? '' : 'the picture is not live';
+    byId(id).title = live ? why ?? '' : 'No live link';
   }
   for (const button of byId('autonomy').querySelectorAll('button')) {
     button.disabled = !live;

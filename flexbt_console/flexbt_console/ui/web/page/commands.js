@@ -75,7 +75,7 @@ export class Commands {
       const of = [path, path.slice(path.lastIndexOf('/') + 1)];
       return [`leave ${path} by ${outcome}`, [outcome, ...of.flatMap((one) => [`${one} ${outcome}`, `${one}: ${outcome}`])], `force ${word(path)} ${word(outcome)}`];
     }));
-    this.read('leave an active state', rows.length ? this.lines(rows) : 'the outcomes of the active state are not known yet');
+    this.read('Leave an Active State', rows.length ? this.lines(rows) : 'The outcomes of the active state are not known yet');
   }
 
   // A list of lines to send, [text, names, line]; each belongs to the decision that is on the page now.
@@ -138,7 +138,7 @@ export class Commands {
     const verb = status?.running ? 'switch' : 'start';
     const rows = behaviors.map((behavior) => (
       {text: behavior.name, names: [behavior.name], about: behavior.description, refusal: behavior.error, run: () => this.fill(verb, behavior)}));
-    this.read(`${verb} a behavior`, rows.length ? this.list(rows) : 'the robot has not said which behaviors it has');
+    this.read(`${verb} a behavior`, rows.length ? this.list(rows) : 'The robot has not sent its list of behaviors');
   }
 
   // A field for each parameter and input of the behavior, and for each option of the command.
@@ -173,7 +173,7 @@ export class Commands {
     }
     const told = element('p', {class: 'hint', role: 'status'});
     form.append(element('button', {type: 'submit'}, verb), told);
-    if (behavior.machine) form.append(element('pre', {class: behavior.lacks_machine ? 'error' : ''}, `${behavior.lacks_machine ? '' : 'machine, as it was synthesized:\n'}${behavior.machine}`));
+    if (behavior.machine) form.append(element('pre', {class: behavior.lacks_machine ? 'error' : ''}, `${behavior.lacks_machine ? '' : 'synthesized machine:\n'}${behavior.machine}`));
     let opened = performance.now();  // an Enter that comes at once, or is held down, was meant for what opened the form
     form.addEventListener('input', () => { opened = -Infinity; });
     form.addEventListener('keydown', (event) => { if (event.key === 'Enter' && event.repeat) event.preventDefault(); });
@@ -181,10 +181,10 @@ export class Commands {
       event.preventDefault();
       if (performance.now() - opened < REACTION_MS) { told.textContent = `just opened: Enter again: ${verb}`; return; }
       const unseen = form.querySelector('#unseen-machine');
-      if (unseen && !unseen.checked) { told.textContent = 'its machine was not received; nothing was sent. Wait for it, or tick the box'; unseen.focus(); return; }
+      if (unseen && !unseen.checked) { told.textContent = 'The machine was not received; nothing was sent. Wait for it, or tick the box'; unseen.focus(); return; }
       byId('dialog').close();
       const now = this.now().behaviors.find(({name}) => name === behavior.name);
-      if (now?.machine !== behavior.machine) this.tell(`${plain(behavior.name)} is another one than it was in the form; nothing was sent. Look at it again`, 'warning');
+      if (now?.machine !== behavior.machine) this.tell(`${plain(behavior.name)} has changed since the form was opened; nothing was sent. Check it again`, 'warning');
       else this.do([verb, behavior.name, ...fields.flatMap((written) => written()), ...(unseen ? ['--unseen'] : [])].map(word).join(' '));
     });
     this.read(`${verb} ${behavior.name}`, form);
@@ -193,7 +193,7 @@ export class Commands {
   help() {
     const rows = this.specs.map((spec) => ({text: spec.usage, names: [spec.name, spec.summary], about: spec.summary, run: () => this.type(`${spec.name} `)}));
     const keys = 'Keys: ! or F8 stop, p pause or go on, 1-9 pick an answer, Enter sends it, a chooses among all that waits, g to the map, s start, f force, r repeat, ' +
-      'l lock, b breakpoint, c authority, n note, : any command, ? this help. Only STOP acts at once: p, r, l, b and c show a line, which Enter sends. Keys work while no field has the focus; F8 from anywhere.';
+      'l lock, b breakpoint, c authority, n note, : any command, ? this help. Only STOP acts at once: p, r, l, b and c show a line that Enter sends. Keys work while no field has the focus; F8 from anywhere.';
     this.read('commands', element('div', {}, element('p', {}, keys), this.list(rows)));
   }
 

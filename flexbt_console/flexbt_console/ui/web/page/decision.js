@@ -60,7 +60,7 @@ export class DecisionBar {
 
   choose() {
     if (this.waiting.length > 1) this.all.focus();
-    else this.tell(this.shown ? 'nothing else waits' : 'nothing waits for you', 'warning');
+    else this.tell(this.shown ? 'no other pending decision' : 'no pending decision', 'warning');
   }
 
   // Buttons can be pressed while the picture is live.
@@ -79,7 +79,7 @@ export class DecisionBar {
   build(others) {
     const decision = this.shown;
     this.bar.classList.toggle('waits', decision !== null);
-    this.line.textContent = decision ? decision.line + (others ? ` (+${others} more)` : '') : 'nothing waits for you';
+    this.line.textContent = decision ? decision.line + (others ? ` (+${others} more)` : '') : 'no pending decision';
     this.line.title = decision ? `decision ${decision.id}` : '';
     const rows = [];
     if (decision) {
@@ -126,7 +126,7 @@ export class DecisionBar {
 
   pick(number) {
     const choice = this.shown?.choices[number - 1];
-    if (!choice) this.tell(this.shown ? `there is no choice ${number}` : 'nothing waits for you', 'warning');
+    if (!choice) this.tell(this.shown ? `there is no choice ${number}` : 'no pending decision', 'warning');
     else if (this.isHasty()) this.hasty();
     else {
       this.picked = choice.value;
@@ -135,14 +135,14 @@ export class DecisionBar {
   }
 
   confirm() {
-    if (!this.shown) this.tell('nothing waits for you', 'warning');
+    if (!this.shown) this.tell('no pending decision', 'warning');
     else if (!this.picked) this.tell('pick an answer by its number; Enter sends it', 'warning');
     else this.answer(this.picked, this.shown.id);
   }
 
   isHasty() { return performance.now() - this.replaced < REACTION_MS; }
 
-  hasty() { this.tell('this decision had just come up; nothing was sent. Look at it, and answer again', 'warning'); }
+  hasty() { this.tell('this decision has just appeared; nothing was sent. Check it and answer again', 'warning'); }
 
   // What was not received cannot be judged: who answers all the same says so first.
   answer(text, id) {
@@ -157,7 +157,7 @@ export class DecisionBar {
 
   ask(message) {
     if (this.isHasty()) this.hasty();
-    else if (!this.allowed) this.tell('the picture is not live; nothing was sent', 'warning');
+    else if (!this.allowed) this.tell('there is no live link; nothing was sent', 'warning');
     else this.send(message);
   }
 }
