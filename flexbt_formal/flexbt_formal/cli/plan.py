@@ -94,7 +94,7 @@ def _tree_id(text: str) -> str:
 
 def _number(text: str) -> int:
     if not text.isdecimal() or len(text) > 3:
-        raise argparse.ArgumentTypeError(f'{short_repr(text)} is no number from 0 to 999')
+        raise argparse.ArgumentTypeError(f'{short_repr(text)} is not a number from 0 to 999')
     return int(text)
 
 

@@ -166,5 +166,5 @@ def save_test(options: argparse.Namespace, wrong: Iterable[tuple[Replay, Sequenc
 
 def _count(text: str) -> int:
     if not text.isascii() or not text.isdigit() or not 0 < len(text) < 10 or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'{text!r} is no whole number above 0')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number above 0')
     return int(text)

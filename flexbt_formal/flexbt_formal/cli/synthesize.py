@@ -204,6 +204,6 @@ def counterstrategy_diagram(title: str, explanation: Explanation) -> SequenceDia
             steps.append(Note(_MACHINE, ['or, in vain as well:', *(one for one in step.choices if one != step.chosen)]))
     end = [*explanation.never, *explanation.stuck]
     if explanation.steps and not explanation.stuck:
-        end.append('… and so on for ever; no other answer helps')
+        end.append('… and so on forever; no other answer helps')
     steps.append(Note(_MACHINE, [f'No machine can do that: {explanation.kind.value}', *end], is_wrong=True))
     return SequenceDiagram(title, [_MACHINE, _WORLD], steps)

@@ -242,5 +242,5 @@ def read_scene(scene: str, actions: Iterable[str], source: str = '<scene>') -> t
 
 def _literals(entry: object) -> Condition:
     if not isinstance(entry, list) or not all(isinstance(one, str) for one in entry):
-        raise TypeError(f'{short_repr(entry)} is no list of literals')
+        raise TypeError(f'{short_repr(entry)} is not a list of literals')
     return frozenset(entry)

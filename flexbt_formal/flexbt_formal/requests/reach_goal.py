@@ -124,12 +124,12 @@ class ReachGoal(ExpandingAction):
     def on_start(self) -> NodeStatus:
         limit, attempts = self.get_input('time_limit'), self.get_input('attempts')
         if not 0.0 < limit <= LONGEST_SEARCH:
-            return self.fail(f'port time_limit: {limit!r} is no time above 0 and up to {LONGEST_SEARCH:g} s')
+            return self.fail(f'port time_limit: {limit!r} is not a time above 0 and up to {LONGEST_SEARCH:g} s')
         if not 0 < attempts <= MOST_ATTEMPTS:
-            return self.fail(f'port attempts: {attempts!r} is no number from 1 to {MOST_ATTEMPTS}')
+            return self.fail(f'port attempts: {attempts!r} is not a number from 1 to {MOST_ATTEMPTS}')
         self._timeout = float(self.get_input('sensor_timeout'))
         if not 0.0 <= self._timeout < math.inf:
-            return self.fail(f'port sensor_timeout: {self._timeout!r} is no time of 0 or more, s')
+            return self.fail(f'port sensor_timeout: {self._timeout!r} is not a time of 0 or more, s')
         self._left_out.clear()
         self._tried = 0
         file, goal = str(self.get_input('mission')), str(self.get_input('goal'))

@@ -40,7 +40,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
         if explanation.stuck:
             yield from (f'        {one}' for one in explanation.stuck)
         else:
-            yield '      … and so on for ever; no other answer helps'
+            yield '      … and so on forever; no other answer helps'
     yield ''
     yield 'What may help:'
     yield from (f'  - {remedy}' for remedy in explanation.remedies)

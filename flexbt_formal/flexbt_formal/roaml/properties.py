@@ -109,7 +109,7 @@ def read_properties(path: str, asked: SourceElement | None) -> list[ModelPropert
     try:
         document = load_json(read_text(path, asked))
     except ValueError as error:
-        raise fail(f'it is no JSON: {error}') from error
+        raise fail(f'it is not JSON: {error}') from error
     rows = document.get('properties') if isinstance(document, dict) else None
     if not isinstance(rows, list) or not rows:
         raise fail('there is no list "properties" in it')
@@ -178,7 +178,7 @@ def _bounds(path: Mapping[str, Any]) -> tuple[int, int | None]:
     for key in ('lower', 'upper'):
         value = _mapping(given).get(key)
         if value is not None and (type(value) is not int or value < 0):
-            raise PropertyError(f'the {key} bound {value!r} is no whole number')
+            raise PropertyError(f'the {key} bound {value!r} is not a whole number')
         found.append(
             None if value is None else value - bool(given.get(f'{key}-exclusive')) * (1 if key == 'upper' else -1)
         )
@@ -196,7 +196,7 @@ def _expression(given: Any, depth: int = 0) -> Expression:
         raise PropertyError('it is nested more than 60 deep')
     if isinstance(given, bool | int | float):
         if not isinstance(given, bool) and finite_number(given) is None:
-            raise PropertyError(f'{short_repr(given)} is no number')
+            raise PropertyError(f'{short_repr(given)} is not a number')
         return Literal(given)
     if isinstance(given, str):
         return Reference((given,))
@@ -259,7 +259,7 @@ def event_of(name: str, events: Events) -> tuple[str, str]:
             if name.startswith(one + separator) and len(one) > len(best):
                 best, rest = one, name.removeprefix(one + separator)
     if not best:
-        raise PropertyError(f'{name!r} is no parameter of an event of this model')
+        raise PropertyError(f'{name!r} is not a parameter of an event of this model')
     return best, rest
 
 

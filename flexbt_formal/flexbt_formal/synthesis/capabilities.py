@@ -136,7 +136,7 @@ def _mappings(file: YamlFile, entries: Mapping[str, yaml.Node]) -> Mappings:
     outcomes = file.words(entries.get('transition_outcomes'), 'transition_outcomes')
     for outcome in outcomes:
         if not _CAPABILITY_NAME.fullmatch(outcome.text):
-            file.note(outcome.line, f'{short_repr(outcome.text)} is no name of an outcome')
+            file.note(outcome.line, f'{short_repr(outcome.text)} is not a name of an outcome')
     return Mappings(
         pairs('state_outcome_mappings'),
         pairs('sm_outcome_mappings'),
@@ -218,7 +218,7 @@ def _resources(file: YamlFile, node: yaml.Node, what: str) -> frozenset[str]:
     named = file.words(node, f'resources of {what}')
     for one in named:
         if not _CAPABILITY_NAME.fullmatch(one.text):
-            file.note(one.line, f'resources of {what}: {short_repr(one.text)} is no name: letters, digits and _')
+            file.note(one.line, f'resources of {what}: {short_repr(one.text)} is not a name: letters, digits and _')
     return frozenset(one.text for one in named)
 
 
@@ -264,7 +264,7 @@ def _userdata(file: YamlFile, node: yaml.Node | None, what: str) -> dict[str, st
 
 def _checked_name(file: YamlFile, name: str, node: yaml.Node, what: str) -> None:
     if not _CAPABILITY_NAME.fullmatch(name) or len(name) > 80:
-        file.problem(node, f'{what}: {short_repr(name)} is no name: letters, digits and _, at most 80')
+        file.problem(node, f'{what}: {short_repr(name)} is not a name: letters, digits and _, at most 80')
 
 
 # What a state class declares, as far as synthesis has to know it.

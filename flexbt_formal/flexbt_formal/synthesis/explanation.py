@@ -31,7 +31,7 @@ class FailureKind(Enum):
     START = 'the initial conditions contradict each other'
     LUCK = 'the goal cannot be reached, even if everything goes well'
     DEAD_END = 'the machine can come to a point where nothing is allowed any more'
-    NEVER = 'the world can prevent the goal for ever'
+    NEVER = 'the world can prevent the goal forever'
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,7 +207,7 @@ class _Building:
                 raise SynthesisError(
                     [
                         f"after '{label}' in {self._places[number]} what comes next depends on "
-                        f'{", ".join(told) or "how long it took"}, which no outcome tells: give the capability '
+                        f'{", ".join(told) or "how long it took"}, which no outcome reports: give the capability '
                         'an outcome for each case'
                     ]
                 )

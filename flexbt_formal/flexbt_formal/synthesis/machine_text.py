@@ -40,7 +40,7 @@ def machine_as_yaml(machine: SynthesizedMachine) -> str:
 
 
 def _yaml_lines(machine: SynthesizedMachine) -> Iterator[str]:
-    yield f'# {machine.name}: synthesized. Each state tells what it stands for in the strategy.'
+    yield f'# {machine.name}: synthesized. The comment of each state names what it stands for in the strategy.'
     yield 'machine:'
     yield f'  outcomes: {_flow(list(machine.outcomes))}'
     if machine.keys:
@@ -121,7 +121,7 @@ def _python_lines(machine: SynthesizedMachine, module_of: Callable[[str], str]) 
     classes = sorted({part.state_class for state in machine.states.values() for part in state.parts})
     bad = [one for one in classes if not _local(one).isidentifier() or keyword.iskeyword(_local(one))]
     if bad:
-        raise SynthesisError([f"'{one}' is no name of a class" for one in bad])
+        raise SynthesisError([f"'{one}' is not a name of a class" for one in bad])
     several = any(len(state.parts) > 1 for state in machine.states.values())
     retries = machine.attempts > 1 and any(part.retry_on for state in machine.states.values() for part in state.parts)
     taken = ['Autonomy', 'Child', *(['ConcurrencyContainer'] if several else []), 'OperatableStateMachine']
@@ -178,7 +178,7 @@ def _made(part: MachinePart, attempts: int) -> str:
 def _arguments(parameters: Mapping[str, Any]) -> str:
     bad = [key for key in parameters if not key.isidentifier() or keyword.iskeyword(key)]
     if bad:
-        raise SynthesisError([f"'{key}' is no name of a parameter" for key in bad])
+        raise SynthesisError([f"'{key}' is not a name of a parameter" for key in bad])
     return ', '.join(
         f'{key}={value.removeprefix("*") if is_code(value) else repr(value)}' for key, value in parameters.items()
     )

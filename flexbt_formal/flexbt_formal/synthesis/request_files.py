@@ -125,7 +125,7 @@ def _read_yaml(text: str, source: str) -> SpecificationFile:
         if section in _SECTIONS:
             found[section] = file.words(node, section)
         elif section.upper() in _SECTIONS or did_you_mean(section, _SECTIONS).startswith('; did'):
-            file.problem(node, f'{short_repr(section)} is no section{did_you_mean(section, _SECTIONS)}')
+            file.problem(node, f'{short_repr(section)} is not a section{did_you_mean(section, _SECTIONS)}')
         else:
             more.append(section)
     return _specification(source, name, found, tuple(more), file.note, file.problems)
@@ -144,7 +144,7 @@ def _read_sections(text: str, source: str) -> SpecificationFile:
         if line.startswith('[') and line.endswith(']'):
             section = line[1:-1].strip()
             if section not in _SECTIONS:
-                problem(number, f'{short_repr(section)} is no section{did_you_mean(section, _SECTIONS)}')
+                problem(number, f'{short_repr(section)} is not a section{did_you_mean(section, _SECTIONS)}')
         elif line and section is None:
             problem(number, 'a formula before the first section; write for example [SYS_TRANS] above it')
         elif line and section is not None:

@@ -309,11 +309,11 @@ def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench) -> None:
         ('', MISSION.replace('cup_skills', 'other'), 'other.yaml: no such file'),
         ('', MISSION.replace('cup_skills', '../cup_skills'), 'lies outside the allowed directories'),
         ('', 'x' * 1_000_001, 'longer than 1000000 bytes'),
-        ('time_limit="0"', MISSION, 'port time_limit: 0.0 is no time above 0'),
-        ('attempts="0"', MISSION, 'port attempts: 0 is no number from 1'),
-        ('sensor_timeout="-1"', MISSION, 'port sensor_timeout: -1.0 is no time of 0 or more'),
-        ('sensor_timeout="nan"', MISSION, 'port sensor_timeout: nan is no time of 0 or more'),
-        ('sensor_timeout="inf"', MISSION, 'port sensor_timeout: inf is no time of 0 or more'),
+        ('time_limit="0"', MISSION, 'port time_limit: 0.0 is not a time above 0'),
+        ('attempts="0"', MISSION, 'port attempts: 0 is not a number from 1'),
+        ('sensor_timeout="-1"', MISSION, 'port sensor_timeout: -1.0 is not a time of 0 or more'),
+        ('sensor_timeout="nan"', MISSION, 'port sensor_timeout: nan is not a time of 0 or more'),
+        ('sensor_timeout="inf"', MISSION, 'port sensor_timeout: inf is not a time of 0 or more'),
     ],
 )
 def test_what_cannot_be_planned_is_a_failure_with_the_reason(

@@ -100,7 +100,7 @@ def test_why_there_is_none_is_told_in_the_words_of_the_files(
         (('--goal', 'brew', '--mappings', '/nowhere'), 2, '/nowhere: cannot be read: No such file'),
         (('--goal', 'brew', '--states', 'nowhere'), 2, '--states nowhere: ModuleNotFoundError'),
         (('--goal', 'brew', '--retries', '-1'), 2, '--retries -1: write a number from 0 to 1000'),
-        (('--goal', 'brew', '--time-limit', 'nan'), 2, "argument --time-limit: 'nan' is no number above 0"),
+        (('--goal', 'brew', '--time-limit', 'nan'), 2, "argument --time-limit: 'nan' is not a number above 0"),
         (('--goal', 'brew', '--time-limit', '1e-9'), 5, 'no answer within 1e-09 s'),
         (('--goal', 'brew', '-o', '/nowhere/x'), 2, '/nowhere/x: cannot be written: No such file'),
     ],

@@ -123,7 +123,7 @@ def test_a_deadline_is_the_timeout_of_the_state() -> None:
         ({'deadline': 'soon'}, "deadline of capability boil has to be a number of seconds above 0, not 'soon'"),
         ({'deadline': True}, 'has to be a number of seconds above 0, not True'),
         ({'deadline': 1.0, 'parameters': {'timeout': 2.0}}, 'has a deadline and the parameter timeout'),
-        ({'resources': ['two words']}, "resources of capability boil: 'two words' is no name"),
+        ({'resources': ['two words']}, "resources of capability boil: 'two words' is not a name"),
     ],
 )
 def test_what_is_wrong_with_them_is_told_with_its_line(entries: dict[str, Any], problem: str) -> None:

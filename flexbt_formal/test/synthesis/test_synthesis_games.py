@@ -392,7 +392,7 @@ def test_a_formula_means_what_slugs_takes_it_for(text: str, meaning: str | None)
         ("a'=1", "'a' is true or false, and is not compared: write a' or !a'"),
         ('a % b', "unexpected '%'"),
         ('[]<> a', 'a formula is about one step: [] (always) and <> (eventually) cannot be in it'),
-        ('a and b', "'and' is no word of formulas: write &"),
+        ('a and b', "'and' is not a word of formulas: write &"),
         ("n'", "'n' is a number from 0 to 3: write n=VALUE"),
         ('', 'a variable is missing at the beginning'),
         ('5', "'5' is a number, and says nothing by itself: compare it"),

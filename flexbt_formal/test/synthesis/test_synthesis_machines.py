@@ -174,7 +174,7 @@ def test_userdata_that_is_not_written_on_every_way_is_refused_with_the_way() -> 
         ('failed: 3', 'faild: 3', "autonomy for 'faild'; did you mean 'failed'?"),
         ('name: coffee', 'nam: coffee', "coffee.yaml:1: a capability file cannot have 'nam'; did you mean 'name'?"),
         ('capabilities:', 'capabilitys:', 'coffee.yaml:1: there are no capabilities'),
-        ('  press:\n', '  pr-ess:\n', "'pr-ess' is no name"),
+        ('  press:\n', '  pr-ess:\n', "'pr-ess' is not a name"),
         ('  press:\n', '  next:\n', "coffee.yaml:6: 'next' is a word of formulas already: call it otherwise"),
         ('  press:\n', '  finished:\n', "coffee.yaml:6: 'finished' is an outcome already: call it otherwise"),
         ('capabilities:', f'memory: {{sys_props: {{x: {"9" * 30}}}}}\ncapabilitie:', "cannot have 'capabilitie'"),

@@ -53,7 +53,7 @@ def machine_findings(machine: MachineDefinition) -> Iterator[Finding]:
         yield Finding(WRITE_RACE, race.path, message)
     for lost in lost_writes(machine):
         message = (
-            f'writes userdata key {lost.name!r}, which {lost.reader} reads outside, and it is no output key of '
+            f'writes userdata key {lost.name!r}, which {lost.reader} reads outside, and it is not an output key of '
             f'{lost.machine}: what is written here does not get there'
         )
         yield Finding(LOST_WRITE, lost.path, message)

@@ -381,7 +381,7 @@ def test_what_is_printed(tmp_path: Path) -> None:
         ('<Spin spin_dist="{a}"/>', ['--mock', 'Spin=SUCCESS', '--read-inputs', '--set', 'a=1'], 0, '  a = 1.0'),
         ('<Sleep msec="1"/>', ['--real-time'], 0, 'SUCCESS after 0.'),
         ('<AlwaysSuccess/>', ['--tree', 'Mian'], 2, "there is no tree 'Mian'; did you mean 'Main'?"),
-        ('<AlwaysSuccess/>', ['--timeout', '-1'], 2, "--timeout: '-1' is no number above 0"),
+        ('<AlwaysSuccess/>', ['--timeout', '-1'], 2, "--timeout: '-1' is not a number above 0"),
     ],
 )  # fmt: skip
 def test_exit_codes(tmp_path: Path, tree: str, words: list[str], code: int, said: str) -> None:

@@ -429,7 +429,7 @@ class Ascxml:
             try:
                 probability = left if text is None else float(text)
             except ValueError:
-                one.fail(f'{text!r} is no probability', 'prob')
+                one.fail(f'{text!r} is not a probability', 'prob')
             if not 0.0 < probability <= left + 1e-9:
                 one.fail(f'the probability {probability:.6g} is not above 0, or more than the {left:.6g} left', 'prob')
             found.append(Target(probability, _state_name(one, 'id', scope), self._body(one.children, scope)))
@@ -443,7 +443,7 @@ class Ascxml:
 
     def _actions(self, node: SourceElement, scope: _Scope) -> Iterator[Action]:
         if node.tag not in ACTIONS:
-            node.fail(f'this element is no action{did_you_mean(node.tag, ACTIONS)}')
+            node.fail(f'this element is not an action{did_you_mean(node.tag, ACTIONS)}')
         if node.tag == 'assign':
             yield self._assign(node, scope)
         elif node.tag == 'if':
@@ -482,7 +482,9 @@ class Ascxml:
             location = inner
         if not isinstance(location, Reference) or location.parts[0] not in scope.variables:
             known = tuple(scope.variables)
-            node.fail(f'the location is no data of {self.name}{did_you_mean(node.need("location"), known)}', 'location')
+            node.fail(
+                f'the location is not data of {self.name}{did_you_mean(node.need("location"), known)}', 'location'
+            )
         name, *members = location.parts
         steps = (*members, *reversed(path))
         value = self._compiled(self._expression(node), node, scope, 'expr')

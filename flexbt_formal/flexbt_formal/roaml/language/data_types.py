@@ -52,7 +52,7 @@ class DataType:
         """Return the value, members in the order of the struct. Raises DataTypeError when it is not of this type."""
         if self.inner is not None:
             if not isinstance(value, tuple) or isinstance(value, Record):
-                raise DataTypeError(f'{value!r} is no array, as {self.name} is')
+                raise DataTypeError(f'{value!r} is not an array, as {self.name} is')
             if len(value) > self.most:
                 raise DataTypeError(f'{len(value)} elements are more than the {self.most} of {self.name}')
             return tuple(map(self.inner.checked, value))
@@ -63,7 +63,7 @@ class DataType:
         if self.plain is float and type(value) is int:
             return float(value)
         if type(value) is not self.plain:
-            raise DataTypeError(f'{value!r} is no {self.name}')
+            raise DataTypeError(f'{value!r} is not of type {self.name}')
         return value
 
     def from_text(self, text: str) -> Any:
@@ -79,7 +79,7 @@ class DataType:
                 return float(text)
         except ValueError:
             pass
-        raise DataTypeError(f'{text!r} is no {self.name}')
+        raise DataTypeError(f'{text!r} is not of type {self.name}')
 
     def replaced(self, value: Any, path: Sequence[Any], new: Any) -> Any:
         """``value``, which is of this type, with ``new`` at the end of a path of members (texts) and indexes.
@@ -92,7 +92,7 @@ class DataType:
         if isinstance(step, str):
             return self._with_member(value, step, rest, new)
         if self.inner is None:
-            raise DataTypeError(f'{self.name} is no array, so it has no element {step!r}')
+            raise DataTypeError(f'{self.name} is not an array, so it has no element {step!r}')
         at = int(step)
         if not 0 <= at < self.most:
             raise DataTypeError(f'there is no element {step!r}: {self.name} has {self.most} at most')
@@ -176,15 +176,15 @@ class DataTypes:
         try:
             schema = load_json(read_text(path, asked))
         except ValueError as error:
-            asked.fail(f'{path} is no JSON: {error}', 'src')
+            asked.fail(f'{path} is not JSON: {error}', 'src')
         if not isinstance(schema, dict) or schema.get('type') != 'object' or not isinstance(schema.get('title'), str):
-            asked.fail(f'{path} is no schema of an object with a title', 'src')
+            asked.fail(f'{path} is not a schema of an object with a title', 'src')
         self._from_schema(schema, schema, schema['title'], asked, 0)
 
     def _from_schema(self, root: Mapping[str, Any], schema: Any, name: str, asked: SourceElement, nested: int) -> str:
         """Return the name of the type that a schema describes; structs are added."""
         if nested > MAX_NESTING or not isinstance(schema, dict):
-            asked.fail(f'the schema of {name!r} is no object, or is nested more than {MAX_NESTING} deep')
+            asked.fail(f'the schema of {name!r} is not an object, or is nested more than {MAX_NESTING} deep')
         reference = schema.get('$ref')
         if reference is not None:
             steps = str(reference).split('/')

@@ -139,7 +139,7 @@ def _expression(tree: SyntaxTree) -> Any:
         case 'name', ('true' | 'false' as word,):
             return Literal(word == 'true')
         case 'name', (Token('True' | 'False') as word,):
-            raise GrammarError(word.start_pos + 1, f'{word} is no value; write {word.lower()}')
+            raise GrammarError(word.start_pos + 1, f'{word} is not a value; write {word.lower()}')
         case 'name', (name,):
             return Reference((str(name),))
         case 'choice', _:

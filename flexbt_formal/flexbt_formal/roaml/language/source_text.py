@@ -69,7 +69,7 @@ class SourceElement:
         except ValueError:
             value = 0.0
         if not 0.0 < value <= most:
-            self.fail(f'{text!r} is no number above 0, up to {most:g}', name)
+            self.fail(f'{text!r} is not a number above 0, up to {most:g}', name)
         return value
 
     def find(self, tag: str) -> SourceElement | None:

@@ -79,7 +79,7 @@ class _Reader:
     def whole(self) -> Formula:
         for word in re.findall(r'[A-Za-z_]\w*', self._text):
             if word in _WORDS and word not in self._variables:
-                raise self._error(f"'{word}' is no word of formulas: write {_WORDS[word]}")
+                raise self._error(f"'{word}' is not a word of formulas: write {_WORDS[word]}")
         if re.search(r'\[\]|<>|◇|□', self._text):
             raise self._error('a formula is about one step: [] (always) and <> (eventually) cannot be in it')
         try:
