@@ -110,7 +110,7 @@ def requirements(
 
 
 def warn_unused(options: argparse.Namespace, named: Iterable[str], proved: Collection[str]) -> None:
-    """Of names in the file nothing is proved here."""
+    """Warn of names in the file of requirements that nothing is proved for."""
     unused = [name for name in named if name not in proved]
     if unused:
         print(f'{options.requirements}: not proved here: {one_line(", ".join(unused), 500)}', file=sys.stderr)

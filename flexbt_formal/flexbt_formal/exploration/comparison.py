@@ -125,7 +125,7 @@ def names_of(paths: Iterable[str]) -> dict[str, str]:
 
 
 class _Seen(NamedTuple):
-    """What is seen of a step: lines, how it has ended, the time that went by, what has begun, what is possible then,
+    """Observations of a step: lines, how it has ended, the time that went by, what has begun, what is possible then,
     what is wrong with it (texts, by the property and the node), what was asked, and what is left after the end.
 
     What was asked, and what is left, is compared where both versions have it: a version need not ask, or write, what

@@ -431,7 +431,7 @@ def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
 
 
 def _parts(script: str) -> list[tuple[dict[str, None], list[Any]]]:
-    """Of each part of a script the keys, and the constants with what is beside each."""
+    """Return for each part of a script its keys, and its constants with what is beside each."""
     parts: list[tuple[dict[str, None], list[Any]]] = [({}, [])]
     for text, number, truth, name, end in _WORDS.findall(script):
         keys, values = parts[-1]

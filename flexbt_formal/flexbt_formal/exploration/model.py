@@ -79,7 +79,7 @@ class Label(NamedTuple):
 
     @property
     def actor(self) -> str:
-        """Who makes it happen: OPERATOR, or the path of a state or leaf; '' for time."""
+        """Name of the actor: OPERATOR, or the path of a state or leaf; '' for time."""
         return OPERATOR if self.kind.startswith((OPERATOR, STOP, START)) else self.subject
 
     def __str__(self) -> str:
@@ -107,7 +107,7 @@ class Move(NamedTuple):
 
 
 class LabelEffect(NamedTuple):
-    """What a label is, when it is how something ends that needs a server, or that somebody has to cause.
+    """The effect of a label that ends something which needs a server, or which somebody has to cause.
 
     ``server`` is the one that it needs ('' for none). ``is_caused``: it happens because of what is there; otherwise
     only when somebody outside makes it happen, such as who cancels a goal.
@@ -148,11 +148,11 @@ class System(Protocol):
 
     @property
     def requirements(self) -> Requirements:
-        """What the mission requires, and what of it has come about in the last step."""
+        """Requirements of the mission, and their events in the last step."""
 
     @property
     def ended(self) -> str | None:
-        """How it has ended; None while it goes on."""
+        """Outcome; None while it goes on."""
 
     @property
     def is_over(self) -> bool:
@@ -160,7 +160,7 @@ class System(Protocol):
 
     @property
     def written(self) -> frozenset[str]:
-        """What it has handed to whoever comes after it, up to now: keys of the outermost blackboard."""
+        """Keys of the outermost blackboard that it has written for its successors up to now."""
 
     @property
     def waits(self) -> str:

@@ -135,8 +135,8 @@ def _code(code: CodeType) -> str:
 
 
 class MachineEnvironment:
-    """What the models have in common: what is active, and the answers of the step that is under way, and the
-    paths of the states that have ``begun`` in it.
+    """State that all models share: what is active, the answers of the current step, and the paths of the states that
+    have ``begun`` in it.
 
     ``active`` are the states that work, ``ending`` those that were left and have something to end, by their paths;
     ``overdue`` are those for which nobody waits any more. ``board`` is what is on the blackboards of trees.

@@ -138,7 +138,7 @@ def grounded_problem(
 
 
 def _remedies(library: SkillLibrary) -> dict[str, str]:
-    """Of each predicate the skills that would bring it about if the start said what they need and none changes."""
+    """Return by predicate the skills that would make it hold if the start contained what they need."""
     effects = {
         skill.name: {effect.predicate for outcome in skill.outcomes.values() for effect in outcome.effects}
         for skill in library.skills.values()

@@ -129,8 +129,8 @@ def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResu
 
 
 def hopeless(problem: PlanningProblem) -> str:
-    """Why the goal cannot be reached even if nothing that comes to hold ends again and others do all that they may do;
-    '' where that tells of no reason."""
+    """Return why the goal cannot be reached even if nothing that comes to hold ends again and others do all they may;
+    '' where that gives no reason."""
     others = tuple(replace(one, cost=0.0) for one in problem.disturbances)
     domain, _, goals = compiled(replace(problem, actions=(*problem.actions, *others), disturbances=()))
     reachability = Reachability(domain, domain.state(problem.initial))

@@ -73,7 +73,7 @@ class SearchResult:
 
     @property
     def cost(self) -> float | None:
-        """Of the best plan that was found."""
+        """Cost of the best plan that was found."""
         return None if self.start is None else self.steps[self.start].cost
 
     def plan(self) -> list[int]:

@@ -63,7 +63,7 @@ class ProofCache:
 
 
 def digest_of(library: TreeLibrary, key: TreeKey, asked: Iterable[str]) -> str:
-    """Of all on which the proof of a tree depends."""
+    """Return a digest of everything that the proof of a tree depends on."""
     digest = blake2b(digest_size=16)
     for text in (_engine(), *key, *asked, *_texts(library)):
         data = text.encode('utf-8', 'surrogatepass')

@@ -252,7 +252,7 @@ def smallest_conflict(demands: Sequence[str], conflicts: Conflicts, may_go_on: C
 def _minimal(
     background: tuple[str, ...], demands: tuple[str, ...], conflicts: Conflicts, *, is_new: bool
 ) -> tuple[str, ...]:
-    """Of ``demands`` those that are needed beside the ``background``; ``is_new`` when that has grown."""
+    """Return the ``demands`` that are needed beside the ``background``; ``is_new``: the background has grown."""
     if is_new and conflicts(background):
         return ()
     if len(demands) == 1:

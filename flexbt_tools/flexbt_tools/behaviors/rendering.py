@@ -112,7 +112,7 @@ def graph_of(
 
 
 def _why(path: str, reasons: Mapping[str, str]) -> list[str]:
-    """Of a state of the machine itself; what its name says already is left out."""
+    """Return the reasons of a state of the machine itself, without what its name says already."""
     _, _, label = path.rpartition('/')
     return (
         [line for line in reasons.get(label, '').split('; ') if line not in ('', label)] if path.count('/') == 1 else []

@@ -42,7 +42,7 @@ def add_file(parser: argparse.ArgumentParser) -> None:
 
 
 def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = True) -> None:
-    """Which node types are known: ``options.models``, ``options.nav2_branch``, ``options.allow_unknown``."""
+    """Add the options of known node types: ``options.models``, ``options.nav2_branch``, ``options.allow_unknown``."""
     parser.add_argument(
         '--models',
         metavar='FILE',
@@ -61,7 +61,7 @@ def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = Tru
 
 
 def add_trees(parser: argparse.ArgumentParser) -> None:
-    """Which trees: ``options.tree``, ``options.expand``."""
+    """Add the options that select trees: ``options.tree``, ``options.expand``."""
     parser.add_argument('--tree', metavar='ID', help='only this tree')
     parser.add_argument('--expand', action='store_true', help='show sub-trees in place instead of separately')
 

@@ -217,7 +217,7 @@ def _wrong_script(predicate: Predicate, test: str) -> Iterator[str]:
 
 
 def unreached_ports(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
-    """Of skills that are not as in ``base``: an installed leaf has the name, but learns of none of the parameters."""
+    """Yield problems of skills that differ from ``base``: no port of the installed leaf receives their parameters."""
     for skill in library.skills.values():
         manifest = registry.get(skill.name)
         if manifest is None or not manifest.ports or not skill.parameters:

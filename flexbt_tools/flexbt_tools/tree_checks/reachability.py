@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which children can never be ticked, from what the nodes before them can give, and what is never done in time."""
+"""Checks for children that can never be ticked, given the results of nodes before them, or never end in time."""
 
 from __future__ import annotations
 

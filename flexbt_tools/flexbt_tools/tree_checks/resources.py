@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which actuators trees need, and who needs one of them at the same time as somebody else."""
+"""Checks for actuators that trees need, and for nodes that need the same one at the same time."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which nodes read and write which blackboard entries: by their ports, by name, and in their scripts."""
+"""Reads and writes of blackboard entries by nodes: by their ports, by name, and in their scripts."""
 
 from __future__ import annotations
 

@@ -233,7 +233,7 @@ class Record(tuple[tuple[str, Any], ...]):
 
 
 def length(value: Any) -> int:
-    """Of an array or a text; of a record that of its first member that has one. Raises TypeError."""
+    """Return the length of an array, a text, or the first member of a record that has one. Raises TypeError."""
     if isinstance(value, Record):
         for _, held in value:
             if isinstance(held, tuple | str):

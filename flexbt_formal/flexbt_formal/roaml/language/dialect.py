@@ -51,7 +51,7 @@ class Events:
         self._numbers: dict[str, int] = {}
 
     def number(self, name: str) -> int:
-        """Of an event, which is new when it was not named before."""
+        """Return the number of an event; a new name gets a new number."""
         number = self._numbers.get(name)
         if number is None:
             number = self._numbers[name] = len(self.names)
