@@ -210,7 +210,8 @@ def subscriber() -> Iterator[None]:
     code = (
         'import rclpy\nfrom flexbt_common import names\nfrom flexbt_msgs.msg import TreeStatus\nrclpy.init()\n'
         'node = rclpy.create_node("monitor")\n'
-        'node.create_subscription(TreeStatus, names.TREE_STATUS, lambda m: None, names.transient_local_qos(100), raw=True)\n'
+        'qos = names.transient_local_qos(100)\n'
+        'node.create_subscription(TreeStatus, names.TREE_STATUS, lambda m: None, qos, raw=True)\n'
         'rclpy.spin(node)'
     )
     process = subprocess.Popen([sys.executable, '-c', code], stderr=subprocess.DEVNULL)
