@@ -9,14 +9,24 @@ from collections.abc import Callable
 from typing import Final
 
 from flexbt_core.clock.clock import SteadyClock
-from flexbt_core.monitors.machine_monitor import MachineMonitor, declared_resources
+from flexbt_core.monitors.machine_monitor import MachineMonitor
 from flexbt_core.monitors.properties import Violation
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.events import (
+    CommandDecided,
+    DecisionAsked,
+    DecisionClosed,
+    Faulted,
+    RunEvent,
+    RunReader,
+    StateEntered,
+    StateLeft,
+)
+from flexbt_core.state_machine.engine.operator_commands import confirm
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy, Decision
-from flexbt_core.state_machine.model.event_state import EventState, ExitReason
-from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
 
 DEPTH: Final = 4
@@ -27,17 +37,13 @@ PER_SAMPLE: Final = 2000
 """Transitions of a state in one sample."""
 
 
-class Observer:
-    """Watches nothing."""
+class Reader(RunReader):
+    """A reader of what an executive shows, that expects no fault."""
 
-    def changed(self) -> None: ...
+    reads = (StateEntered, StateLeft, DecisionAsked, DecisionClosed, CommandDecided, Faulted)
 
-    def log(self, severity: Severity, path: str, text: str) -> None: ...
-
-    def fault(self, path: str, text: str) -> None:
-        raise AssertionError(f'{path}: {text}')
-
-    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None: ...
+    def read(self, event: RunEvent) -> None:
+        assert not isinstance(event, Faulted), event
 
 
 class Pass(EventState):
@@ -111,15 +117,10 @@ class Subject:
         patience = 1 if way == 'woken' else CHAIN // DEPTH
         machine = SHAPES[shape](self._visits, patience if way != 'confirmed' else sys.maxsize)
         level = Autonomy.Low if way == 'confirmed' else Autonomy.Full
-        defined, found = define(machine), list[Violation]()
-        self._run = MachineRun(
-            defined,
-            SteadyClock(),
-            Observer(),
-            autonomy=level,
-            userdata={'a': 1, 'b': 2},
-            monitor=MachineMonitor(declared_resources(defined), found.append) if is_monitored else None,
-        )
+        found = list[Violation]()
+        self._run = MachineRun(define(machine), SteadyClock(), [Reader()], autonomy=level, userdata={'a': 1, 'b': 2})
+        if is_monitored:
+            self._run.add_reader(MachineMonitor(self._run, found.append))
         self._run.start()
         self._run.step()
 
@@ -131,14 +132,10 @@ class Subject:
         if self._way == 'confirmed':
             while visits[0] < first + PER_SAMPLE:
                 decision: Decision = run.decisions[0]
-                run.confirm(decision.id, _applied)
+                run.command('', confirm, decision.id)
                 run.step()
         else:
             while visits[0] < first + PER_SAMPLE:
                 run.active_states()[0].state.wake()
                 run.step()
         return (time.thread_time() - began) / (visits[0] - first) * 1e6
-
-
-def _applied(refusal: str | None) -> None:
-    assert refusal is None, refusal

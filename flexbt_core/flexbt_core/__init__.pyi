@@ -371,9 +371,6 @@ from .monitors.machine_monitor import (
     MachineMonitor as MachineMonitor,
 )
 from .monitors.machine_monitor import (
-    Resources as Resources,
-)
-from .monitors.machine_monitor import (
     declared_resources as declared_resources,
 )
 from .monitors.monitoring import (
@@ -610,26 +607,119 @@ from .state_machine.engine.engine import (
 from .state_machine.engine.leaf import (
     LeafRun as LeafRun,
 )
-from .state_machine.engine.observer import (
-    LoggingObserver as LoggingObserver,
+from .state_machine.engine.events import (
+    AutonomySet as AutonomySet,
 )
-from .state_machine.engine.observer import (
-    MonitoredRun as MonitoredRun,
+from .state_machine.engine.events import (
+    BreakpointSet as BreakpointSet,
 )
-from .state_machine.engine.observer import (
-    MonitoredState as MonitoredState,
+from .state_machine.engine.events import (
+    CommandDecided as CommandDecided,
 )
-from .state_machine.engine.observer import (
-    RunMonitor as RunMonitor,
+from .state_machine.engine.events import (
+    ContainerEnded as ContainerEnded,
 )
-from .state_machine.engine.observer import (
-    RunObserver as RunObserver,
+from .state_machine.engine.events import (
+    DecisionAsked as DecisionAsked,
+)
+from .state_machine.engine.events import (
+    DecisionClosed as DecisionClosed,
+)
+from .state_machine.engine.events import (
+    DecisionTaken as DecisionTaken,
+)
+from .state_machine.engine.events import (
+    Faulted as Faulted,
+)
+from .state_machine.engine.events import (
+    HaltAwaited as HaltAwaited,
+)
+from .state_machine.engine.events import (
+    LockSet as LockSet,
+)
+from .state_machine.engine.events import (
+    Logged as Logged,
+)
+from .state_machine.engine.events import (
+    LoggingReader as LoggingReader,
+)
+from .state_machine.engine.events import (
+    MachineSwitched as MachineSwitched,
+)
+from .state_machine.engine.events import (
+    OutcomeForced as OutcomeForced,
+)
+from .state_machine.engine.events import (
+    OutcomeTaken as OutcomeTaken,
+)
+from .state_machine.engine.events import (
+    RunEnded as RunEnded,
+)
+from .state_machine.engine.events import (
+    RunEnding as RunEnding,
+)
+from .state_machine.engine.events import (
+    RunEvent as RunEvent,
+)
+from .state_machine.engine.events import (
+    RunPaused as RunPaused,
+)
+from .state_machine.engine.events import (
+    RunReader as RunReader,
+)
+from .state_machine.engine.events import (
+    RunRested as RunRested,
+)
+from .state_machine.engine.events import (
+    RunStarted as RunStarted,
+)
+from .state_machine.engine.events import (
+    StateEntered as StateEntered,
+)
+from .state_machine.engine.events import (
+    StateExited as StateExited,
+)
+from .state_machine.engine.events import (
+    StateLeft as StateLeft,
+)
+from .state_machine.engine.events import (
+    StatePaused as StatePaused,
+)
+from .state_machine.engine.events import (
+    TransitionBlocked as TransitionBlocked,
+)
+from .state_machine.engine.events import (
+    TransitionUnblocked as TransitionUnblocked,
 )
 from .state_machine.engine.operator_commands import (
-    CommandReply as CommandReply,
+    clear_breakpoint as clear_breakpoint,
 )
-from .state_machine.engine.region import (
-    BlockedTransition as BlockedTransition,
+from .state_machine.engine.operator_commands import (
+    confirm as confirm,
+)
+from .state_machine.engine.operator_commands import (
+    force as force,
+)
+from .state_machine.engine.operator_commands import (
+    lock as lock,
+)
+from .state_machine.engine.operator_commands import (
+    pause as pause,
+)
+from .state_machine.engine.operator_commands import (
+    repeat as repeat,
+)
+from .state_machine.engine.operator_commands import (
+    resume as resume,
+)
+from .state_machine.engine.operator_commands import (
+    set_autonomy as set_autonomy,
+)
+from .state_machine.engine.operator_commands import (
+    set_breakpoint as set_breakpoint,
+)
+from .state_machine.engine.operator_commands import (
+    unlock as unlock,
 )
 from .state_machine.engine.resume import (
     RunPosition as RunPosition,
@@ -645,6 +735,9 @@ from .state_machine.engine.resume import (
 )
 from .state_machine.engine.resume import (
     switch_machine as switch_machine,
+)
+from .state_machine.engine.run import (
+    RunLimits as RunLimits,
 )
 from .state_machine.engine.run import (
     MAX_TRANSITIONS as MAX_TRANSITIONS,

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from flexbt_core.state_machine.engine.operator_commands import set_autonomy
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_flexbe import (
     Autonomy,
@@ -112,7 +113,7 @@ def test_an_outcome_passes_at_a_level_above_the_required_one(bench: StateBench, 
     if waits:
         (asked,) = wait_until(going.decisions, 'decision')
         assert (asked.outcome, asked.required_autonomy) == ('done', Autonomy.Low)
-        going.behavior_run.command(lambda machine, told: machine.set_autonomy(Autonomy.Full, '', told), lambda _: None)
+        going.behavior_run.command(None, set_autonomy, Autonomy.Full)
     assert going.wait() == 'finished'
     assert trace.count('subject.exit') == 1
 

@@ -24,7 +24,7 @@ class BehaviorError(OnboardError):
 
 
 class ManifestError(BehaviorError):
-    """What a behavior says of itself is wrong."""
+    """The manifest of a behavior is wrong."""
 
 
 class UnknownBehaviorError(BehaviorError):

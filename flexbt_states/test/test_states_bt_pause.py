@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from flexbt_common import names
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.authoring.wrappers import with_timeout
+from flexbt_core.state_machine.engine import operator_commands
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import BtExecute, BtSetData
 from flexbt_msgs.srv import ControlTree
@@ -97,11 +98,8 @@ def start(bench: StateBench, server: TreeServer, made: Any = state) -> Run:
 
 
 def pause(run: Run, paused: bool) -> None:
-    machine = wait_until(lambda: run.behavior_run._machine, 'the machine')
-    answers: list[str | None] = []
-    (machine.pause if paused else machine.resume)(answers.append)
-    wait_until(lambda: answers, 'the answer')
-    assert answers == [None]
+    wait_until(lambda: run.structure, 'the machine')
+    assert run.answer_to(operator_commands.pause if paused else operator_commands.resume) is None
 
 
 @pytest.mark.parametrize('kind', [BtExecuteState, BtExecuteGoalState])

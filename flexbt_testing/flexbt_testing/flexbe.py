@@ -25,6 +25,7 @@ from ament_index_python.packages import get_package_share_directory
 from flexbt_common.values.value_types import from_plain, resolve_type
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.operator_commands import confirm
 from flexbt_core.state_machine.model.autonomy import DecisionKind
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.state_host import Severity
@@ -56,7 +57,7 @@ class StateTestError(FlexbtError):
 
 @dataclass(frozen=True)
 class StateTest:
-    """What a file says: the class under test, and what is expected of it. ``outcome`` is '' for ``import_only``."""
+    """The content of a file: the class under test and what is expected of it. ``outcome`` is '' for ``import_only``."""
 
     file: Path
     module: str
@@ -106,7 +107,7 @@ def read_state_test(file: Path) -> StateTest:
 
 
 def _subject(file: Path, content: Mapping[str, Any]) -> tuple[str, str]:
-    """Module and class; a behavior's name stands for both, as FlexBE's editor derives them."""
+    """Return module and class. A behavior's name stands for both, as FlexBE's editor derives them."""
     path = content.get('path')
     if not isinstance(path, str):
         raise StateTestError(f'{file}: path is missing; give the module of the class')
@@ -276,7 +277,7 @@ def _machine_of_behavior(test: StateTest, subject: type[Any]) -> OperatableState
 def _has_ended(run: Run) -> bool:
     for decision in run.decisions():
         if decision.kind is DecisionKind.TRANSITION:
-            run.behavior_run.confirm(decision.id, lambda _: None)
+            run.behavior_run.command(None, confirm, run.behavior_run.decision_number(decision.id))
     return run.outcome is not None or run.refusal is not None
 
 

@@ -27,6 +27,12 @@ class WakeEvent:
             self._is_set = True
             self._condition.notify()
 
+    def take(self) -> bool:
+        """Return whether the event was set; it is clear again then."""
+        with self._condition:
+            was_set, self._is_set = self._is_set, False
+        return was_set
+
     def wait(self, clock: Clock, until: float | None) -> None:
         """Sleep until the event is set or ``clock`` shows ``until`` (None: no time); it is clear again then."""
         with self._condition:

@@ -4,51 +4,61 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Final
+from typing import Any, ClassVar, Final
 
-from flexbt_core.state_machine.engine.observer import MonitoredRun
+from flexbt_core.state_machine.engine.events import (
+    DecisionAsked,
+    DecisionTaken,
+    MachineSwitched,
+    OutcomeForced,
+    OutcomeTaken,
+    RunEnded,
+    RunEnding,
+    RunEvent,
+    RunReader,
+    RunRested,
+    RunStarted,
+    StateEntered,
+    StateExited,
+    StateLeft,
+)
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Decision
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, MachineDefinition, StateDefinition, is_inside
-from flexbt_core.state_machine.model.event_state import ExitReason, state_skill
+from flexbt_core.state_machine.model.event_state import state_skill
 
 from .properties import Property, Violation, shared_actuators
 from .requirement_text import machine_parts
 from .requirements import Requirement, Requirements
 
-Resources = Mapping[str, frozenset[str]]
-"""What the states of a machine have while they are active, by their paths; those that have nothing may be left out."""
 
-
-def declared_resources(machine: MachineDefinition) -> Resources:
-    """Return what the skills of the states of a machine declare."""
+def declared_resources(machine: MachineDefinition) -> dict[str, frozenset[str]]:
+    """Return the resources that the skills of the states of a machine declare, by path; those with none are missing."""
     states = (node for node in machine.nodes() if isinstance(node, StateDefinition))
     return {one.path: found for one in states if (found := frozenset(state_skill(one.state).resources))}
 
 
-class MachineMonitor:
-    """Watches one run, as :class:`RunMonitor`; ``found`` is told what is wrong.
+class MachineMonitor(RunReader):
+    """A reader of one run that checks it; ``found`` is called with what is wrong.
 
-    What is watched: each state is entered and left, once; what needs the operator was approved, by this very request;
-    an actuator has one owner; nothing is entered after a stop, and nothing is active after the end; the run ends once.
-    ``requirements`` are those of the mission.
+    It checks that each state is entered and left once; that what needs the operator was approved, by this very request;
+    that an actuator has one owner; that nothing is entered after a stop, and nothing is active after the end; that the
+    run ends once. ``requirements`` are those of the mission.
     """
 
     def __init__(
-        self,
-        resources: Resources,
-        found: Callable[[Violation], None],
-        requirements: Iterable[Requirement] = (),
+        self, run: MachineRun, found: Callable[[Violation], None], requirements: Iterable[Requirement] = ()
     ) -> None:
-        self.resources = resources
+        self._run = run
+        self._resources = declared_resources(run.definition)
         self._found = found
         self._visits = Visits()
         self._approvals = Approvals()
-        self.requirements = Requirements(requirements, lambda: self._run.clock.now(), found)
+        self.requirements = Requirements(requirements, run.clock.now, found)
         self._has_requirements = bool(self.requirements.requirements)
         self._holders: set[str] = set()  # states that were entered, and have actuators; some may have been left
         self._is_ending = False
         self._outcome: str | None = None
-        self._run: MonitoredRun
         self._machine: MachineDefinition | None = None
         self._containers: frozenset[str] = frozenset()
 
@@ -57,80 +67,85 @@ class MachineMonitor:
         """The states that were entered, and whose on_exit was not called."""
         return self._visits.inside
 
-    # -- what the run tells ------------------------------------------------------------------------------------------
+    def next_wake(self) -> float | None:
+        return self.requirements.next_due()
 
-    def begins(self, run: MonitoredRun, is_resumed: bool) -> None:
-        self._run = run
-        if is_resumed:
-            self._visits.resume(state.path for state in run.active_states())
-            self._approvals.resume(run.approved())
+    def read(self, event: RunEvent) -> None:
+        self._READ[type(event)](self, event)
+
+    def _report(self, wrong: Violation | None) -> None:
+        if wrong is not None:
+            self._found(wrong)
+
+    def _started(self, event: RunStarted) -> None:
+        if event.is_resumed:
+            self._visits.resume(event.active)
+            self._approvals.resume(event.approved)
             self.requirements.resume()
         if self.requirements.are_about_parts:
-            self.requirements.check_parts(machine_parts(run.definition))
+            self.requirements.check_parts(machine_parts(self._run.definition))
 
-    def entered(self, path: str) -> None:
-        if (wrong := self._visits.entered(path)) is not None:
-            self._found(wrong)
+    def _entered(self, event: StateEntered) -> None:
+        path = event.path
+        self._report(self._visits.entered(path))
         if self._is_ending:
             self._found(Violation(Property.STOP_STOPS, path, f'{path} was entered although the run ends'))
-        if path in self.resources:
+        if path in self._resources:
             self._holders.add(path)
         if self._has_requirements:
             self.requirements.event(path)
 
-    def exited(self, path: str) -> None:
-        if (wrong := self._visits.exited(path)) is not None:
-            self._found(wrong)
-
-    def asked(self, decision: Decision) -> None:
-        self._approvals.asked(decision)
-
-    def confirmed(self, decision_id: str) -> None:
-        if (wrong := self._approvals.confirmed(decision_id)) is not None:
-            self._found(wrong)
-
-    def forced(self, path: str, outcome: str) -> None:
-        self._approvals.forced(path, outcome)
-
-    def leaves(self, path: str, outcome: str, required: int) -> None:
-        wrong = self._approvals.leaves(path, outcome, self._run.controls.may_pass(path, required))
-        if wrong is not None:
-            self._found(wrong)
-
-    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
-        if (wrong := self._visits.passed_on(path)) is not None:
-            self._found(wrong)
+    def _left(self, event: StateLeft) -> None:
+        path, target = event.path, event.target
+        self._report(self._visits.passed_on(path))
         self._holders.discard(path)
-        if self._has_requirements and outcome:
-            left = f'{path} > {outcome}'
+        if self._has_requirements and event.outcome:
+            left = f'{path} > {event.outcome}'
             self.requirements.follows(left, target)
             self.requirements.event(left)
             if (target.startswith('=') and path.count('/') == 1) or self._is_container(target):
                 self.requirements.event(target)  # states are entered by themselves
 
-    def rests(self) -> None:
+    def _exited(self, event: StateExited) -> None:
+        self._report(self._visits.exited(event.path))
+
+    def _outcome_taken(self, event: OutcomeTaken) -> None:
+        may_pass = self._run.controls.may_pass(event.path, event.required)
+        self._report(self._approvals.leaves(event.path, event.outcome, may_pass))
+
+    def _asked(self, event: DecisionAsked) -> None:
+        self._approvals.asked(event.decision)
+
+    def _confirmed(self, event: DecisionTaken) -> None:
+        self._report(self._approvals.confirmed(event.decision_id))
+
+    def _forced(self, event: OutcomeForced) -> None:
+        self._approvals.forced(event.path, event.outcome)
+
+    def _switched(self, event: MachineSwitched) -> None:
+        self._resources = declared_resources(event.definition)
+
+    def _ends(self, _event: RunEnding) -> None:
+        self._is_ending = True
+
+    def _rested(self, _event: RunRested) -> None:
         run = self._run
         if len(self._holders) > 1:
             holds = run.pausing.holds
-            active = [state for state in run.active_states() if state.path in self.resources]
+            active = [state for state in run.active_states() if state.path in self._resources]
             owners = [state for state in active if state.is_entered or state.halting() is not None]
             for wrong in shared_actuators(
-                (state.path, self.resources[state.path]) for state in owners if not holds(state.path)
+                (state.path, self._resources[state.path]) for state in owners if not holds(state.path)
             ):
                 self._found(wrong)
             self._holders = {state.path for state in owners}  # one that stands still may go on beside the other
         if self._has_requirements:
-            self.requirements.rests(run.pausing.is_paused)
+            self.requirements.rests(run.is_paused)
             if self.requirements.aparts:
                 self.requirements.works([(path,) for path in self._visits.inside])
 
-    def next_wake(self) -> float | None:
-        return self.requirements.next_due()
-
-    def ends(self) -> None:
-        self._is_ending = True
-
-    def ended(self, outcome: str) -> None:
+    def _ended(self, event: RunEnded) -> None:
+        outcome = event.outcome
         if self._outcome is not None:
             text = f'the run has ended by {self._outcome!r} already, and ends again by {outcome!r}'
             self._found(Violation(Property.BALANCED, '/', text))
@@ -147,6 +162,22 @@ class MachineMonitor:
             self._containers = frozenset(one.path for one in machine.nodes() if isinstance(one, MachineDefinition))
         return path in self._containers
 
+    _READ: ClassVar[Mapping[type[RunEvent], Callable[[Any, Any], None]]] = {
+        RunStarted: _started,
+        MachineSwitched: _switched,
+        StateEntered: _entered,
+        StateExited: _exited,
+        OutcomeTaken: _outcome_taken,
+        StateLeft: _left,
+        DecisionAsked: _asked,
+        DecisionTaken: _confirmed,
+        OutcomeForced: _forced,
+        RunRested: _rested,
+        RunEnding: _ends,
+        RunEnded: _ended,
+    }
+    reads = tuple(_READ)
+
 
 # The visits of states: each is entered, and left once, before anything follows it.
 
@@ -162,25 +193,25 @@ class Visits:
         self._at: dict[str, int] = {}
 
     def resume(self, paths: Iterable[str]) -> None:
-        """These states are to be left, and were exited in a run before."""
+        """Note that these states are to be left, and were exited in a run before."""
         self._at = dict.fromkeys(paths, _EXITED)
 
     def entered(self, path: str) -> Violation | None:
-        """Return a state is entered."""
+        """Note that a state is entered; return what is wrong with that."""
         at = self._at
         was = at.get(path)
         at[path] = _ENTERED
         return _wrong(path, f'{path} was entered again without having been left') if was == _ENTERED else None
 
     def exited(self, path: str) -> Violation | None:
-        """``on_exit`` of a state is called."""
+        """Note that ``on_exit`` of a state is called; return what is wrong with that."""
         at = self._at
         was = at.get(path)
         at[path] = _EXITED
         return None if was == _ENTERED else _wrong(path, f'{path} was left without having been entered')
 
     def passed_on(self, path: str) -> Violation | None:
-        """Return what follows a state comes next."""
+        """Note that what follows a state comes next; return what is wrong with that."""
         at = self._at
         was = at.get(path)
         if was is None:  # a machine has no callbacks
@@ -192,7 +223,7 @@ class Visits:
         return _wrong(path, f'{path} was left by an outcome, and {what}')
 
     def left_open(self) -> list[Violation]:
-        """At the end: who was entered, and never left."""
+        """Return, at the end, what was entered and never left."""
         return [
             _wrong(path, f'{path} was entered, and never left: on_exit was not called')
             for path, was in self._at.items()
@@ -213,23 +244,23 @@ def _wrong(path: str, text: str) -> Violation:
 
 
 class Approvals:
-    """Of each state or machine the last request, and what is allowed."""
+    """The last request about each state or machine, and what is allowed."""
 
     def __init__(self) -> None:
         self._asked: dict[str, Decision] = {}
         self._given: dict[str, str] = {}
 
     def resume(self, given: Mapping[str, str]) -> None:
-        """What was allowed in a run before holds: outcomes by paths."""
+        """Keep what was allowed in a run before: outcomes by paths."""
         self._asked.clear()
         self._given = dict(given)
 
     def asked(self, decision: Decision) -> None:
-        """The operator is asked; an older request for the same is void."""
+        """Note that the operator is asked; an older request about the same is void."""
         self._asked[decision.path] = decision
 
     def confirmed(self, decision_id: str) -> Violation | None:
-        """Return the operator has confirmed a request."""
+        """Note that the operator has confirmed a request; return what is wrong with that."""
         for path, decision in self._asked.items():
             if decision.id == decision_id:
                 self._given[path] = decision.outcome
@@ -238,12 +269,15 @@ class Approvals:
         return Violation(Property.APPROVAL, '/', f'request {decision_id} was confirmed, and is not pending')
 
     def forced(self, path: str, outcome: str) -> None:
-        """The operator wants a state or machine to be left by an outcome."""
+        """Note that the operator wants a state or machine to be left by an outcome."""
         self._given[path] = outcome
         self._asked.pop(path, None)
 
     def leaves(self, path: str, outcome: str, may_pass: bool) -> Violation | None:
-        """Return a state or machine is left by an outcome, which ``may_pass`` without the operator, or may not."""
+        """Note that a state or machine is left by an outcome; return what is wrong with that.
+
+        ``may_pass``: that needs no approval.
+        """
         asked = self._asked.pop(path, None) if self._asked else None
         given = self._given.pop(path, None) if self._given else None
         if self._given or self._asked:  # what is in it is left, too

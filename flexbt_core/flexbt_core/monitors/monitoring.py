@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a robot does about what its monitors find: tell it, once, and stop what runs, if it is asked to."""
+"""Monitoring of runs: which requirements are watched, and what is reported of the findings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_REPORTED: Final = 20
 
 @dataclass(frozen=True)
 class Monitoring:
-    """What the runs of a process are watched for: ``requirements`` by the name of a behavior, or the ID of a tree.
+    """The settings by which runs are watched: ``requirements`` by the name of a behavior, or the ID of a tree.
 
     ``stops``: a run in which something is wrong is stopped.
     """
@@ -37,7 +37,7 @@ class Monitoring:
 
 
 class Findings:
-    """What the monitors of one run have found; ``tell`` gets each of them once, and no more than :data:`MOST_TOLD`."""
+    """The findings of the monitors of one run; ``tell`` gets each once, and at most :data:`MAX_REPORTED`."""
 
     def __init__(self, tell: Callable[[Violation], None]) -> None:
         self.first: Violation | None = None
@@ -45,7 +45,7 @@ class Findings:
         self._told: set[Violation] = set()
 
     def add(self, violation: Violation) -> None:
-        """A monitor has found this."""
+        """Take in what a monitor has found."""
         if violation in self._told or len(self._told) >= MAX_REPORTED:
             return
         self._told.add(violation)

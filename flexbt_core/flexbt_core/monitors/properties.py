@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What holds for every mission, and how it is told that it does not."""
+"""The properties that hold for every mission, and violations of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 
 class Property(Enum):
-    """What is proved of all that can happen, or watched in what does; the values are what reports call it."""
+    """A property that is proved of all that can happen, or watched in what does; the values are its names in
+    reports."""
 
     STOP_STOPS = 'stop means stopped'
     ONE_OWNER = 'an actuator has one owner'
@@ -47,7 +48,7 @@ _OF_WHAT_CANNOT_FOLLOW = frozenset(
 
 
 class Violation(NamedTuple):
-    """What is wrong: with which property, where, and in words for a mission engineer. ``is_lasting``: from the
+    """A violation: of which property, where, and in words for a mission engineer. ``is_lasting``: from the
     beginning, and whatever happens."""
 
     property: Property

@@ -189,7 +189,7 @@ def _unfit(made: Requirement) -> str:
 
 
 class Vocabulary(NamedTuple):
-    """What requirements of a machine or tree can be about: ``events`` by their names, ``working`` what works for a
+    """The names that requirements of a machine or tree can use: ``events`` by their names, ``working`` what works for a
     time, ``conditions`` of a tree, ``keys`` of the userdata of a machine, and all ``parts``."""
 
     events: Collection[str]
@@ -201,7 +201,7 @@ class Vocabulary(NamedTuple):
 
 
 def machine_vocabulary(machine: MachineDefinition) -> Vocabulary:
-    """That of a machine."""
+    """Return the vocabulary of a machine."""
     nodes = [node for node in machine.nodes() if node is not machine]
     ends = [f'={outcome}' for outcome in machine.outcomes]
     left = [f'{node.path} > {outcome}' for node in nodes for outcome in node.outcomes]
@@ -236,7 +236,8 @@ def _keys_of(node: StateDefinition | MachineDefinition) -> Iterator[str]:
 
 
 def tree_vocabulary(leaves: Iterable[tuple[str, bool]], parts: NodesOrStates) -> Vocabulary:
-    """That of a tree, of the names of its leaves, and whether each takes time; ``parts`` are all of its nodes."""
+    """Return the vocabulary of a tree, from the names of its leaves, and whether each takes time; ``parts`` are all of
+    its nodes."""
     found = list(leaves)
     names = list(dict.fromkeys(name for name, _ in found))
     working = list(dict.fromkeys(name for name, takes_time in found if takes_time))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a mission requires beside what holds for all: written by its engineer, checked as it happens.
+"""The requirements of a mission beside what holds for all: written by its engineer, checked as it happens.
 
 Events of a machine are ``/Path`` (a state or machine is entered), ``/Path > outcome`` (it was left by it), and
 ``=outcome`` (the machine ends by it). Those of a tree are ``name`` (a leaf begins to work, or is done at once),
@@ -60,7 +60,8 @@ class Before:
 
 @dataclass(frozen=True)
 class After:
-    """What follows ``event`` (a state left by an outcome) at once is one of ``allowed``: a state, or an outcome."""
+    """A requirement that what follows ``event`` (a state left by an outcome) at once is one of ``allowed``: a state, or
+    an outcome."""
 
     event: str
     allowed: tuple[str, ...]
@@ -159,7 +160,7 @@ Requirement = Never | AtMost | Before | After | Within | Apart | While | Written
 
 
 class NodeOrState(NamedTuple):
-    """What something is, of which a tree or machine is made: its type, and what its ports are given."""
+    """A part of a tree or machine: its type, and what its ports are given."""
 
     type: str
     values: Mapping[str, str]
@@ -216,7 +217,7 @@ class Requirements:
         return any(isinstance(one, IsA | Has) for one in self.requirements)
 
     def check_parts(self, parts: NodesOrStates) -> None:
-        """These are the parts of what runs."""
+        """Check the parts of what runs."""
         for one in self.requirements:
             if isinstance(one, IsA | Has):
                 for text in dict.fromkeys(_otherwise(one, parts.get(one.name, ()))):
@@ -229,7 +230,7 @@ class Requirements:
         return frozenset(event.partition(' > ')[0] for event in events)
 
     def resume(self) -> None:
-        """The run goes on where another one was: what has happened in that is not known, and not held against it."""
+        """Go on where another run was: what has happened in that is not known, and not held against it."""
         for one in self.requirements:
             if isinstance(one, Before):
                 self.met.add(str(one))
@@ -242,13 +243,13 @@ class Requirements:
             self._meet(one, event)
 
     def follows(self, left: str, follows: str) -> None:
-        """A state was left, with what follows: a state, ``=outcome`` of the machine, or ''."""
+        """Note that a state was left, with what follows: a state, ``=outcome`` of the machine, or ''."""
         for one in self._by_event.get(left, ()):
             if isinstance(one, After) and follows not in one.allowed:
                 self._tell(one, left, f'{follows or "nothing"} follows {left}')
 
     def works(self, working: Sequence[Sequence[str]]) -> None:
-        """These work at the same time: states that are active, or leaves, each with all its names."""
+        """Check what works at the same time: states that are active, or leaves, each with all its names."""
         for one in self.aparts:
             if any(one.one in first and one.other in second for first, second in permutations(working, 2)):
                 self._tell(one, one.one, f'{one.one} works while {one.other} does')
@@ -292,7 +293,7 @@ class Requirements:
         return min(self.due.values(), default=None) if self.due and self.paused_at is None else None
 
     def ended(self) -> None:
-        """It has ended, and not by a stop: what is owed before the end does not come any more."""
+        """Note that it has ended, and not by a stop: what is owed before the end does not come any more."""
         for one in self.requirements:
             if isinstance(one, Within) and one.seconds is None and str(one) in self.met:
                 self._tell(one, one.event, f'it ends, and {one.then} has not come after {one.event}')
@@ -382,7 +383,7 @@ def _is_same(given: str, text: str) -> bool:
 
 
 def violation_of(requirement: Requirement, where: str, what: str) -> Violation:
-    """That something does not fulfil a requirement."""
+    """Return the violation of a requirement."""
     return Violation(Property.REQUIREMENT, where, f'{what}; required is: {requirement}')
 
 

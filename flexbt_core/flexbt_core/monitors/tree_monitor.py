@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is watched in the run of a tree: its leaves that take time, from their beginning to their end or halt.
+"""The monitor of a tree's run: its leaves that take time, from their beginning to their end or halt.
 
 These leaves get a class, derived from their own, that tells the monitor of the calls of ``on_start``, ``on_running``
 and ``on_halted``. All other nodes are as they were, so a tick costs more only by what runs in it.
@@ -87,7 +87,7 @@ class TreeMonitor:
         return alias
 
     def begins(self, tree: Tree) -> None:
-        """The nodes exist; the first tick is next."""
+        """Begin: the nodes exist, and the first tick is next."""
         self._tree = tree
         tree.context.monitor = self
         self._learn()
@@ -145,7 +145,7 @@ class TreeMonitor:
             self.requirements.check_parts(self._parts())
 
     def ticked(self, status: NodeStatus) -> None:
-        """A tick is over, and this is what it gave."""
+        """Check a tick that is over, and has returned this status."""
         opened = self._open
         if len(self.going_on) < len(opened):
             for path in [leaf.path for leaf in opened if leaf not in self.going_on]:
@@ -164,11 +164,11 @@ class TreeMonitor:
             self._check_wakes()
 
     def paused(self, is_paused: bool) -> None:
-        """The tree is paused from now on, or goes on: the time of requirements stands still meanwhile."""
+        """Note that the tree is paused from now on, or goes on: the time of requirements stands still meanwhile."""
         self.requirements.rests(is_paused)
 
     def halted(self) -> None:
-        """The tree was halted."""
+        """Check that nothing works after the tree was halted."""
         for leaf in self._open:
             text = f'{leaf.path} still works after the tree was halted'
             self._found(Violation(Property.STOP_STOPS, leaf.path, text))
@@ -214,7 +214,7 @@ class TreeMonitor:
         self._tell_result(leaf, status)
 
     def halts(self, leaf: LeafNode, halt: Callable[[], None]) -> None:
-        """A leaf is halted by ``halt``."""
+        """Halt a leaf by ``halt``."""
         context = self._tree.context
         before = context.works if leaf in self._acting else ()
         self._open.pop(leaf, None)
@@ -228,14 +228,14 @@ class TreeMonitor:
                 self._ending[leaf] = tuple(work for work in context.works if work not in before)
 
     def acts(self, leaf: LeafNode) -> None:
-        """What a leaf does elsewhere begins."""
+        """Note that what a leaf does elsewhere begins."""
         if leaf not in self._open and leaf is not self._starting:
             text = f'{leaf.path} acts, and it has ended, or was halted'
             self._found(Violation(Property.STOP_STOPS, leaf.path, text))
         self._own(leaf)
 
     def done(self, leaf: TreeNode, status: NodeStatus) -> None:
-        """A leaf was done within a tick."""
+        """Note that a leaf was done within a tick."""
         self._event(leaf)
         self._tell_result(leaf, status)
         if status is SUCCESS or status is FAILURE:

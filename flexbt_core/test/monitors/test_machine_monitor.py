@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.clock.clock import ManualClock
-from flexbt_core.monitors.machine_monitor import MachineMonitor, declared_resources
+from flexbt_core.monitors.machine_monitor import MachineMonitor
 from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.monitors.requirements import After, Apart, AtMost, Before, Never, Requirement, Within
 from flexbt_core.skills.skill import Skill
@@ -43,13 +43,13 @@ class Watched:
         self.found: list[Violation] = []
         self.clock = ManualClock()
         definition = define(made)
-        monitor = MachineMonitor(declared_resources(definition), self.found.append, requirements)
-        self.run = MachineRun(definition, self.clock, autonomy=autonomy, monitor=monitor)
+        self.run = MachineRun(definition, self.clock, autonomy=autonomy)
+        self.run.add_reader(MachineMonitor(self.run, self.found.append, requirements))
         self.run.start()
         self.run.step()
 
     def end(self, path: str, outcome: str) -> None:
-        """A state that is active gives an outcome."""
+        """Let a state that is active give an outcome."""
         (state,) = [leaf.state for leaf in self.run.active_states() if leaf.path == path]
         assert isinstance(state, Scripted)
         state.end(outcome)
@@ -61,7 +61,7 @@ class Watched:
 
 
 def chain(requires: int = Autonomy.Off) -> OperatableStateMachine:
-    """A, then B, then A again, or the end."""
+    """Return a machine of A, then B, then A again, or the end."""
 
     def once() -> Scripted:
         return Scripted('done', 'failed', do={'on_exit': lambda state, _: setattr(state, 'outcome', None)})
@@ -118,7 +118,7 @@ def test_an_approval_that_goes_to_another_request_is_found(monkeypatch: pytest.M
     deciding: Callable[..., Any] = operator_commands._deciding
     swapped = {first.id: second.id, second.id: first.id}
     monkeypatch.setattr(operator_commands, '_deciding', lambda run, wanted: deciding(run, swapped[wanted]))
-    watched.run.confirm(first.id, lambda refusal: None)
+    watched.run.command('', operator_commands.confirm, first.id)
     watched.run.step()
     (wrong,) = watched.found
     assert wrong.property is Property.APPROVAL and wrong.where == second.path
@@ -130,7 +130,7 @@ def test_an_approval_of_another_outcome_is_found(monkeypatch: pytest.MonkeyPatch
     (decision,) = watched.run.decisions
     monkeypatch.setattr(Region, 'approve', lambda self: self._leave_child(self.child, 'failed'))
     watched.run.controls.set_level(Autonomy.Off, '/')
-    watched.run.confirm(decision.id, lambda refusal: None)
+    watched.run.command('', operator_commands.confirm, decision.id)
     watched.run.step()
     assert watched.properties == {Property.APPROVAL}
     assert "'failed', which needs the operator, and approved was 'done'" in watched.found[0].text
@@ -200,10 +200,10 @@ def test_a_deadline_is_told_when_it_is_over_and_stands_still_in_a_pause() -> Non
     watched = Watched(chain(), [Within('/A > done', '/B > done', 5.0)])
     watched.end('/A', 'done')
     watched.clock.advance(3.0)
-    watched.run.pause(lambda refusal: None)
+    watched.run.command('', operator_commands.pause)
     watched.run.step()
     watched.clock.advance(60.0)
-    watched.run.resume(lambda refusal: None)
+    watched.run.command('', operator_commands.resume)
     watched.run.step()
     assert not watched.found and watched.run.next_wake == pytest.approx(65.0)
     watched.clock.advance(2.0)

@@ -37,14 +37,10 @@ class Pass(engine.EventState):
     def execute(self, userdata):
         return 'done'
 
-class Quiet:
-    def __getattr__(self, name):
-        return lambda *arguments: None
-
 machine = engine.OperatableStateMachine(outcomes=['ended'])
 with machine:
     engine.OperatableStateMachine.add('Pass', Pass(outcomes=['done']), {'done': 'ended'})
-run = engine.MachineRun(engine.define(machine), ManualClock(), Quiet())
+run = engine.MachineRun(engine.define(machine), ManualClock(), [])
 run.start()
 assert not run.step()
 assert threading.active_count() == 1

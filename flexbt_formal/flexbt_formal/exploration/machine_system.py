@@ -8,18 +8,20 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_core.monitors.machine_monitor import MachineMonitor, declared_resources
+from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.monitors.machine_monitor import MachineMonitor
 from flexbt_core.monitors.properties import Property, Violation, shared_keys
 from flexbt_core.monitors.requirements import Requirement, Requirements, Written, violation_of
 from flexbt_core.state_machine.authoring.data_flow import races
 from flexbt_core.state_machine.engine.engine import HaltTimeout
+from flexbt_core.state_machine.engine.events import CommandDecided, Faulted, RunEvent, RunReader, StateLeft
 from flexbt_core.state_machine.engine.leaf import LeafRun
+from flexbt_core.state_machine.engine.operator_commands import confirm, force, pause, resume
 from flexbt_core.state_machine.engine.region import ContainerRun, Region
-from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.engine.run import MachineRun, RunLimits
 from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, DecisionKind
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, MachineDefinition, StateDefinition, is_inside
-from flexbt_core.state_machine.model.event_state import EventState, ExitReason
-from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import Scope, UserData
 from flexbt_core.values.text import pluralize
 
@@ -85,14 +87,9 @@ class MachineBounds:
 
 
 _CONSTANT: Final = {
-    MachineRun: frozenset(
-        (
-            *('clock', 'observer', 'services', '_steady', '_exit_timeout', '_max_transitions'),
-            *('_on_wake', '_stop_timeout', '_lock', 'monitor'),
-        )
-    ),
+    MachineRun: frozenset(('clock', 'readings', '_readers', 'services', '_steady', '_limits', '_wake_event', '_lock')),
     MachineEnvironment: frozenset(('choices', 'answers', 'begun', 'found')),
-    MachineMonitor: frozenset(('resources', '_found', '_run', '_has_requirements', '_machine', '_containers')),
+    MachineMonitor: frozenset(('_resources', '_found', '_run', '_has_requirements', '_machine', '_containers')),
     Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event', 'happened')),
     ModelState: frozenset(('model', 'environment', 'own_path', '_type_name', '_made_with', 'skill')),
     LeafRun: frozenset(('_engine', 'definition', 'path', '_input_keys', '_output_keys')),
@@ -135,7 +132,7 @@ class _Counted:
         self.faults = 0
 
 
-class MachineSystem:
+class MachineSystem(RunReader):
     """A machine on a clock of its own. ``models`` says what stands for a state; ``requirements`` are checked, too.
 
     With ``reduces``, situations after a stop differ only in what has not halted yet, and of children of a container
@@ -170,10 +167,8 @@ class MachineSystem:
             if isinstance(node, MachineDefinition) and (values := plain_values(node.defaults))
         }
         self._states = {node.path: node for node in self._definition.nodes() if isinstance(node, StateDefinition)}
-        self._observer = _Observer(self)
-        self._woken = False
+        self._wake_event = WakeEvent()
         self._counted = _Counted()
-        self._monitor = MachineMonitor(declared_resources(self._definition), self._note, requirements)
         self._taken: set[str] = set()
         self._events: list[str] = []
         self._writes = _shared_writes(self._definition)
@@ -182,13 +177,14 @@ class MachineSystem:
         self._run = MachineRun(
             self._definition,
             self.clock,
-            self._observer,
+            [self],
             autonomy=self._bounds.autonomy,
             userdata=given,
-            on_wake=self._wake,
-            max_transitions=_TRANSITIONS,
-            monitor=self._monitor,
+            limits=RunLimits(transitions=_TRANSITIONS),
+            wake_event=self._wake_event,
         )
+        self._monitor = MachineMonitor(self._run, self._note, requirements)
+        self._run.add_reader(self._monitor)
         self._at_work: set[str] = set()
         self._layout = Layout(
             constant=_CONSTANT,
@@ -363,10 +359,10 @@ class MachineSystem:
         self._happen(label)
         wakes = 0
         while True:
-            self._woken = False
+            self._wake_event.take()
             run.step()
             wakes += 1
-            if not self._woken or run.outcome is not None:
+            if not self._wake_event.take() or run.outcome is not None:
                 break
             if wakes > _WAKES:
                 text = f'it wakes itself over and over ({_WAKES} times in a row) and waits for nothing'
@@ -401,14 +397,14 @@ class MachineSystem:
             decision = next((one for one in run.decisions if one.path == path), None)
             if kind == APPROVE:
                 assert decision is not None
-                run.confirm(decision.id, self._answered)
+                run.command('', confirm, decision.id)
             else:
                 counted.forces += kind == FORCE
-                run.force(path, value, decision.id if decision is not None else '', self._answered)
+                run.command('', force, path, value, decision.id if decision is not None else '')
         elif kind == PAUSE:
-            run.pause(self._answered)
+            run.command('', pause)
         elif kind == RESUME:
-            run.resume(self._answered)
+            run.command('', resume)
 
     def position(self) -> str:
         run = self._run
@@ -466,13 +462,6 @@ class MachineSystem:
 
     # -- the host ----------------------------------------------------------------------------------------------------
 
-    def _wake(self) -> None:
-        self._woken = True
-
-    def _answered(self, refusal: str | None) -> None:
-        if refusal is not None:
-            self._events.append(f'refused: {refusal}')
-
     def _next_due(self) -> float | None:
         times = [time for time in (self._run.next_wake, self.clock.next_timer()) if time is not None]
         return min(times, default=None)
@@ -500,8 +489,16 @@ class MachineSystem:
 
     # -- what the run tells ------------------------------------------------------------------------------------------
 
-    def left(self, path: str, outcome: str, target: str) -> None:
-        """A state or machine was left."""
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case StateLeft():
+                self._left(event.path, event.outcome, event.target)
+            case Faulted():
+                self._raised(event.path, event.text)
+            case CommandDecided() if event.refusal is not None:
+                self._events.append(f'refused: {event.refusal}')
+
+    def _left(self, path: str, outcome: str, target: str) -> None:
         self._events.append(f'{path} > {outcome or "(again)"} -> {target or "nothing follows it"}')
         if outcome:
             self._taken.update(f'{one} > {outcome}' for one in self._images(path))
@@ -523,8 +520,7 @@ class MachineSystem:
                     violation_of(required, required.event, f'{required.event} comes, and nobody has written {key}')
                 )
 
-    def raised(self, path: str, text: str) -> None:
-        """A state raised, or did not halt."""
+    def _raised(self, path: str, text: str) -> None:
         if self._counted.faults and 'halted' in text:
             self._events.append(f'{path}: {text}')
             return
@@ -564,20 +560,3 @@ def _kept_of_container(container: ContainerRun) -> list[Any]:
     for child in container.children.values():
         kept += _kept_of_leaf(child) if isinstance(child, LeafRun) else _kept_of_container(child)
     return kept
-
-
-class _Observer:
-    def __init__(self, system: MachineSystem) -> None:
-        self._system = system
-
-    def changed(self) -> None:
-        """Nothing to do: it is looked at after the step."""
-
-    def log(self, severity: Severity, path: str, text: str) -> None:
-        """Nothing follows from that."""
-
-    def fault(self, path: str, text: str) -> None:
-        self._system.raised(path, text)
-
-    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
-        self._system.left(path, outcome, target)

@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.ports import STRING, UINT16, input_port, output_port
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.xml.reader import load_xml
-from flexbt_core.monitors.machine_monitor import MachineMonitor
+from flexbt_core.monitors.machine_monitor import Visits
 from flexbt_core.monitors.requirement_text import parse_requirement
 from flexbt_core.monitors.requirements import Requirement
 from flexbt_core.skills.skill import Skill
@@ -134,7 +134,7 @@ def test_what_came_before_a_stop_makes_no_difference_after_it(seed: int) -> None
     paths = [node.path for node in definition.nodes() if isinstance(node, StateDefinition)]
     driving = frozenset(path for path in paths if random.random() < 0.3)
     not_left, works_on = random.choice([('', ''), (random.choice(paths), ''), ('', random.choice(paths))])
-    exited, on_exit = MachineMonitor.exited, ModelState.on_exit
+    exited, on_exit = Visits.exited, ModelState.on_exit
 
     def model(state: StateDefinition) -> StateModel:
         return replace(state_model(state), resources=frozenset(['base'] if state.path in driving else []))
@@ -144,7 +144,7 @@ def test_what_came_before_a_stop_makes_no_difference_after_it(seed: int) -> None
         return explore(lambda: MachineSystem(definition, model, bounds, reduces=reduces), '', limits=limits)
 
     with (
-        patch.object(MachineMonitor, 'exited', lambda one, path: None if path == not_left else exited(one, path)),
+        patch.object(Visits, 'exited', lambda one, path: None if path == not_left else exited(one, path)),
         patch.object(ModelState, 'on_exit', lambda one, data: None if one.own_path == works_on else on_exit(one, data)),
     ):
         reduced, without = explored(reduces=True), explored(reduces=False)

@@ -10,7 +10,6 @@ from synthesis_support import coffee
 
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.state_machine.authoring.yaml_form import read_machine
-from flexbt_core.state_machine.engine.observer import LoggingObserver
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.event_state import EventState
@@ -119,7 +118,7 @@ def test_the_machine_runs_as_the_strategy_has_it(failures: int, outcome: str) ->
     Try.failures = {'/grind': failures}
     machine = made(coffee(('failed: 3', 'failed: 0'), retries=2))
     definition = read_machine(machine_as_yaml(machine), {'Try': Try})
-    run = MachineRun(definition, ManualClock(), LoggingObserver(), autonomy=Autonomy.Full)
+    run = MachineRun(definition, ManualClock(), autonomy=Autonomy.Full)
     run.start()
     for _ in range(100):
         if not run.step():

@@ -11,7 +11,6 @@ from test_synthesis_pairs import DATA
 
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.state_machine.authoring.yaml_form import read_machine
-from flexbt_core.state_machine.engine.observer import LoggingObserver
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.event_state import EventState
@@ -142,7 +141,7 @@ def test_what_is_active_at_once_is_a_concurrency_container() -> None:
     machine = made(text)
     assert edges(machine) == {'left_right': {'left_completed__right_completed': 'finished'}}
     definition = read_machine(machine_as_yaml(machine), {'left': Done, 'right': Done})
-    run = MachineRun(definition, ManualClock(), LoggingObserver(), autonomy=Autonomy.Full)
+    run = MachineRun(definition, ManualClock(), autonomy=Autonomy.Full)
     run.start()
     for _ in range(100):
         if not run.step():

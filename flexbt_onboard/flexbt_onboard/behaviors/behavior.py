@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an installed behavior is: a manifest, parameters, and a state machine that it builds.
+"""An installed behavior: a manifest, parameters, and a state machine that it builds.
 
 A package makes a behavior known by an entry point in its ``setup.py``::
 
@@ -139,7 +139,7 @@ class BehaviorInput:
 
 @dataclass(frozen=True)
 class BehaviorManifest:
-    """What a behavior says of itself: the unique name by which it is started, and what the operator should know.
+    """The manifest of a behavior: the unique name by which it is started, and what the operator should know.
 
     ``inputs`` declares the input userdata of its machine, so that consoles can ask for each.
 
@@ -165,7 +165,7 @@ class BehaviorManifest:
 
 
 class OperatorGone(Enum):
-    """What happens to a run when no console of an operator has been there for some time."""
+    """The action for a run when no console of an operator has been there for some time."""
 
     CONTINUE = 'continue'
     HOLD = 'hold'

@@ -126,7 +126,7 @@ class BehaviorLibrary:
         self._entries = dict(sorted({**self._entries, entry.name: entry}.items()))
 
     def check_free(self, name: str) -> None:
-        """Whether a behavior of this name can be added. Raises BehaviorError as :meth:`add`."""
+        """Check that a behavior of this name can be added. Raises BehaviorError as :meth:`add`."""
         if name in self._entries and name not in self._added:
             raise BehaviorError(f'an installed behavior is called {name!r}; choose another name')
 

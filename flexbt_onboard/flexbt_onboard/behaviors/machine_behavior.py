@@ -93,7 +93,7 @@ _NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_ -]{0,79}')
 
 
 def check_name(name: str) -> None:
-    """Whether a machine may be called so. Raises BehaviorError."""
+    """Check that a machine may have this name. Raises BehaviorError."""
     if not _NAME.fullmatch(name) or name != name.strip():
         raise BehaviorError(
             f'{short_repr(name)} is no name of a behavior: a letter, then letters, digits, blanks, _ and -, 80 in all'

@@ -25,10 +25,12 @@ _HIGHEST_AUTONOMY: Final = 3
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What to run: arguments are pairs of parameter name and text, inputs go to the userdata of the root machine.
+    """A request for a run: arguments are pairs of parameter name and text, inputs go to the userdata of the root
+    machine.
 
-    ``by`` is who wants it: an operator, or a program. ``at`` is the position at which it goes on after a crash. One
-    that is not ``is_durable`` does not: whoever wanted it would not know of it any more.
+    ``by`` is who wants it, an operator or a program; ``command_id`` is the operator's command. ``at`` is the position
+    at which it goes on after a crash. One that is not ``is_durable`` does not: nobody would wait for its result any
+    more.
     """
 
     entry: BehaviorEntry
@@ -36,6 +38,7 @@ class RunRequest:
     inputs: Sequence[BlackboardEntry]
     autonomy: int
     by: str = ''
+    command_id: str | None = None
     at: RunPosition | None = None
     is_durable: bool = True
 
@@ -47,6 +50,7 @@ def run_request(
     inputs: Sequence[BlackboardEntry],
     autonomy: int,
     by: str,
+    command_id: str | None = None,
     *,
     is_durable: bool = True,
 ) -> RunRequest:
@@ -61,7 +65,8 @@ def run_request(
         raise CommandRefusedError(str(error)) from error
     if entry.error:
         raise CommandRefusedError(f'behavior {entry.name!r} is broken: {entry.error}')
-    return RunRequest(entry, tuple(arguments), tuple(inputs), checked_autonomy(autonomy), by, is_durable=is_durable)
+    level = checked_autonomy(autonomy)
+    return RunRequest(entry, tuple(arguments), tuple(inputs), level, by, command_id, is_durable=is_durable)
 
 
 def checked_autonomy(level: int) -> int:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the host of a run gives to its states: services to reach ROS, the goals it tracks, and the run of a thread."""
+"""The things that the host of a run gives to its states: services to reach ROS, the goals it tracks, and the run of a
+thread."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ class _Sent:
 
 
 class RunGoals:
-    """Who has sent which goal. From any thread.
+    """The goals that the states of a run have sent. From any thread.
 
     A stop cancels them all on the thread that tells it: a state that does not return from a callback keeps nobody from
     canceling its goals, nor those of the states beside it.
@@ -54,8 +55,8 @@ class RunGoals:
     def add(
         self, state: EventState | None, topic: str, call: ActionCall, not_paused: Callable[[], Sequence[str]] = _goes_on
     ) -> None:
-        """A goal was sent by a state. ``not_paused`` says why it goes on while the state is paused, or what of it does;
-        nothing if it does not."""
+        """Add a goal that a state has sent. ``not_paused`` says why it goes on while the state is paused, or what of it
+        does; nothing if it does not."""
         with self._lock:
             self._sent = [sent for sent in self._sent if not sent.call.done]
             self._sent.append(_Sent(state, topic, call, not_paused))
@@ -84,8 +85,8 @@ class RunGoals:
         return [f'goal of {sent.topic}: {why}' for sent in self._going_on(state) for why in sent.not_paused()]
 
     def untold(self, topic: str, lines: Sequence[str]) -> list[str]:
-        """Of ``lines`` from the server of an action, those that no state of the run was given yet, in their order: the
-        operator is told each once, whichever states hear of it, and how often."""
+        """Return those of ``lines`` from the server of an action that no state of the run was given yet, in their
+        order: the operator is told each once, whichever states hear of it, and how often."""
         with self._lock:
             new = [line for line in dict.fromkeys(lines) if (topic, line) not in self._told]
             self._told += [(topic, line) for line in new]
@@ -213,7 +214,7 @@ class RunContext:
             _current.set(None)
 
     def _close(self, close: Callable[[], object]) -> None:
-        """What one raises is told, and keeps no other from being closed."""
+        """Close one, and log what it raises, so that the others are closed as well."""
         try:
             close()
         except BaseException:  # code of the behavior; the run has ended
@@ -267,4 +268,4 @@ def _services(run: RunContext) -> StateServices:
 
 
 def _say_nothing(severity: Severity, path: str, text: str) -> None:
-    """What states say in their constructors is for the operator of a run."""
+    """Ignore what states log in their constructors: it is for the operator of a run."""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who may command: any number of operators watch, one holds the authority, and a name belongs to one participant.
+"""The authority to command: any number of operators watch, one holds the authority, and a name belongs to one
+participant.
 
 - While nobody holds it, every operator may command.
 - Whoever claims it gets it when it is free, and is a requester otherwise, whom the holder sees.
@@ -191,7 +192,7 @@ class Authority:
             self._give(there, 'asked for it, and is there again')
 
     def _seen(self) -> None:
-        """The holder gave a sign of life, or their last console went: the time counts from now."""
+        """Count the time from now: the holder gave a sign of life, or their last console went."""
         self._last_seen = self._runtime.steady.now()
         self._was_present = self._is_present
         if self._timer is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How large commands may be, and how many input requests: checked before anything is kept, logged or journaled."""
+"""The largest commands, and the most input requests: checked before anything is kept, logged or journaled."""
 
 from __future__ import annotations
 

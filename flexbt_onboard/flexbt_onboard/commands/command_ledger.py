@@ -13,18 +13,20 @@ import uuid
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, Protocol
 
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_log import RepeatedReports
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent, RunReader
 from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.persistence.journal import REMEMBERED_COMMANDS
 from flexbt_onboard.persistence.reporter import Reporter
-from flexbt_onboard.persistence.run_journal import REASON_LENGTH, CommandAnswer, RunJournal
+from flexbt_onboard.persistence.run_journal import REASON_LENGTH, RunJournal
+from flexbt_onboard.runs.run_events import RunBuilt, RunRefused
 
 from .command_bounds import COMMAND_LENGTHS, excess_of_command
 
@@ -46,7 +48,7 @@ class _Open:
 
 
 class CommandHandling(Protocol):
-    """What commands do."""
+    """The handling of the commands: what each of them does."""
 
     def is_addressed(self, command: ExecutiveCommand) -> bool:
         """Return whether a command is for this executive, which cannot know what another one made of it."""
@@ -54,16 +56,18 @@ class CommandHandling(Protocol):
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
         """Return what the command says, for the event log."""
 
-    def apply(self, command: ExecutiveCommand, answer: CommandReply, writer: bytes) -> bool:
-        """True when it has had its effect; False when ``answer`` gets to know about it later, on any thread.
+    def apply(self, command: ExecutiveCommand, writer: bytes) -> bool:
+        """Return whether it has had its effect; otherwise :class:`CommandDecided` or the begin of a run follows.
 
         Raises:
             CommandRefusedError: it has no effect; the text is the reason.
         """
 
 
-class CommandLedger:
-    """The commands of one executive. Used on the executor thread only.
+class CommandLedger(RunReader):
+    """The commands of one executive. Used on the executor thread, except :meth:`read`.
+
+    As a reader of the runs it hears when a command has had its effect there.
 
     ``changed`` is called when a result is to be reported, or a sender has to be told that this is another executive.
     """
@@ -92,6 +96,15 @@ class CommandLedger:
         for result in journal.results:
             self._entries[result.command_id] = result
         self._forget_old()
+
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case CommandDecided(str(command_id), refusal):
+                self._post(partial(self._decide, command_id, refusal))
+            case RunBuilt(request):
+                self._post(partial(self._decide, request.command_id, None))
+            case RunRefused(request, reason):
+                self._post(partial(self._decide, request.command_id, reason))
 
     def receive(self, command: ExecutiveCommand, writer: bytes = b'') -> None:
         """Take a command in, whatever it is; its result is part of the status. ``writer`` has sent it, b'': unknown."""
@@ -127,7 +140,7 @@ class CommandLedger:
         return [entry for entry in entries if isinstance(entry, CommandResult)]
 
     def _ignore_nameless(self, command: ExecutiveCommand) -> None:
-        """It cannot be answered."""
+        """Ignore a command that cannot be answered."""
         if self._nameless.held_before('') is None:
             return
         length = len(command.id)
@@ -146,13 +159,12 @@ class CommandLedger:
         of_writer = sum(isinstance(entry, _Open) and entry.writer == writer for entry in self._entries.values())
         self._entries[command_id] = _Open(command, writer)
         self._forget_old()
-        answer = CommandAnswer(command_id, lambda reason: self._post(lambda: self._decide(command_id, reason)))
         try:
             if of_writer >= OPEN_COMMANDS and command.kind != ExecutiveCommand.STOP:
                 raise CommandRefusedError(
                     f'{of_writer} commands wait for their effect already; the behavior is held up'
                 )
-            is_applied = self._handling.apply(command, answer, writer)
+            is_applied = self._handling.apply(command, writer)
         except CommandRefusedError as error:
             self._decide(command_id, str(error))
         except Exception as error:
@@ -162,10 +174,10 @@ class CommandLedger:
             if is_applied:
                 self._decide(command_id, None)
 
-    def _decide(self, command_id: str, reason: str | None) -> None:
-        """A command had its effect (None), or is refused; the first decision counts."""
-        entry = self._entries.get(command_id)
-        if isinstance(entry, _Open):
+    def _decide(self, command_id: str | None, reason: str | None) -> None:
+        """Note that a command had its effect (None), or is refused; the first decision counts."""
+        entry = self._entries.get(command_id) if command_id is not None else None
+        if command_id is not None and isinstance(entry, _Open):
             self._settle(command_id, reason, self._handling.fields(entry.command))
 
     def _settle(self, command_id: str, reason: str | None, fields: dict[str, Any]) -> None:

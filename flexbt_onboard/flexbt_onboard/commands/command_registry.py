@@ -11,11 +11,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from flexbt_common.values.message_fields import seconds_of
-from flexbt_core.state_machine.engine.operator_commands import CommandReply
-from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.engine import operator_commands
 from flexbt_core.values.text import escape_lines, truncate_middle
 from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
@@ -35,7 +34,7 @@ LOGGED: Final = 1000
 
 
 class RunRequirement(Enum):
-    """Which run a command has to name in ``run_id``."""
+    """The run that a command has to name in ``run_id``."""
 
     NONE = 'none'
     ANY = 'the run that goes on; none while idle'
@@ -67,26 +66,30 @@ class CommandContext:
         assert self.runs.interrupted is not None
         return self.runs.interrupted
 
+    def to_machine(self, command: Callable[..., str | None], *arguments: Any) -> Later:
+        """Give the machine of the run a command, which it applies between two steps."""
+        self.run.command(self.command.id, command, *arguments)
+        return 'later'
 
-CommandEffect = Callable[[CommandReply], object]
-"""Brings a command's effect about, and gives the answer when it can be seen, or why there is none."""
+
+Later = Literal['later']
+"""The effect of a command comes later: :class:`CommandDecided`, :class:`RunBuilt` or :class:`RunRefused` follows."""
 
 
 @dataclass(frozen=True)
 class CommandDefinition:
     """A command by the name of its constant in ExecutiveCommand.
 
-    ``apply`` has the effect of a command that needs nothing more, or gives the :class:`CommandEffect` that takes
-    longer; it raises CommandRefusedError. ``fields`` must not be empty. One that is ``for_anybody`` asks neither whose
-    the operator's name is, nor which executive was meant.
+    ``apply`` brings its effect about, at once or later; it raises CommandRefusedError. ``fields`` must not be empty.
+    One that ``needs_no_operator`` asks neither whose the operator's name is, nor which executive was meant.
     """
 
     name: str
-    apply: Callable[[CommandContext], CommandEffect | None]
+    apply: Callable[[CommandContext], Later | None]
     run: RunRequirement = RunRequirement.RUNNING
     fields: Sequence[str] = ()
     needs_authority: bool = True
-    for_anybody: bool = False
+    needs_no_operator: bool = False
 
     @property
     def kind(self) -> int:
@@ -122,15 +125,15 @@ class CommandRegistry:
         if command.executive_id in ('', self._executive_id):
             return True
         known = self._commands.get(command.kind)
-        return known is not None and known.for_anybody
+        return known is not None and known.needs_no_operator
 
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
         """Return what the command says, for the event log."""
         known = self._commands.get(command.kind)
         return command_fields(command, known.name if known is not None else f'kind {command.kind}')
 
-    def apply(self, command: ExecutiveCommand, answer: CommandReply, writer: bytes) -> bool:
-        """True when it has had its effect; False when ``answer`` gets to know about it later, on any thread.
+    def apply(self, command: ExecutiveCommand, writer: bytes) -> bool:
+        """Return whether it has had its effect already.
 
         Raises:
             CommandRefusedError: it has no effect; the text is the reason.
@@ -138,7 +141,7 @@ class CommandRegistry:
         known = self._commands.get(command.kind)
         if known is None:
             raise CommandRefusedError(f'kind {command.kind} is not supported by this version')
-        if not known.for_anybody:
+        if not known.needs_no_operator:
             self._names.check(command.operator_id, writer)
         if known.needs_authority:
             self._authority.check(command.operator_id)
@@ -146,14 +149,11 @@ class CommandRegistry:
             raise CommandRefusedError(f'{known.name} must name {" and ".join(missing)}')
         _CHECKS[known.run](self._runs, command)
         given = CommandContext(command, self._library, self._runs, self._authority, self._input_requests, self._report)
-        effect = known.apply(given)
-        if effect is not None:
-            effect(answer)
-        return effect is None
+        return known.apply(given) is None
 
 
 def _check_none(_runs: RunSupervisor, _command: ExecutiveCommand) -> None:
-    """It needs no run."""
+    """Accept any run, or none."""
 
 
 def _check_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
@@ -242,20 +242,21 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
 # What each command of an operator does (flexbt_msgs/msg/ExecutiveCommand).
 
 
-def _start(given: CommandContext) -> CommandEffect:
-    request = _request(given, given.command.inputs, given.command.autonomy)
-    return lambda answer: given.runs.start(request, answer)
+def _start(given: CommandContext) -> Later:
+    given.runs.start(_request(given, given.command.inputs, given.command.autonomy))
+    return 'later'
 
 
-def _switch(given: CommandContext) -> CommandEffect:
-    request = _request(given, (), given.run.snapshot.autonomy)
-    return lambda answer: given.run.switch(request, answer)
+def _switch(given: CommandContext) -> Later:
+    given.run.switch(_request(given, (), given.run.snapshot.autonomy))
+    return 'later'
 
 
 def _request(given: CommandContext, inputs: Sequence[BlackboardEntry], autonomy: int) -> RunRequest:
     command = given.command
     arguments = [(argument.name, argument.value) for argument in command.arguments]
-    return run_request(given.library, command.behavior, arguments, inputs, autonomy, command.operator_id)
+    by, command_id = command.operator_id, command.id
+    return run_request(given.library, command.behavior, arguments, inputs, autonomy, by, command_id)
 
 
 def _stop(given: CommandContext) -> None:
@@ -272,26 +273,55 @@ def _stop(given: CommandContext) -> None:
     given.runs.halt_robot()
 
 
-def _autonomy(given: CommandContext) -> CommandEffect | None:
+def _autonomy(given: CommandContext) -> Later | None:
     level, path = checked_autonomy(given.command.autonomy), given.command.path
     if given.runs.run is not None:
-        return _to_machine(lambda machine, answer: machine.set_autonomy(level, path, answer))(given)
+        return given.to_machine(operator_commands.set_autonomy, level, path)
     if path:
         raise CommandRefusedError(f'no behavior is running, so there is no state {path!r}')
     given.runs.set_next_autonomy(level)
     return None
 
 
-def _confirm(given: CommandContext) -> CommandEffect:
+def _confirm(given: CommandContext) -> Later:
     decision = given.command.decision_id
     if given.input_requests.is_open(decision):
         raise CommandRefusedError(f'decision {decision!r} asks for a value: answer it, or decline')
-    return lambda answer: given.run.confirm(decision, answer)
+    return given.to_machine(operator_commands.confirm, given.run.decision_number(decision))
 
 
-def _force(given: CommandContext) -> CommandEffect:
+def _force(given: CommandContext) -> Later:
     command = given.command
-    return lambda answer: given.run.force(command.path, command.outcome, command.decision_id, answer)
+    number = given.run.decision_number(command.decision_id) if command.decision_id else ''
+    return given.to_machine(operator_commands.force, command.path, command.outcome, number)
+
+
+def _pause(given: CommandContext) -> Later:
+    return given.to_machine(operator_commands.pause)
+
+
+def _resume(given: CommandContext) -> Later:
+    return given.to_machine(operator_commands.resume)
+
+
+def _repeat(given: CommandContext) -> Later:
+    return given.to_machine(operator_commands.repeat, given.command.path)
+
+
+def _lock(given: CommandContext) -> Later:
+    return given.to_machine(operator_commands.lock, given.command.path)
+
+
+def _unlock(given: CommandContext) -> Later:
+    return given.to_machine(operator_commands.unlock, given.command.path)
+
+
+def _set_breakpoint(given: CommandContext) -> Later:
+    return given.to_machine(operator_commands.set_breakpoint, given.command.path)
+
+
+def _clear_breakpoint(given: CommandContext) -> Later:
+    return given.to_machine(operator_commands.clear_breakpoint, given.command.path)
 
 
 def _answer(given: CommandContext) -> None:
@@ -306,12 +336,12 @@ def _decline(given: CommandContext) -> None:
     given.input_requests.decline(command.decision_id, command.operator_id, command.reason)
 
 
-def _resume_run(given: CommandContext) -> CommandEffect:
+def _resume_run(given: CommandContext) -> Later:
     run = given.interrupted
-    by = given.command.operator_id
-    request = run_request(given.library, run.behavior, run.arguments, run.inputs, run.autonomy, by)
-    request = replace(request, at=run.position())
-    return lambda answer: given.runs.start(request, answer, run_id=run.run_id)
+    by, command_id = given.command.operator_id, given.command.id
+    request = run_request(given.library, run.behavior, run.arguments, run.inputs, run.autonomy, by, command_id)
+    given.runs.start(replace(request, at=run.position()), run.run_id)
+    return 'later'
 
 
 def _abort_run(given: CommandContext) -> None:
@@ -343,38 +373,23 @@ def _operator(given: CommandContext) -> str:
     return f'operator {given.command.operator_id}' if given.command.operator_id else 'the operator'
 
 
-def _to_machine(send: Callable[[MachineRun, CommandReply], None]) -> Callable[[CommandContext], CommandEffect]:
-    """Return a command that the engine takes as it is."""
-    return lambda given: lambda answer: given.run.command(send, answer)
-
-
-def _at_path(send: Callable[[MachineRun, str, CommandReply], None]) -> Callable[[CommandContext], CommandEffect]:
-    """Return a command that the engine takes for a state or container."""
-
-    def apply(given: CommandContext) -> CommandEffect:
-        path = given.command.path
-        return _to_machine(lambda machine, answer: send(machine, path, answer))(given)
-
-    return apply
-
-
 COMMANDS: Final = (
     CommandDefinition('START', _start, RunRequirement.NONE),
     # Whoever sees that something goes wrong has to be able to stop it, whatever else they believe of the run.
-    CommandDefinition('STOP', _stop, RunRequirement.NONE, needs_authority=False, for_anybody=True),
+    CommandDefinition('STOP', _stop, RunRequirement.NONE, needs_authority=False, needs_no_operator=True),
     CommandDefinition('AUTONOMY', _autonomy, RunRequirement.ANY),
     CommandDefinition('CONFIRM', _confirm, fields=['decision_id']),
     CommandDefinition('FORCE', _force, fields=['path', 'outcome']),
     CommandDefinition('ANSWER', _answer, RunRequirement.SHOWN),
     CommandDefinition('DECLINE', _decline, RunRequirement.SHOWN),
-    CommandDefinition('PAUSE', _to_machine(MachineRun.pause)),
-    CommandDefinition('RESUME', _to_machine(MachineRun.resume)),
-    CommandDefinition('REPEAT', _at_path(MachineRun.repeat), fields=['path']),
-    CommandDefinition('LOCK', _at_path(MachineRun.lock), fields=['path']),
-    CommandDefinition('UNLOCK', _at_path(MachineRun.unlock), fields=['path']),
+    CommandDefinition('PAUSE', _pause),
+    CommandDefinition('RESUME', _resume),
+    CommandDefinition('REPEAT', _repeat, fields=['path']),
+    CommandDefinition('LOCK', _lock, fields=['path']),
+    CommandDefinition('UNLOCK', _unlock, fields=['path']),
     CommandDefinition('SWITCH', _switch),
-    CommandDefinition('BREAKPOINT', _at_path(MachineRun.set_breakpoint), fields=['path']),
-    CommandDefinition('CLEAR_BREAKPOINT', _at_path(MachineRun.clear_breakpoint), fields=['path']),
+    CommandDefinition('BREAKPOINT', _set_breakpoint, fields=['path']),
+    CommandDefinition('CLEAR_BREAKPOINT', _clear_breakpoint, fields=['path']),
     # Those of the authority look after it by themselves.
     CommandDefinition('CLAIM_AUTHORITY', _claim_authority, RunRequirement.NONE, needs_authority=False),
     CommandDefinition('RELEASE_AUTHORITY', _release_authority, RunRequirement.NONE, needs_authority=False),

@@ -7,8 +7,8 @@ such a run as any other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
 from flexbt_common import names
@@ -16,6 +16,8 @@ from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoa
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.entries import Encoding, to_entry
 from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent, RunReader
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED
 from flexbt_core.values.text import short_repr
 from flexbt_msgs.action import BtExecute, ExecuteBehavior, GetUserdata
@@ -24,7 +26,7 @@ from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.runs.behavior_run import BehaviorRun
-from flexbt_onboard.runs.run_snapshot import RunEnd
+from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 ExecuteBehaviorResult = ExecuteBehavior.Result
@@ -42,8 +44,8 @@ class _Goal:
     had_client: bool = False
 
 
-class BehaviorActionServer:
-    """Serves ExecuteBehavior. Used on the executor thread only.
+class BehaviorActionServer(RunReader):
+    """The server of ExecuteBehavior. Used on the executor thread, except :meth:`read`.
 
     A goal is accepted always, and ends as FAILURE with the reason when the behavior cannot be started: the executive
     runs one behavior at a time. The run is stopped when the goal is canceled, and when no client is left that could do
@@ -56,6 +58,7 @@ class BehaviorActionServer:
         """``admission``: whether goals are taken at all."""
         self._library = library
         self._runs = runs
+        self._runtime = runtime
         self._node = runtime.node
         self._goal: _Goal | None = None
         self._server = GoalServer(
@@ -67,6 +70,13 @@ class BehaviorActionServer:
             refused=_refused_behavior,
             admission=admission,
         )
+
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case RunRefused():
+                self._runtime.post(partial(self._refused, event.reason))
+            case BehaviorEnded():
+                self._runtime.post(partial(self._ended, event))
 
     def refresh(self) -> None:
         """Send feedback when other states are active, and look for the client; called with each status."""
@@ -90,8 +100,7 @@ class BehaviorActionServer:
             served.abort(_refused_behavior(str(error)))
 
     def _finish(self, goal: _Goal, result: Any) -> None:
-        if self._goal is goal:
-            self._goal = None
+        self._goal = None
         if result.code == ExecuteBehaviorResult.SUCCESS:
             goal.served.succeed(result)
         else:
@@ -114,17 +123,20 @@ class BehaviorActionServer:
             is_durable=False,  # after a crash, the client does not wait for it any more
         )
 
-        def built(reason: str | None) -> None:
-            if reason is not None:
-                is_stopped = goal.run is not None and goal.run.snapshot.is_stopping
-                code = ExecuteBehaviorResult.CANCELED if is_stopped else ExecuteBehaviorResult.FAILURE
-                self._finish(goal, ExecuteBehaviorResult(code=code, message=reason))
-
-        def ended(end: RunEnd) -> None:
-            self._finish(goal, _result(end, wanted.output_encoding))
-
-        goal.run = self._runs.start(request, built, ended)
+        goal.run = self._runs.start(request)
         self._goal = goal
+
+    def _refused(self, reason: str) -> None:
+        goal = self._goal
+        if goal is not None:
+            is_stopped = goal.run is not None and goal.run.snapshot.is_stopping
+            code = ExecuteBehaviorResult.CANCELED if is_stopped else ExecuteBehaviorResult.FAILURE
+            self._finish(goal, ExecuteBehaviorResult(code=code, message=reason))
+
+    def _ended(self, end: BehaviorEnded) -> None:
+        goal = self._goal
+        if goal is not None:
+            self._finish(goal, _result(end, goal.served.request.output_encoding))
 
     def _cancel(self, served: ServedGoal) -> None:
         goal = self._goal
@@ -132,7 +144,7 @@ class BehaviorActionServer:
             goal.run.stop('the goal was canceled')
 
 
-def _result(end: RunEnd, encoding: int) -> Any:
+def _result(end: BehaviorEnded, encoding: int) -> Any:
     """Return the result of a run that was built."""
     if end.outcome == PREEMPTED:
         return ExecuteBehaviorResult(code=ExecuteBehaviorResult.CANCELED, message=end.message)
@@ -158,33 +170,44 @@ def _refused_behavior(why: str) -> Any:
 GetUserdataResult = GetUserdata.Result
 
 
-class UserdataServer:
-    """Serves GetUserdata. Used on the executor thread only; the values are written down on the thread of the run."""
+@dataclass(eq=False)
+class _UserdataGoal:
+    """A goal that waits for the next step of the run: the id of its command."""
+
+    served: ServedGoal
+    result: Any
+
+
+class UserdataServer(RunReader):
+    """The server of GetUserdata. Used on the executor thread; the values are written down on the thread of the run."""
+
+    reads = (CommandDecided,)
 
     def __init__(self, runtime: Runtime, runs: RunSupervisor) -> None:
         self._runtime = runtime
         self._runs = runs
         GoalServer(runtime, GetUserdata, names.GET_USERDATA, self._serve, _cancel, refused=_refused_userdata)
 
-    def _serve(self, goal: ServedGoal) -> None:
+    def read(self, event: RunEvent) -> None:
+        if isinstance(event, CommandDecided) and isinstance(event.command_id, _UserdataGoal):
+            goal = event.command_id
+            if event.refusal is not None:
+                goal.result.code, goal.result.message = GetUserdataResult.FAILURE, event.refusal
+            self._runtime.post(partial(self._finish, goal))
+
+    def _serve(self, served: ServedGoal) -> None:
         run = self._runs.run
         if run is None:
-            goal.abort(_refused_userdata('no behavior is running'))
-            return
-        result = GetUserdataResult(code=GetUserdataResult.SUCCESS, run_id=run.run_id)
+            served.abort(_refused_userdata('no behavior is running'))
+        else:
+            goal = _UserdataGoal(served, GetUserdataResult(code=GetUserdataResult.SUCCESS, run_id=run.run_id))
+            run.command(goal, _fill, goal.result, served.request)
 
-        def see(userdata: Mapping[str, Mapping[str, Any]]) -> None:
-            _fill(result, goal.request, userdata)
-
-        def answer(reason: str | None) -> None:
-            if reason is not None:
-                result.code, result.message = GetUserdataResult.FAILURE, reason
-            self._runtime.post(end)
-
-        def end() -> None:
-            (goal.succeed if result.code == GetUserdataResult.SUCCESS else goal.abort)(result)
-
-        run.command(lambda machine, once: machine.inspect(see, once), answer)
+    def _finish(self, goal: _UserdataGoal) -> None:
+        if goal.result.code == GetUserdataResult.SUCCESS:
+            goal.served.succeed(goal.result)
+        else:
+            goal.served.abort(goal.result)
 
 
 def _refused_userdata(why: str) -> Any:
@@ -199,8 +222,9 @@ def _cancel(goal: ServedGoal) -> None:
     )
 
 
-def _fill(result: Any, request: Any, userdata: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write what is asked for into the result."""
+def _fill(run: MachineRun, result: Any, request: Any) -> None:
+    """Write what is asked for into the result: a command to the machine."""
+    userdata = run.userdata_of_machines()
     encoding = Encoding.BINARY if request.encoding == GetUserdata.Goal.BINARY else Encoding.TEXT
     chosen = {path: values for path, values in userdata.items() if request.path in ('', path)}
     found = {key for values in chosen.values() for key in values}

@@ -25,6 +25,7 @@ from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, DiagnosticsPubli
 from flexbt_common.lifecycle.presence import PresenceWatch
 from flexbt_common.runtime.clock_watch import GOES_ON, clock_health
 from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_core.state_machine.engine.events import RunEvent, RunReader
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.machine_behavior import MachineStore
@@ -44,7 +45,18 @@ from flexbt_onboard.persistence.reporter import Reporter, StorageProblems
 from flexbt_onboard.persistence.run_journal import RunJournal
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.motion_stop import MotionStop
-from flexbt_onboard.runs.run_supervisor import OperatorAbsenceWatch, RunSupervisor, StatusSink
+from flexbt_onboard.runs.run_events import (
+    RunAnnounced,
+    RunBuilt,
+    RunMoved,
+    RunReady,
+    RunRequested,
+    RunShown,
+    StopAwaited,
+    StopRequested,
+    ViolationFound,
+)
+from flexbt_onboard.runs.run_supervisor import OperatorAbsenceWatch, RunSupervisor
 from flexbt_onboard.runs.stop_enforcer import StopEnforcer
 
 from .action_servers import BehaviorActionServer, UserdataServer
@@ -59,7 +71,11 @@ SHUTDOWN_SECONDS: Final = 1.2
 """How long the end of the process waits for a running behavior to halt."""
 
 
-class Executive:
+_SHOWN: Final = (RunRequested, RunMoved, RunReady, RunShown, ViolationFound, StopRequested, StopAwaited)
+"""Events of runs that change the status."""
+
+
+class Executive(RunReader):
     """The executive on one node. Made by :func:`open_executive`.
 
     ``library`` has the behaviors, ``runs`` what runs of them.
@@ -145,7 +161,6 @@ class Executive:
             StopEnforcer(
                 runtime, motion_stop, parameters.stop_timeout, functools.partial(self._link.log, ExecutiveLog.WARN)
             ),
-            StatusSink(self._publish_structure, self._status.changed, self._status.flush),
             parameters.autonomy,
             parameters.monitoring,
         )
@@ -160,7 +175,7 @@ class Executive:
 
         # Programs and monitors.
         self._actions = BehaviorActionServer(runtime, library, self.runs, self._admission)
-        UserdataServer(runtime, self.runs)
+        self.runs.readers += (self, ledger, self._actions, UserdataServer(runtime, self.runs))
         synthesizer = Synthesizer(
             runtime,
             library,
@@ -196,6 +211,18 @@ class Executive:
         runtime.on_close(lambda: misfits.on_found(None))
         self._link.publish_places(parameters.places)
         self._announce()
+
+    def read(self, event: RunEvent) -> None:
+        """Show what happens in a run."""
+        match event:
+            case RunBuilt(structure=structure) | RunMoved(switched=RunBuilt(structure=structure)):
+                self._runtime.post(functools.partial(self._publish_structure, structure))
+                self._status.changed()
+            case RunAnnounced():
+                self._runtime.post(self._status.flush)
+                self._status.changed()
+            case _ if isinstance(event, _SHOWN):
+                self._status.changed()
 
     def activate(self) -> None:
         """Behaviors can be started from now on. Not on the executor thread."""
@@ -271,7 +298,8 @@ class Executive:
         self._status.flush()
 
     def _storage_changed(self) -> None:
-        """It goes on, and others should know that it is not what it should be. From any thread."""
+        """Tell others that what is written to the disk is not what it should be; the executive goes on. From any
+        thread."""
         self._token.set_ready(not self._problems.texts.get('journal'), 'journal')
         self._status.changed()
 
@@ -291,6 +319,9 @@ class Executive:
             self._planned_run = structure.run_id
             self._plan.clear()
         self._shown.show(lambda: self._link.publish_structure(structure))
+        run = self.runs.run
+        if run is not None and run.run_id == structure.run_id and not run.snapshot.is_announced:
+            run.announce()
 
     def _authority_changed(self, text: str) -> None:
         self._report.authority(self._authority.holder, self._authority.requests, text)

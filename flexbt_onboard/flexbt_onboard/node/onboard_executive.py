@@ -10,7 +10,6 @@ from typing import Any
 from flexbt_common import names
 from flexbt_common.lifecycle.managed_node import run_managed_node, unconfigured
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_core.state_machine.engine.operator_commands import CommandReply
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.commands.command_ledger import CommandLedger
 from flexbt_onboard.errors import CommandRefusedError
@@ -58,7 +57,7 @@ class UnconfiguredExecutive:
         """There is no event log."""
         return {}
 
-    def apply(self, _command: ExecutiveCommand, _answer: CommandReply, _writer: bytes) -> bool:
+    def apply(self, _command: ExecutiveCommand, _writer: bytes) -> bool:
         """Refuse it."""
         raise CommandRefusedError(self._refusal)
 

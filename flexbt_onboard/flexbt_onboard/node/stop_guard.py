@@ -131,7 +131,7 @@ class StopGuard:
         return bool(self._open)
 
     def _on_stop(self, stop: ExecutiveCommand, _writer: bytes) -> None:
-        """An operator stops the robot, for the first time or again; or the guard has repeated that."""
+        """Stop the robot, as an operator wants it, for the first time or again; or the guard has repeated that."""
         stop_id = str(stop.id)
         if not 0 < len(stop_id) <= COMMAND_LENGTHS['id']:
             stop.id = stop_id = uuid.uuid4().hex  # it stops all the same, and nobody hears what became of it

@@ -32,7 +32,7 @@ MOST_SECONDS: Final = 3600.0
 
 
 class SynthesisVerdict(Enum):
-    """What came of a search; the values are those of the process that searches."""
+    """The end of a search; the values are those of the process that searches."""
 
     MADE = 'made'
     UNREALIZABLE = 'unrealizable'
@@ -56,8 +56,8 @@ class SynthesisAnswer:
 
 @dataclass(frozen=True)
 class SearchRequest:
-    """What is asked for; see SynthesizeBehavior. Without ``is_kept`` no behavior is made of the machine, and ``name``
-    is only what it is called."""
+    """A request for a synthesis; see SynthesizeBehavior. Without ``is_kept`` no behavior is made of the machine, and
+    ``name`` is only what it is called."""
 
     system: str = ''
     capabilities: str = ''
@@ -75,7 +75,7 @@ class SearchRequest:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Where capability files are, and how many bytes of memory a search may have."""
+    """The settings of searches: where capability files are, and the bytes of memory that a search may have."""
 
     directories: Sequence[str] = ()
     memory: int = 4_000_000_000

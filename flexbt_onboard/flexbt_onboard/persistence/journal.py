@@ -60,8 +60,8 @@ Callback = Callable[[], object]
 
 @dataclass
 class JournalState:
-    """What the lines say: the run that has begun and not ended, where it was, the level for the next one if an operator
-    has set it, and the commands that were decided."""
+    """The state that the lines describe: the run that has begun and not ended, where it was, the level for the next one
+    if an operator has set it, and the commands that were decided."""
 
     begin: dict[str, Any] | None = None
     position: Any = None
@@ -123,7 +123,7 @@ _held: Final[WeakSet[Journal]] = WeakSet()
 
 
 def _release_in_child() -> None:
-    """A process that a state has forked must not keep the journal from the next executive when ours is killed."""
+    """Prevent that a process which a state has forked keeps the journal from the next executive when ours is killed."""
     for journal in tuple(_held):
         journal.release_files()
 
@@ -415,7 +415,7 @@ _MOST_PATHS: Final = 10_000
 
 @dataclass(frozen=True)
 class FoundJournal:
-    """What a file says: the content of its lines, and what is wrong with it."""
+    """The contents of a file: its lines, and what is wrong with it."""
 
     lines: Sequence[JournalLine] = ()
     corruption: str = ''
@@ -476,7 +476,7 @@ def read_journal(data: bytes) -> FoundJournal:
 
 
 def _decode(raw: bytes) -> tuple[int, JournalLine]:
-    """Number and content of a line; raises ValueError, whose text follows the place of the line."""
+    """Return number and content of a line; raises ValueError, whose text follows the place of the line."""
     checksum, _, text = raw.partition(b' ')
     if checksum != b'%08x' % zlib.crc32(text):
         raise ValueError('does not have the checksum that it gives')

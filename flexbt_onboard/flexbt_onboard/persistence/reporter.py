@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What happens on the robot, told in one place: lines for the operators, and events for the event log."""
+"""The reporter of what happens on the robot: lines for the operators, and events for the event log."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class OperatorLog(Protocol):
 
 
 class StorageProblems:
-    """What is wrong with the files that the executive writes: told when it begins and ends. From any thread.
+    """The problems of the files that the executive writes, logged when they begin and end. From any thread.
 
     ``texts`` has it by what the file is; '' for nothing. ``changed`` is told when there is another one.
     """
@@ -73,11 +73,11 @@ class Reporter:
     # -- the executive ------------------------------------------------------------------------------------------------
 
     def broken(self, entry: BehaviorEntry) -> None:
-        """An installed behavior cannot be run."""
+        """Report that an installed behavior cannot be run."""
         self.log(ExecutiveLog.WARN, f'behavior {entry.name!r} of {entry.package} is broken: {entry.error}')
 
     def interrupted(self, run_id: str, behavior: str, active: Sequence[str]) -> None:
-        """The executive has found a run that its end has interrupted."""
+        """Report a run that the end of the executive has interrupted."""
         self.log(
             ExecutiveLog.WARN,
             f'behavior {behavior!r} was interrupted by the end of the executive in '
@@ -86,33 +86,33 @@ class Reporter:
         )
 
     def fault(self, error: BaseException) -> None:
-        """A callback of the executive let an exception escape."""
+        """Report an exception that escaped from a callback of the executive."""
         self.log(ExecutiveLog.ERROR, f'fault in the executive, which goes on: {type(error).__name__}: {error}')
 
     # -- operators ----------------------------------------------------------------------------------------------------
 
     def command(self, fields: Mapping[str, Any], effect: str, why: str = '') -> None:
-        """What became of a command: applied, refused or ignored."""
+        """Report what became of a command: applied, refused or ignored."""
         self.event('command', **fields, effect=effect, why=why)
 
     def note(self, operator: str, text: str, run_id: str) -> None:
-        """A remark of an operator for the others; the event log has it as a command."""
+        """Pass on a remark of an operator to the others; the event log has it as a command."""
         self.log(ExecutiveLog.INFO, f'{operator or "an operator"} notes: {text}', run_id=run_id)
 
     def authority(self, holder: str, requests: Sequence[str], text: str) -> None:
-        """Another operator has the authority to command, or asks for it."""
+        """Report that another operator has the authority to command, or asks for it."""
         self.log(ExecutiveLog.INFO, text)
         self.event('authority', holder=holder, requests=list(requests), text=text)
 
     def operators(self, text: str, is_warning: bool) -> None:
-        """Consoles have come or gone, and what is done about it."""
+        """Report consoles that have come or gone, and what is done about it."""
         self.log(ExecutiveLog.WARN if is_warning else ExecutiveLog.INFO, text)
         self.event('operator', text=text)
 
     # -- runs ---------------------------------------------------------------------------------------------------------
 
     def run_started(self, run_id: str, request: RunRequest) -> None:
-        """A behavior is built and begins, or goes on after a restart of the executive."""
+        """Report that a behavior is built and begins, or goes on after a restart of the executive."""
         name = request.entry.name
         self.event(
             'started' if request.at is None else 'resumed',
@@ -127,24 +127,24 @@ class Reporter:
         self.log(ExecutiveLog.INFO, f'behavior {name!r} {what}', run_id=run_id)
 
     def run_refused(self, run_id: str, behavior: str, reason: str) -> None:
-        """A behavior could not be built."""
+        """Report that a behavior could not be built."""
         self.event('refused', run=run_id, behavior=behavior, why=reason)
         self.log(ExecutiveLog.ERROR, f'behavior {behavior!r} cannot start: {reason}', run_id=run_id)
 
     def run_switched(self, run_id: str, request: RunRequest) -> None:
-        """A run goes on with another behavior."""
+        """Report that a run goes on with another behavior."""
         arguments = dict(request.arguments)
         self.event('switched', run=run_id, behavior=request.entry.name, arguments=arguments, by=request.by)
 
     def run_ended(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
-        """A run has ended, and everything has halted, or what ``message`` does not name."""
+        """Report that a run has ended, and everything has halted, or what ``message`` does not name."""
         self.event('ended', run=run_id, behavior=behavior, outcome=outcome, message=message)
         severity = ExecutiveLog.ERROR if outcome == ERROR else ExecutiveLog.INFO
         text = f'behavior {behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')
         self.log(severity, text, run_id=run_id)
 
     def not_journaled(self, run_id: str, type_name: str) -> None:
-        """The userdata of a run has a value that the journal cannot hold."""
+        """Report that the userdata of a run has a value that the journal cannot hold."""
         self.log(
             ExecutiveLog.WARN,
             f'the userdata has a {type_name}, which cannot be journaled: the run could not go on after a crash',

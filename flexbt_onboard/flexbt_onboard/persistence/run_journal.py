@@ -19,7 +19,7 @@ from flexbt_common.files import node_file
 from flexbt_common.values.value_types import message_type_name, resolve_type
 from flexbt_core.clock.clock import Clock
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine.events import CommandDecided
 from flexbt_core.state_machine.engine.resume import RunPosition
 from flexbt_core.state_machine.model.definition import ROOT_PATH
 from flexbt_core.state_machine.model.userdata import StateMachineError
@@ -32,20 +32,6 @@ from .journal import Journal, JournaledResult, await_closed
 
 REASON_LENGTH: Final = 2000
 """Characters of the reason of a refusal; the middle of a longer one is left out."""
-
-Decided = tuple[CommandReply, 'str | None']
-"""An answer, and why the command was refused; None when it was applied."""
-
-
-@dataclass(frozen=True, eq=False)
-class CommandAnswer:
-    """An answer that knows which command it is for; ``tell`` is called on any thread."""
-
-    command_id: str
-    tell: CommandReply
-
-    def __call__(self, reason: str | None) -> None:
-        self.tell(reason)
 
 
 @dataclass(frozen=True)
@@ -174,30 +160,35 @@ class RunJournal:
             plain_position=self._journal.state.position,
         )
 
-    def begin(self, run_id: str, request: RunRequest, answer: CommandReply) -> None:
-        """A run begins, or goes on; ``answer`` is that of the command for it."""
+    def begin(self, run_id: str, request: RunRequest) -> None:
+        """Write that a run begins, or goes on, by the command that has asked for it."""
         if self._journal is None or not request.is_durable:
             return
+        applied = CommandDecided(request.command_id, None)
         if request.at is None:
-            self._journal.append(_results([(answer, None)]), begin=_begin(run_id, request))
+            self._journal.append(_results([applied]), begin=_begin(run_id, request))
         else:
-            self._journal.append(_results([(answer, None)]))
+            self._journal.append(_results([applied]))
+
+    def has(self, run_id: str) -> bool:
+        """Return whether the journal keeps a run: it is durable, and has not ended."""
+        begin = self._journal.state.begin if self._journal is not None else None
+        return begin is not None and begin['run'] == run_id
 
     def move(
         self,
         run_id: str,
-        position: Callable[[], RunPosition],
-        decided: Sequence[Decided],
+        position: RunPosition,
+        decided: Sequence[CommandDecided],
         switched_to: RunRequest | None = None,
     ) -> Sequence[str]:
-        """Return the machine has moved to a position. What was decided with it is written in the same line.
+        """Write the position of a run that the journal has. What was decided with it is written in the same line.
 
-        Gives the types of values that could not be written, each once.
+        Return the types of values that could not be written, each once.
         """
-        if self._journal is None or not self._has(run_id):
-            return ()
+        assert self._journal is not None
         lost: set[str] = set()
-        line: dict[str, Any] = {'run': run_id, 'position': to_plain_form(position().to_plain(), lost.add)}
+        line: dict[str, Any] = {'run': run_id, 'position': to_plain_form(position.to_plain(), lost.add)}
         if switched_to is not None:
             line['begin'] = _begin(run_id, switched_to)
         self._journal.append(_results(decided), **line)
@@ -206,13 +197,13 @@ class RunJournal:
         return new
 
     def decide(self, command_id: str, reason: str | None) -> None:
-        """A command was decided, if that is not written yet."""
+        """Write that a command was decided, if that is not written yet."""
         if self._journal is not None and command_id not in self._journal.state.commands:
             self._journal.append([_result(command_id, reason)])
 
     def end(self, run_id: str, why: str) -> None:
-        """The run has ended, or will not go on."""
-        if self._journal is not None and self._has(run_id):
+        """Write that the run has ended, or will not go on."""
+        if self._journal is not None and self.has(run_id):
             self._journal.append(run=run_id, end=why)
 
     @property
@@ -221,7 +212,7 @@ class RunJournal:
         return self._journal.state.autonomy if self._journal is not None else None
 
     def set_next_autonomy(self, level: int | None) -> None:
-        """The level for the next run has changed; None when the executive ends in order, and nobody has to know."""
+        """Write the level for the next run; None when the executive ends in order, and nobody has to know."""
         if self._journal is not None and level != self._journal.state.autonomy:
             self._journal.append(autonomy=level)
 
@@ -242,10 +233,6 @@ class RunJournal:
         if self._journal is not None:
             self._journal.close()
 
-    def _has(self, run_id: str) -> bool:
-        begin = self._journal.state.begin if self._journal is not None else None
-        return begin is not None and begin['run'] == run_id
-
 
 def _file(directory: str, node_name: str) -> Path | None:
     return node_file(directory, node_name, '.journal')
@@ -265,8 +252,9 @@ def _begin(run_id: str, request: RunRequest) -> dict[str, Any]:
     }
 
 
-def _results(decided: Sequence[Decided]) -> list[JournaledResult]:
-    return [_result(answer.command_id, reason) for answer, reason in decided if isinstance(answer, CommandAnswer)]
+def _results(decided: Sequence[CommandDecided]) -> list[JournaledResult]:
+    """Return the results of the commands of operators: others have no text as their id."""
+    return [_result(one.command_id, one.refusal) for one in decided if isinstance(one.command_id, str)]
 
 
 def _result(command_id: str, reason: str | None) -> JournaledResult:

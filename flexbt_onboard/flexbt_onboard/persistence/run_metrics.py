@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an event log says of a run: where the time went, how often the operator was needed, and what operators did.
+"""The metrics of a run, from its event log: where the time went, how often the operator was needed, and what operators
+did.
 
 The figures are those of FlexBE's evaluation of its logs: time in each state, time of waiting for the operator, visits,
 and interventions. Times are in seconds on the clock of the node, or of wall time; that the computer's clock was set

@@ -17,25 +17,61 @@ from typing import Any, Final
 
 from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.errors import FlexbtError
-from flexbt_core.monitors.monitoring import Monitoring
+from flexbt_core.monitors.machine_monitor import MachineMonitor
+from flexbt_core.monitors.monitoring import Findings, Monitoring, violation_text
+from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.monitors.requirement_text import machine_vocabulary
 from flexbt_core.skills.observation import claims
 from flexbt_core.state_machine.engine.engine import RunningCallback
-from flexbt_core.state_machine.engine.operator_commands import CommandReply
-from flexbt_core.state_machine.engine.resume import position_of, reasons_against, start_at, switch_machine
-from flexbt_core.state_machine.engine.run import STOP_TIMEOUT, MachineRun
+from flexbt_core.state_machine.engine.events import (
+    AutonomySet,
+    BreakpointSet,
+    CommandDecided,
+    ContainerEnded,
+    DecisionAsked,
+    DecisionClosed,
+    Faulted,
+    HaltAwaited,
+    LockSet,
+    Logged,
+    MachineSwitched,
+    RunEnded,
+    RunEvent,
+    RunPaused,
+    RunReader,
+    RunStarted,
+    StateEntered,
+    StateLeft,
+    StatePaused,
+    TransitionBlocked,
+    TransitionUnblocked,
+)
+from flexbt_core.state_machine.engine.resume import reasons_against, start_at, switch_machine
+from flexbt_core.state_machine.engine.run import STOP_TIMEOUT, MachineRun, RunLimits
 from flexbt_core.state_machine.model.definition import ERROR, ROOT_PATH, MachineDefinition, StateDefinition
-from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, state_skill
+from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, ExitReason, state_skill
+from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_core.state_machine.model.userdata import MachineError
-from flexbt_msgs.msg import ExecutiveLog
-from flexbt_onboard.behaviors.behavior import Behavior
 from flexbt_onboard.behaviors.run_building import RunRequest, build, checked_inputs, structure_message
 from flexbt_onboard.behaviors.run_context import READY_SECONDS, RunContext, RunGoals, StateServices
-from flexbt_onboard.errors import ParameterError
-from flexbt_onboard.persistence.run_journal import Decided
+from flexbt_onboard.errors import CommandRefusedError, ParameterError
 
 from .blocked_callback_watchdog import BlockedCallback, BlockedCallbackWatchdog
-from .run_observers import BehaviorRunObserver, MachineObserver, RunMonitors
-from .run_snapshot import ActivityPoll, RunEnd, RunSnapshot, SnapshotSource, decision_number, not_paused_lines
+from .run_events import (
+    BehaviorEnded,
+    RunAnnounced,
+    RunBuilt,
+    RunMoved,
+    RunReady,
+    RunRefused,
+    RunShown,
+    SkillsDeclared,
+    StopAwaited,
+    StopRequested,
+    ViolationFound,
+    decision_number,
+)
+from .run_snapshot import ActivityPoll, RunSnapshot, RunStatus, not_paused_lines
 
 _HAS_ENDED: Final = 'the run has ended'
 
@@ -43,36 +79,49 @@ _ESCAPES: Final = 3
 """Exceptions that may escape from the state machine before the run is aborted."""
 
 
-class BehaviorRun:
-    """A run from the request to the end. Thread-safe, except where it says otherwise."""
+class BehaviorRun(RunReader):
+    """A run from the request to the end. Thread-safe, except where it says otherwise.
+
+    It reads the events of its state machine, and gives them, with its own, to its readers: first to the ``recorder``,
+    which journals what has happened, then to the status, which others see, and then to the ``readers`` in their order.
+    """
+
+    reads = (
+        *(RunStarted, RunPaused, MachineSwitched, HaltAwaited, RunEnded),
+        *(StateEntered, StatePaused, StateLeft, ContainerEnded, Faulted, Logged),
+        *(DecisionAsked, DecisionClosed, TransitionBlocked, TransitionUnblocked),
+        *(AutonomySet, LockSet, BreakpointSet, CommandDecided),
+    )
 
     def __init__(
         self,
         request: RunRequest,
         run_id: str,
         services: StateServices,
-        observer: BehaviorRunObserver,
+        recorder: RunReader,
+        readers: Sequence[RunReader],
         stop_timeout: float = STOP_TIMEOUT,
         monitoring: Monitoring | None = None,
     ) -> None:
         """``stop_timeout``: seconds of wall time after a stop in which everything has to be confirmed at rest."""
         self.run_id = run_id
         self._request = request
-        self._services = replace(services, changed=self._activity_changed, goals=RunGoals())
-        self._observer = observer
+        goals = RunGoals()
+        self._services = replace(services, changed=self._activity_changed, goals=goals)
+        self._status = RunStatus(run_id, request.entry.name, request.autonomy, services.runtime.clock, goals)
+        self._readers = [recorder, self._status, *readers]
         self._stop_timeout = stop_timeout
-        self._monitors = RunMonitors(
-            monitoring or Monitoring(), observer, lambda text: self._publish(wrong=text), self.stop
-        )
-        self._machine_observer = MachineObserver(observer, self._machine_changed)
+        self._monitoring = monitoring or Monitoring()
+        self._findings = Findings(self._violated)
         self._wake_event = WakeEvent()
         self._lock = threading.Lock()
-        self._snapshot = RunSnapshot(run_id, request.entry.name, {ROOT_PATH: request.autonomy})
         self._stop_reason: str | None = None
         self._has_changed = False
         self._activities = ActivityPoll()
-        self._decided: list[Decided] = []  # to be told when it is journaled
-        self._switches: deque[tuple[RunRequest, CommandReply]] = deque()
+        self._errors: dict[str, str] = {}  # of the active states, the last of each
+        self._why_ended = ''
+        self._switches: deque[RunRequest] = deque()
+        self._switched: RunBuilt | None = None  # told when it is journaled
         self._has_ended = False
         self._stopped_at = 0.0
         self._building: RunningCallback | None = None
@@ -82,8 +131,11 @@ class BehaviorRun:
         # While it does not answer, the executive is late for those who drive for it, and they keep the robot at rest.
         self._loop = services.runtime.health.loop(f'the run of {request.entry.name}', self._where)
         self._machine: MachineRun | None = None
-        self._source: SnapshotSource | None = None
         self._thread = threading.Thread(target=self._main, name=f'run_{request.entry.name}', daemon=True)
+
+    def add_reader(self, reader: RunReader) -> None:
+        """Give the events of the run to a reader from now on."""
+        self._readers.append(reader)
 
     def start(self) -> None:
         """Begin to build and run the behavior; it is refused when the computer has no thread left for it."""
@@ -100,11 +152,11 @@ class BehaviorRun:
     @property
     def snapshot(self) -> RunSnapshot:
         """The run as it was published last."""
-        return self._snapshot
+        return self._status.snapshot
 
     def announce(self) -> None:
-        """The operator knows the structure of the run by now, so that the run may be shown as running."""
-        self._publish(is_announced=True)
+        """Show the run as running from now on: the operator knows its structure."""
+        self._tell(RunAnnounced())
 
     def ask_activities(self) -> None:
         """Have the active states asked what they are doing, for the next time that they are shown."""
@@ -112,7 +164,7 @@ class BehaviorRun:
         self._wake_event.set()
 
     def stop(self, reason: str) -> None:
-        """Stop the run; :meth:`BehaviorRunObserver.ended` follows when all has halted. The first reason counts."""
+        """Stop the run; :class:`BehaviorEnded` follows when all has halted. The first reason counts."""
         with self._lock:
             if self._stop_reason is not None:
                 return
@@ -120,10 +172,9 @@ class BehaviorRun:
             self._stopped_at = self._services.runtime.steady.now()
             machine = self._machine
         self._services.goals.stop()  # at once, whatever the thread of the run is doing
-        self._observer.stopping(reason)
+        self._tell(StopRequested(self.run_id, reason))
         if machine is not None:
             machine.preempt(reason)
-        self._publish(is_stopping=True)
 
     def abort(self, reason: str) -> None:
         """End a run as an error that was stopped and is not at rest in its time; before that nothing happens.
@@ -138,7 +189,7 @@ class BehaviorRun:
         held = self._watch.held
         if held is not None:
             text = 'its thread is left behind, and ends when that returns'
-            self._observer.log(ExecutiveLog.ERROR, '', f'{held}: {text}')
+            self._log(Severity.ERROR, f'{held}: {text}')
             self._loop.close()
             self._end(ERROR, f'{self._stop_reason}; {reason}, while {held}')
 
@@ -158,112 +209,147 @@ class BehaviorRun:
         halting = machine.not_halted if machine is not None else ''
         shown = [str(held) if held is not None else '', f'{halting} for {seconds:.1f} s' if halting else '']
         if not self._has_ended:
-            self._publish(not_stopped='; '.join(filter(None, shown)) or f'not at rest for {seconds:.1f} s')
+            self._tell(StopAwaited('; '.join(filter(None, shown)) or f'not at rest for {seconds:.1f} s'))
 
     def nodes_changed(self) -> None:
-        """A node that behaviors need has come or gone, or has become ready."""
+        """Look again at the nodes that behaviors need: one has come or gone, or has become ready."""
         self._wake_event.set()
 
-    def confirm(self, decision: str, answer: CommandReply) -> None:
-        """Let what a decision asks for happen."""
+    def decision_number(self, decision: str) -> str:
+        """Return the number that the run gave to a decision.
+
+        Raises:
+            CommandRefusedError: it is no decision of this run.
+        """
         number = decision_number(self.run_id, decision)
         if number is None:
-            answer(f'decision {decision!r} does not belong to this run')
-        else:
-            self.command(lambda machine, once: machine.confirm(number, once), answer)
+            raise CommandRefusedError(f'decision {decision!r} does not belong to this run')
+        return number
 
-    def force(self, path: str, outcome: str, decision: str, answer: CommandReply) -> None:
-        """Leave a state by an outcome; ``decision`` is the one that this overrides, or ''."""
-        number = decision_number(self.run_id, decision) if decision else ''
-        if number is None:
-            answer(f'decision {decision!r} does not belong to this run')
-        else:
-            self.command(lambda machine, once: machine.force(path, outcome, number, once), answer)
+    def command(self, command_id: object, command: Callable[..., str | None], *arguments: Any) -> None:
+        """Give the machine a command: see :meth:`MachineRun.command`.
 
-    def command(self, send: Callable[[MachineRun, CommandReply], None], answer: CommandReply) -> None:
-        """Give the machine a command; ``answer`` is told once, on any thread, when its effect can be seen."""
-        machine = self._machine
-        if machine is None:
-            answer('the behavior is being built')
+        :class:`CommandDecided` follows once, on any thread, when the effect can be seen.
+        """
+        if self._machine is None:
+            self._tell(CommandDecided(command_id, 'the behavior is being built'))
         else:
-            send(machine, lambda reason: self._decide(answer, reason))
+            self._machine.command(command_id, command, *arguments)
 
-    def switch(self, request: RunRequest, answer: CommandReply) -> None:
+    def switch(self, request: RunRequest) -> None:
         """Go on with another behavior, keeping the active states; it is built on the thread of the run.
 
-        The run stays as durable as it was, and keeps its levels of autonomy.
+        The run stays as durable as it was, and keeps its levels of autonomy. :class:`CommandDecided` follows.
         """
         with self._lock:
             has_ended = self._has_ended
             if not has_ended:
-                self._switches.append((request, answer))
+                self._switches.append(request)
         if has_ended:
-            answer(_HAS_ENDED)
+            self._tell(CommandDecided(request.command_id, _HAS_ENDED))
         self._wake_event.set()
 
-    def _decide(self, answer: CommandReply, reason: str | None) -> None:
-        if threading.current_thread() is self._thread:
-            self._decided.append((answer, reason))
-            self._commit()
-        else:  # the machine has ended
-            answer(reason)
+    def _tell(self, event: RunEvent) -> None:
+        for reader in self._readers:
+            reader.read(event)
 
-    def _publish(self, **changes: Any) -> None:
-        with self._lock:
-            self._snapshot = replace(self._snapshot, **changes)
-        self._observer.changed()
+    def _log(self, severity: Severity, text: str, path: str = '') -> None:
+        self._tell(Logged(severity, path, text))
 
     # -- the thread of the run ---------------------------------------------------------------------------------------
 
-    def _machine_changed(self) -> None:
-        # What is entered is shown at once, since on_enter may take long; all else when the step is over, so that what a
-        # command has done and the answer to it are written in one.
-        self._has_changed = True
-        self._activities.changed()
-        if self._source is not None and self._source.is_outdated():
-            self._commit()
+    def read(self, event: RunEvent) -> None:
+        """Take in an event of the machine."""
+        match event:
+            case Logged(severity, path, text):
+                if severity is Severity.ERROR:
+                    self._errors[path] = text
+                self._tell(event)
+            case CommandDecided():
+                if threading.current_thread() is self._thread:
+                    self._commit(event)
+                self._tell(event)
+            case StateEntered():
+                # Shown at once, since on_enter may take long; all else when the step is over, so that what a command
+                # has done and the answer to it are written in one.
+                self._tell(event)
+                self._activities.changed()
+                self._commit()
+            case Faulted():
+                self._tell(event)
+            case _:
+                self._tell(event)
+                if isinstance(event, StateLeft):
+                    self._left(event)
+                self._has_changed = True
+                self._activities.changed()
+
+    def _left(self, event: StateLeft) -> None:
+        is_forced = event.reason is ExitReason.FORCED
+        error = self._errors.pop(event.path, '') if not is_forced else ''
+        if event.target.startswith('/'):
+            self._why_ended = ''  # it goes on, whatever it was
+        elif error:
+            self._why_ended = f'{event.path}: {error}'
+        if is_forced:
+            # Told of what is around: it is no reason for what a state wants that is entered again at that moment.
+            around, _, label = event.path.rpartition('/')
+            self._log(Severity.INFO, f'{label} left by {event.outcome!r}, as the operator wants it', around or '/')
+            self._warn_of_unwritten(event)
+
+    def _warn_of_unwritten(self, event: StateLeft) -> None:
+        """Warn of what the following state reads and nobody has written, since a state was forced out before."""
+        target, machine = event.target, self._machine
+        keys = machine.unwritten(target) if machine is not None and target.startswith('/') else []
+        if keys:
+            text = f'by {event.outcome!r}, which was forced, {target} follows, and reads what nobody has written'
+            self._log(Severity.WARN, f'{text}: {", ".join(keys)}', event.path)
+
+    def _violated(self, violation: Violation) -> None:
+        self._tell(ViolationFound(violation, violation is self._findings.first))
+        if self._monitoring.stops:
+            self.stop(violation_text(violation))
 
     def _main(self) -> None:
         self._services.runtime.default_context.open()  # a state of the run before may have shut it down
-        with self._watch, RunContext(lambda: self._services, self._machine_observer.log).entered():
+        with self._watch, RunContext(lambda: self._services, self._log_of_state).entered():
             try:
                 self._build_and_drive()
             except BaseException as error:  # a fault of ours: a run that nobody drives must not be shown as one
                 message = 'fault in the executive'
                 try:  # without memory, even what it was cannot be said
                     message += f': {error!r}'
-                    self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
+                    self._log(Severity.ERROR, ''.join(traceback.format_exception(error)))
                 finally:
                     self._end(ERROR, message)
             finally:
                 self._services.goals.stop()  # nobody is left to wait for their results
 
+    def _log_of_state(self, severity: Severity, path: str, text: str) -> None:
+        self.read(Logged(severity, path, text))
+
     def _build_and_drive(self) -> None:
-        clock = self._services.runtime.clock
         try:
-            machine = self._build()
-            structure = structure_message(machine.definition, self.run_id, self._request.entry.name)
+            machine, built = self._build()
         except BaseException as error:
             self._refuse(self._reason_of(error))
             return
-        source = SnapshotSource(machine, clock, self.run_id, self._services.goals)
-        self._source = self._machine_observer.source = source
         with self._lock:
             is_stopped = self._stop_reason is not None
             self._machine = None if is_stopped else machine
         if is_stopped:
             self._refuse(f'stopped before it began: {self._stop_reason}')
             return
-        self._observer.built(self._request, structure)
+        self._tell(built)
         self._tell_skills(machine.definition)
         self._await_nodes()
         with self._loop:
-            outcome, message = self._drive(machine, source)
+            outcome, message = self._drive(machine)
         self._end(outcome, message)
 
     def _refuse(self, reason: str) -> None:
         if self._ends():
-            self._observer.refused(reason)
+            self._tell(RunRefused(self._request, reason))
             self._refuse_switches()
 
     def _end(self, outcome: str, message: str) -> None:
@@ -273,16 +359,19 @@ class BehaviorRun:
             return
         if not self._ends():
             return
-        end = RunEnd(ERROR, '; '.join(filter(None, [message, 'fault in the executive at the end of the run'])))
+        fault = '; '.join(filter(None, [message, 'fault in the executive at the end of the run']))
+        end = BehaviorEnded(ERROR, fault, {})
         try:
             machine.close_commands(_HAS_ENDED)
             self._refuse_switches()
-            self._monitors.ended(outcome, self.has_goals)
+            if self._monitoring.is_on and outcome != ERROR and self.has_goals:
+                text = f'the run has ended by {outcome!r}, and a goal of it goes on'
+                self._findings.add(Violation(Property.STOP_STOPS, ROOT_PATH, text))
             values = machine.userdata()
             outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
-            end = RunEnd(outcome, message, outputs)
+            end = BehaviorEnded(outcome, message, outputs)
         finally:
-            self._observer.ended(end)
+            self._tell(end)
 
     def _ends(self) -> bool:
         """Return whether the end is still to be told; it is told once."""
@@ -293,95 +382,104 @@ class BehaviorRun:
     def _refuse_switches(self) -> None:
         with self._lock:
             refused, self._switches = self._switches, deque()
-        for _, answer in refused:
-            answer(_HAS_ENDED)
+        for request in refused:
+            self._tell(CommandDecided(request.command_id, _HAS_ENDED))
 
-    def _build(self) -> MachineRun:
-        behavior, definition = self._define(self._request)
-        self._publish(**_when_gone(behavior))
-        at = self._request.at
+    def _build(self) -> tuple[MachineRun, RunBuilt]:
+        request = self._request
+        definition, built = self._define(request)
+        at = request.at
         if at is not None and (reasons := reasons_against(definition, at)):
             raise ParameterError(f'it cannot go on where it was: {"; ".join(reasons)}')
-        return MachineRun(
+        machine = MachineRun(
             definition,
             self._services.runtime.clock,
-            self._machine_observer,
-            autonomy=self._request.autonomy,
-            userdata=checked_inputs(definition, self._request.inputs) if at is None else None,
+            [self],
+            autonomy=request.autonomy,
+            userdata=checked_inputs(definition, request.inputs) if at is None else None,
             services=self._services,
             steady=self._services.runtime.steady,
-            stop_timeout=self._stop_timeout,
-            on_wake=self._wake_event.set,
-            monitor=self._monitors.monitor_for(self._request.entry.name, definition),
+            limits=RunLimits(stop_timeout=self._stop_timeout),
+            wake_event=self._wake_event,
         )
+        self._monitor(machine)
+        return machine, built
+
+    def _monitor(self, machine: MachineRun) -> None:
+        """Let a monitor check the machine, if anything is monitored."""
+        monitoring, behavior = self._monitoring, self._request.entry.name
+        if monitoring.is_on:
+            for problem in monitoring.problems_of(behavior, machine_vocabulary(machine.definition)):
+                self._log(Severity.WARN, problem)
+            machine.add_reader(MachineMonitor(machine, self._findings.add, monitoring.requirements_of(behavior)))
 
     def _await_nodes(self) -> None:
-        """A node that is alive, and not ready yet, would let the first state that needs it fail."""
+        """Wait for nodes that are alive and not ready yet: one would let the first state that needs it fail."""
         steady, unready = self._services.runtime.steady, self._services.unready
         deadline = steady.now() + READY_SECONDS
         told: Sequence[str] = ()
         while self._stop_reason is None and (names := unready()):
             if steady.now() >= deadline:
                 text = f'begins all the same: {", ".join(names)} not ready after {READY_SECONDS:g} s'
-                self._observer.log(ExecutiveLog.WARN, '', text)
+                self._log(Severity.WARN, text)
                 break
             if names != told:
-                self._observer.log(ExecutiveLog.INFO, '', f'waits until {", ".join(names)} is ready')
+                self._log(Severity.INFO, f'waits until {", ".join(names)} is ready')
                 told = names
             self._wake_event.wait(steady, deadline)
-        self._publish(has_begun=True)
+        self._tell(RunReady())
 
-    def _define(self, request: RunRequest) -> tuple[Behavior, MachineDefinition]:
+    def _define(self, request: RunRequest) -> tuple[MachineDefinition, RunBuilt]:
         self._building = RunningCallback('', 'create')
         try:
-            return build(request)
+            behavior, definition = build(request)
         finally:
             self._building = None
+        structure = structure_message(definition, self.run_id, request.entry.name)
+        return definition, RunBuilt(request, structure, behavior.operator_gone, float(behavior.operator_gone_after))
 
-    def _switch(self, machine: MachineRun, wanted: RunRequest, answer: CommandReply) -> None:
+    def _switch(self, machine: MachineRun, wanted: RunRequest) -> None:
         request = replace(wanted, autonomy=self._request.autonomy, is_durable=self._request.is_durable)
         try:
-            behavior, definition = self._define(request)
-            structure = structure_message(definition, self.run_id, request.entry.name)
+            definition, built = self._define(request)
         except BaseException as error:  # code of the behavior
-            self._decide(answer, self._reason_of(error))
+            self.read(CommandDecided(request.command_id, self._reason_of(error)))
             return
+        machine.command(request.command_id, self._switch_to, definition, built)
 
-        def switched(reason: str | None) -> None:
-            if reason is None:
-                self._request = request
-                self._monitors.switched(definition)
-                self._publish(**_when_gone(behavior))
-                self._observer.switched(request, structure)
-                self._tell_skills(definition)
-            self._decide(answer, reason)
-
-        switch_machine(machine, definition, switched)
+    def _switch_to(self, machine: MachineRun, definition: MachineDefinition, built: RunBuilt) -> str | None:
+        """Go on with another behavior: a command to the machine."""
+        refusal = switch_machine(machine, definition)
+        if refusal is None:
+            self._request, self._switched = built.request, built
+            self._tell_skills(definition)
+        return refusal
 
     def _tell_skills(self, definition: MachineDefinition) -> None:
-        """What the skills of the states say that the run may contradict, for its report."""
+        """Tell what the skills of the states say that the run may contradict, for its report."""
         leaves = (node for node in definition.nodes() if isinstance(node, StateDefinition))
         told = {leaf.path: said for leaf in leaves if (said := claims(state_skill(leaf.state)))}
         if told:
-            self._observer.event('skills', {'skills': told})
+            self._tell(SkillsDeclared(told))
 
     def _reason_of(self, error: BaseException) -> str:
-        """Why a behavior could not be built, for the operator."""
+        """Return why a behavior could not be built, for the operator."""
         if isinstance(error, MachineError):
             return 'its state machine is wrong:' + ''.join(f'\n- {problem}' for problem in error.problems)
         if isinstance(error, FlexbtError):
             return str(error)
         # Code of the behavior; a thread must not end without saying so.
-        self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
+        self._log(Severity.ERROR, ''.join(traceback.format_exception(error)))
         return f'building it raised {type(error).__name__}: {error}'
 
-    def _drive(self, machine: MachineRun, source: SnapshotSource) -> tuple[str, str]:
-        """Step the machine to its end; gives the outcome and a message."""
+    def _drive(self, machine: MachineRun) -> tuple[str, str]:
+        """Step the machine to its end; return the outcome and a message."""
         try:
             if self._request.at is None:
                 machine.start()
             else:
                 start_at(machine, self._request.at)
+            self._has_changed = True  # the states that were entered may have written userdata
         except BaseException as error:
             self._escaped(machine, error)
         for _ in range(_ESCAPES):
@@ -392,12 +490,12 @@ class BehaviorRun:
                     if self._has_changed:
                         self._commit()
                     if self._activities.is_due:
-                        self._ask_activities(source)
+                        self._ask_activities(machine)
                     while self._switches:
-                        self._switch(machine, *self._switches.popleft())
+                        self._switch(machine, self._switches.popleft())
                     with self._loop.resting():
                         self._wake_event.wait(self._services.runtime.clock, machine.next_wake)
-                return machine.outcome or ERROR, machine.message or self._machine_observer.why_ended
+                return machine.outcome or ERROR, machine.message or self._why_ended
             except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
                 self._escaped(machine, error)
         return ERROR, 'it could not be ended in order; see the log'
@@ -415,48 +513,34 @@ class BehaviorRun:
             return  # it is being built, and the status says so
         # The executive's own word, without a path: the state may have said why it wants what it wants.
         text = f'{held}, and holds up the behavior: no command has an effect until it returns'
-        self._observer.log(ExecutiveLog.WARN, '', text)
+        self._log(Severity.WARN, text)
 
     def _no_longer_held_up(self, held: BlockedCallback) -> None:
         if self._machine is None:
             return
         text = f'{held.who} has returned from {held.callback}() after {held.seconds:.1f} s'
-        self._observer.log(ExecutiveLog.WARN, '', text)
+        self._log(Severity.WARN, text)
 
     def _escaped(self, machine: MachineRun, error: BaseException) -> None:
-        self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
+        self._log(Severity.ERROR, ''.join(traceback.format_exception(error)))
         machine.fail(f'{type(error).__name__} escaped from the state machine: {error}')
 
     def _activity_changed(self) -> None:
         self._activities.changed()
         self._wake_event.set()
 
-    def _ask_activities(self, source: SnapshotSource) -> None:
-        before = self._snapshot.active
-        active, is_shown = self._activities.ask(source, before)
-        for line in not_paused_lines(before, active):
-            self._observer.log(ExecutiveLog.WARN, '', line)
-        with self._lock:
-            self._snapshot = replace(self._snapshot, active=active)
+    def _ask_activities(self, machine: MachineRun) -> None:
+        before = self.snapshot.active
+        is_shown = self._activities.ask(self._status, machine)
+        for line in not_paused_lines(before, self.snapshot.active):
+            self._log(Severity.WARN, line)
         if is_shown:
-            self._observer.changed()
+            self._tell(RunShown())
 
-    def _commit(self) -> None:
-        """Journal where the machine is, then publish it, then answer the commands that brought it there."""
-        machine, source = self._machine, self._source
-        if machine is None or source is None:
+    def _commit(self, *decided: CommandDecided) -> None:
+        """Journal where the machine is and what was decided; its readers publish it then."""
+        if self._machine is None:
             return
         self._has_changed = False
-        fields, events = source.take(self._snapshot)
-        for event, of_event in events:
-            self._observer.event(event, of_event)
-        decided, self._decided = self._decided, []
-        self._observer.moved(lambda: position_of(machine), decided)
-        self._publish(behavior=self._request.entry.name, **fields)
-        for answer, reason in decided:
-            answer(reason)
-
-
-def _when_gone(behavior: Behavior) -> dict[str, Any]:
-    """Return what a behavior wants when no operator is there, as fields of a snapshot."""
-    return {'operator_gone': behavior.operator_gone, 'operator_gone_after': float(behavior.operator_gone_after)}
+        switched, self._switched = self._switched, None
+        self._tell(RunMoved(self._machine, decided, switched))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which callback of which state holds up a run.
+"""The watchdog for callbacks that hold up a run.
 
 The callbacks of all states are called on the thread of the run, which can do nothing else until they return. The engine
 says which it calls, and that is checked from outside now and then.

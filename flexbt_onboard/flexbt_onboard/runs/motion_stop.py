@@ -160,7 +160,7 @@ class MotionStop:
             call.cancel()
 
     def release(self) -> None:
-        """The robot may move again."""
+        """Let the robot move again."""
         self._unasked = []
         for timer in (self._timer, self._patience):
             if timer is not None:

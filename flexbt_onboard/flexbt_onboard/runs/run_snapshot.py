@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What others see of a run: one immutable value, made on the thread of the run, which polls its states for it."""
+"""The status of a run, which others see: one immutable value that follows from its events."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
 
 from flexbt_common.runtime.ros_clock import RosClock
 from flexbt_common.values.decision_subject import subject_message
+from flexbt_core.monitors.monitoring import violation_text
+from flexbt_core.state_machine.engine.events import RunEvent, RunReader, StateLeft, TransitionBlocked
 from flexbt_core.state_machine.engine.leaf import LeafRun
-from flexbt_core.state_machine.engine.region import BlockedTransition
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Decision, DecisionKind
 from flexbt_core.state_machine.model.definition import ROOT_PATH, is_inside
@@ -20,6 +22,17 @@ from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import DecisionSubject
 from flexbt_onboard.behaviors.behavior import OperatorGone
 from flexbt_onboard.behaviors.run_context import RunGoals
+
+from .run_events import (
+    RunAnnounced,
+    RunBuilt,
+    RunMoved,
+    RunReady,
+    StopAwaited,
+    StopRequested,
+    ViolationFound,
+    decision_id,
+)
 
 _MOST_LINES: Final = 20
 _LONGEST_LINE: Final = 200
@@ -33,12 +46,9 @@ _PAUSE_RAISED: Final = ('not_paused() raised; see the log',)
 
 _NOT_ENTERED: Final = ('is entered when the run is resumed',)
 
-EventEntry = tuple[str, Mapping[str, Any]]
-"""An event of the event log, and its fields."""
-
 
 class RunPhase(Enum):
-    """What a run is at."""
+    """The phase of a run."""
 
     STARTING = 'starting'
     RUNNING = 'running'
@@ -124,50 +134,55 @@ class RunSnapshot:
         return self.levels[ROOT_PATH]
 
 
-@dataclass(frozen=True)
-class RunEnd:
-    """How a run has ended; ``outputs`` are the values of the machine's output keys."""
+class RunStatus(RunReader):
+    """The status of a run: a fold of its events, published when they are journaled.
 
-    outcome: str
-    message: str
-    outputs: Mapping[str, Any] = field(default_factory=dict)
+    ``snapshot`` is the run as it was published last; from any thread.
+    """
 
-
-class SnapshotSource:
-    """Takes snapshots of a machine. Used on the thread of the run only."""
-
-    def __init__(self, machine: MachineRun, clock: RosClock, run_id: str, goals: RunGoals) -> None:
-        self.machine = machine
+    def __init__(self, run_id: str, behavior: str, autonomy: int, clock: RosClock, goals: RunGoals) -> None:
+        self.snapshot = RunSnapshot(run_id, behavior, {ROOT_PATH: autonomy})
         self._goals = goals
         self._clock = clock
-        self._run_id = run_id
+        self._lock = threading.Lock()
         self._entered_at: dict[str, float] = {}  # of what the last snapshot has
         self._subjects: dict[str, dict[str, Any]] = {}  # by decision: the values of which its subject was made
 
-    def is_outdated(self) -> bool:
-        """Return whether a state is active that is not in the last snapshot."""
-        return any(self._entered_at.get(leaf.path) != leaf.entered_at for leaf in self.machine.active_states())
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case StateLeft(path):
+                self._entered_at.pop(path, None)  # it is entered anew next time, even if no time has passed
+            case RunMoved(machine, _, switched):
+                self.publish(**(_of_behavior(switched) if switched is not None else {}), **self._of_machine(machine))
+            case RunBuilt():
+                self.publish(**_of_behavior(event))
+            case RunAnnounced():
+                self.publish(is_announced=True)
+            case RunReady():
+                self.publish(has_begun=True)
+            case ViolationFound(violation, True):
+                self.publish(wrong=violation_text(violation))
+            case StopRequested():
+                self.publish(is_stopping=True)
+            case StopAwaited(text):
+                self.publish(not_stopped=text)
 
-    def left(self, path: str) -> None:
-        """A state was left: when it is seen again it was entered anew, even if no time has passed."""
-        self._entered_at.pop(path, None)
+    def publish(self, **changes: Any) -> None:
+        """Publish the snapshot with changes."""
+        with self._lock:
+            self.snapshot = replace(self.snapshot, **changes)
 
-    def take(self, before: RunSnapshot) -> tuple[dict[str, Any], list[EventEntry]]:
-        """Return what the machine says of the fields of a snapshot, and what is new in it as events.
-
-        What has not changed since the snapshot ``before`` keeps its time stamp.
-        """
-        machine, known = self.machine, {leaf.path: leaf for leaf in before.active}
-        events: list[EventEntry] = []
+    def _of_machine(self, machine: MachineRun) -> dict[str, Any]:
+        """Return what the machine says of the fields of a snapshot. What has not changed keeps its time stamp."""
+        known = {leaf.path: leaf for leaf in self.snapshot.active}
         active = []
-        held_back = machine.held_back
+        blocked = machine.blocked
         leaves = machine.active_states()
         for leaf in leaves:
             shown = known.get(leaf.path)
             if shown is None or self._entered_at.get(leaf.path) != leaf.entered_at:
                 shown = ActiveLeaf(leaf.path, self._stamp(leaf.entered_at))
-                events.append(('entered', {'path': leaf.path}))
-            lines = tuple(_line(one, leaf.path) for one in held_back if is_inside(leaf.path, one.path))
+            lines = tuple(_line(one, leaf.path) for one in blocked if is_inside(leaf.path, one.path))
             # One that was done before a crash is not entered again: it does nothing. One that was left may still halt.
             does_nothing = machine.is_paused and not leaf.is_entered and leaf.halting() is None
             active.append(replace(shown, is_paused=leaf.is_paused or does_nothing, held_back=lines))
@@ -175,20 +190,19 @@ class SnapshotSource:
         for path in machine.coming() if machine.is_paused else ():
             shown = known.get(path) or ActiveLeaf(path, self._stamp(self._clock.now()))
             active.append(replace(shown, is_paused=True, held_back=_NOT_ENTERED))
-        decisions, decision_events = self._decisions({decision.id: decision for decision in before.decisions})
-        fields = {
+        return {
             'levels': machine.autonomy_levels,
             'is_paused': machine.is_paused,
             'active': tuple(active),
-            'decisions': decisions,
+            'decisions': self._decisions(machine),
             'locked': tuple(machine.locked),
             'breakpoints': tuple(machine.breakpoints),
         }
-        return fields, [*events, *decision_events]
 
-    def asked(self, active: tuple[ActiveLeaf, ...]) -> tuple[ActiveLeaf, ...]:
+    def asked(self, machine: MachineRun) -> tuple[ActiveLeaf, ...]:
         """Return the active states with what they say that they are doing, and not pausing; this calls their code."""
-        runs = {leaf.path: leaf for leaf in self.machine.active_states()}
+        runs = {leaf.path: leaf for leaf in machine.active_states()}
+        active = self.snapshot.active
         return tuple(self._asked(leaf, runs[leaf.path]) if leaf.path in runs else leaf for leaf in active)
 
     def _asked(self, leaf: ActiveLeaf, run: LeafRun) -> ActiveLeaf:
@@ -201,31 +215,29 @@ class SnapshotSource:
             leaf = replace(leaf, not_paused=_shown(None if own is None else [*own, *goals], _PAUSE_RAISED))
         return leaf
 
-    def _decisions(self, known: dict[str, RunDecision]) -> tuple[tuple[RunDecision, ...], list[EventEntry]]:
+    def _decisions(self, machine: MachineRun) -> tuple[RunDecision, ...]:
+        known = {decision.id: decision for decision in self.snapshot.decisions}
         decisions: list[RunDecision] = []
-        events: list[EventEntry] = []
-        for decision in self.machine.decisions:
-            shown = known.pop(decision_id(self._run_id, decision.id), None)
-            if shown is None:
-                shown = RunDecision(
-                    id=decision_id(self._run_id, decision.id),
-                    kind=decision.kind,
-                    path=decision.path,
-                    outcome=decision.outcome,
-                    outcomes=decision.outcomes,
-                    required_autonomy=decision.required,
-                    prompt=decision.prompt,
-                    since=self._stamp(decision.since),
-                )
-                events.append(('waiting', _waiting(shown)))
-            decisions.append(self._with_subject(shown, decision))
+        for decision in machine.decisions:
+            id = decision_id(self.snapshot.run_id, decision.id)
+            shown = known.pop(id, None) or RunDecision(
+                id=id,
+                kind=decision.kind,
+                path=decision.path,
+                outcome=decision.outcome,
+                outcomes=decision.outcomes,
+                required_autonomy=decision.required,
+                prompt=decision.prompt,
+                since=self._stamp(decision.since),
+            )
+            decisions.append(self._with_subject(machine, shown, decision))
         for id in known:
             self._subjects.pop(id, None)
-        return tuple(decisions), [*events, *(('decided', {'decision': id}) for id in known)]
+        return tuple(decisions)
 
-    def _with_subject(self, shown: RunDecision, decision: Decision) -> RunDecision:
-        """With what it is about: made anew when one of the values was replaced by another."""
-        values, missing = self.machine.subject(decision)
+    def _with_subject(self, machine: MachineRun, shown: RunDecision, decision: Decision) -> RunDecision:
+        """Return a decision with what it is about: made anew when one of the values was replaced by another."""
+        values, missing = machine.subject(decision)
         before = self._subjects.get(shown.id, {})
         is_known = before.keys() == values.keys() and all(before[key] is value for key, value in values.items())
         if is_known and (shown.subject is not None or not missing):
@@ -240,33 +252,18 @@ class SnapshotSource:
         return max(0, now.sec * 10**9 + now.nanosec - int((self._clock.now() - when) * 1e9))
 
 
-def decision_id(run_id: str, number: str) -> str:
-    """Return the name of a decision in this executive: the run numbers its decisions."""
-    return f'{run_id[:8]}-{number}'
-
-
-def decision_number(run_id: str, decision: str) -> str | None:
-    """Return the number that the run gave to a decision; None when it is no decision of this run."""
-    prefix = decision_id(run_id, '')
-    return decision.removeprefix(prefix) if decision.startswith(prefix) else None
-
-
-def _waiting(decision: RunDecision) -> dict[str, Any]:
+def _of_behavior(built: RunBuilt) -> dict[str, Any]:
     return {
-        'decision': decision.id,
-        'path': decision.path,
-        'kind': decision.kind.name.lower(),
-        'outcome': decision.outcome,
-        'outcomes': list(decision.outcomes),
-        'required': decision.required_autonomy,
-        'prompt': decision.prompt,
+        'behavior': built.request.entry.name,
+        'operator_gone': built.operator_gone,
+        'operator_gone_after': built.operator_gone_after,
     }
 
 
-def _line(held_back: BlockedTransition, path: str) -> str:
-    who = '' if held_back.path == path else f'{held_back.path}: '
+def _line(blocked: TransitionBlocked, path: str) -> str:
+    who = '' if blocked.path == path else f'{blocked.path}: '
     return sanitize_for_message(
-        f"{who}'{held_back.outcome}' waits for the unlock of {', '.join(held_back.locked)}", _LONGEST_LINE
+        f"{who}'{blocked.outcome}' waits for the unlock of {', '.join(blocked.locked)}", _LONGEST_LINE
     )
 
 
@@ -290,11 +287,11 @@ class ActivityPoll:
         self._is_untold = False  # what was found when it was requested, and nothing had changed
 
     def changed(self) -> None:
-        """What states are doing may be another thing now, which is to be shown."""
+        """Have the states asked: what they are doing may be another thing now, which is to be shown."""
         self._has_changed = True
 
     def request(self) -> None:
-        """The next status is to have what the states are doing then."""
+        """Have the states asked for the next status."""
         self._is_requested = True
 
     @property
@@ -302,17 +299,18 @@ class ActivityPoll:
         """Whether the states are to be asked."""
         return self._has_changed or self._is_requested
 
-    def ask(self, source: SnapshotSource, before: tuple[ActiveLeaf, ...]) -> tuple[tuple[ActiveLeaf, ...], bool]:
-        """Return the active states with what they say now, and whether that is to be shown at once.
+    def ask(self, status: RunStatus, machine: MachineRun) -> bool:
+        """Publish the active states with what they say now; return whether that is to be shown at once.
 
         What is another thing each time that it is asked for, such as a time, is no event: the next status has it.
         """
         has_changed, self._has_changed, self._is_requested = self._has_changed, False, False
-        active = source.asked(before)
-        self._is_untold = self._is_untold or active != before
+        active = status.asked(machine)
+        self._is_untold = self._is_untold or active != status.snapshot.active
+        status.publish(active=active)
         is_shown = has_changed and self._is_untold
         self._is_untold = self._is_untold and not is_shown
-        return active, is_shown
+        return is_shown
 
 
 def not_paused_lines(before: Sequence[ActiveLeaf], now: Sequence[ActiveLeaf]) -> Iterator[str]:

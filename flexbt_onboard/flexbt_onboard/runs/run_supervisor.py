@@ -6,6 +6,7 @@ from __future__ import annotations
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from flexbt_common.calls.goal_server import GoalAdmission
 from flexbt_common.lifecycle.presence import PresenceWatch
@@ -13,11 +14,10 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.limits import LONG_TEXT
 from flexbt_core.clock.clock import Timer
 from flexbt_core.monitors.monitoring import Monitoring
-from flexbt_core.state_machine.engine.operator_commands import CommandReply
-from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.engine.events import RunEvent, RunReader
+from flexbt_core.state_machine.engine.operator_commands import pause
 from flexbt_core.state_machine.model.definition import PREEMPTED
 from flexbt_core.values.text import sanitize_for_message
-from flexbt_msgs.msg import BehaviorStructure
 from flexbt_onboard.behaviors.behavior import OperatorGone
 from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.behaviors.run_context import StateServices
@@ -26,11 +26,18 @@ from flexbt_onboard.persistence.reporter import Reporter
 from flexbt_onboard.persistence.run_journal import InterruptedRun, RunJournal
 
 from .behavior_run import BehaviorRun
-from .run_observers import RunRecorder
-from .run_snapshot import RunEnd, RunSnapshot
+from .run_events import (
+    BehaviorEnded,
+    RunBuilt,
+    RunMoved,
+    RunRecorder,
+    RunRefused,
+    RunRequested,
+    RunShown,
+    StopRequested,
+)
+from .run_snapshot import RunSnapshot
 from .stop_enforcer import StopEnforcer
-
-Ended = Callable[[RunEnd], None]
 
 
 @dataclass(frozen=True)
@@ -48,27 +55,11 @@ ShownRun = RunSnapshot | InterruptedRun | LastRun
 """The run that operators see: the one that goes on, was interrupted, or was the last."""
 
 
-@dataclass(frozen=True)
-class StatusSink:
-    """Where operators see the run.
+class RunSupervisor(RunReader):
+    """A supervisor that starts runs, one at a time. Used on the executor thread, except :meth:`read`.
 
-    ``publish_structure`` sends the structure of a run, before the next status; both when the journal has all that has
-    happened. ``changed`` is told, from any thread, that the status has changed; ``flush`` sends it now, if it has.
-    """
-
-    publish_structure: Callable[[BehaviorStructure], None]
-    changed: Callable[[], None]
-    flush: Callable[[], None]
-
-
-def _nobody(*_told: object) -> None:
-    """Nobody waits for it."""
-
-
-class RunSupervisor:
-    """Used on the executor thread; a run has a thread of its own and posts here what becomes of it.
-
-    ``admission`` says why nothing can be started.
+    ``readers`` are given the events of each run, in their order, after it; ``admission`` says why nothing can be
+    started.
     """
 
     def __init__(
@@ -80,10 +71,10 @@ class RunSupervisor:
         report: Reporter,
         operators: OperatorAbsenceWatch,
         stops: StopEnforcer,
-        display: StatusSink,
         autonomy: int,
         monitoring: Monitoring,
     ) -> None:
+        self.readers: list[RunReader] = []
         self.run: BehaviorRun | None = None
         """The run that goes on."""
         self._runtime = runtime
@@ -93,7 +84,6 @@ class RunSupervisor:
         self._report = report
         self._operators = operators
         self._stops = stops
-        self._display = display
         self._monitoring = monitoring
         known = journal.next_autonomy
         self._last = LastRun(autonomy if known is None else known)
@@ -114,18 +104,15 @@ class RunSupervisor:
         return self.snapshot or self.interrupted or self._last
 
     def set_next_autonomy(self, level: int) -> None:
-        """The level for the next run."""
+        """Set the level for the next run."""
         self._journal.set_next_autonomy(level)
         self._last = replace(self._last, autonomy=level)
-        self._display.changed()
+        self._tell(RunShown())
 
-    def start(
-        self, request: RunRequest, answer: CommandReply, ended: Ended = _nobody, run_id: str | None = None
-    ) -> BehaviorRun:
-        """Begin a run; ``answer`` gets None when the behavior is built, or the reason why it cannot be.
+    def start(self, request: RunRequest, run_id: str | None = None) -> BehaviorRun:
+        """Begin a run. :class:`RunBuilt` or :class:`RunRefused` follows.
 
-        ``ended`` gets how a run that was built has ended. Both are called on the executor thread. ``run_id`` is that
-        of the interrupted run that is to go on.
+        ``run_id`` is that of the interrupted run that is to go on.
 
         Raises:
             CommandRefusedError: the executive is not active, a run goes on, or another one was interrupted.
@@ -144,14 +131,13 @@ class RunSupervisor:
                 'resume or abort it first'
             )
         run_id = run_id or uuid.uuid4().hex
-        owner = _Listener(self, self._runtime, self._display, answer, ended)
-        recorder = RunRecorder(run_id, request.entry.name, answer, self._journal, self._report, owner)
+        recorder = RunRecorder(run_id, request.entry.name, self._journal, self._report)
         self._stops.begins()
-        owner.run = self.run = BehaviorRun(
-            request, run_id, self._services, recorder, self._stops.timeout, self._monitoring
-        )
+        readers = (self, *self.readers)
+        stop_timeout = self._stops.timeout
+        self.run = BehaviorRun(request, run_id, self._services, recorder, readers, stop_timeout, self._monitoring)
         self.run.start()
-        self._display.changed()
+        self._tell(RunRequested(request))
         return self.run
 
     def stop(self, why: str) -> BehaviorRun | None:
@@ -165,89 +151,45 @@ class RunSupervisor:
         self._stops.halt_robot(self.run is not None)
 
     def abort(self, interrupted: InterruptedRun, why: str) -> None:
-        """An interrupted run does not go on."""
+        """End an interrupted run, which does not go on."""
         self._journal.end(interrupted.run_id, why)
         self._report.run_ended(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
         self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
 
-    def began(self, run: BehaviorRun, structure: BehaviorStructure, answer: CommandReply) -> None:
-        """The behavior of a run is built."""
-        # The structure first: a status that names its run can be drawn at once.
-        self._display.publish_structure(structure)
-        run.announce()
-        self._operators.watch_over(run)
-        answer(None)
-        self._display.flush()
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case RunBuilt() | RunMoved(switched=RunBuilt()):
+                self._runtime.post(self._watch_over)
+            case StopRequested(run_id):
+                self._runtime.post(partial(self._stopping, run_id))
+            case RunRefused(_, reason):
+                self._runtime.post(partial(self._ended, '', reason))  # no outcome: it has not run
+            case BehaviorEnded(outcome, message):
+                self._runtime.post(partial(self._ended, outcome, message))
 
-    def switched(self, run: BehaviorRun, structure: BehaviorStructure) -> None:
-        """A run goes on with another behavior, which may want something else when no operator is there."""
-        self._display.publish_structure(structure)
-        if run is self.run:
-            self._operators.watch_over(run)
+    def _tell(self, event: RunEvent) -> None:
+        for reader in self.readers:
+            reader.read(event)
 
-    def stopping(self, run: BehaviorRun) -> None:
-        """A run was told to stop."""
-        if run is self.run:
-            self._stops.stopping(run)
+    def _watch_over(self) -> None:
+        """Watch over a run that has begun, or goes on with a behavior that wants something else without an operator."""
+        self._operators.watch_over(self.run)
 
-    def ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
-        """A run has ended, or could not begin."""
-        self.run = None
+    def _stopping(self, run_id: str) -> None:
+        if self.run is not None and self.run.run_id == run_id:
+            self._stops.stopping(self.run)
+
+    def _ended(self, outcome: str, message: str) -> None:
+        assert self.run is not None  # there is no other before this one has ended
+        last, self.run = self.run.snapshot, None
         self._operators.watch_over(None)
-        last = run.snapshot
         self._journal.set_next_autonomy(last.autonomy)
         self._last = replace(self._last, autonomy=last.autonomy)
         self._show_last(last.run_id, last.behavior, outcome, message)
 
     def _show_last(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
         self._last = LastRun(self._last.autonomy, run_id, behavior, outcome, sanitize_for_message(message, LONG_TEXT))
-        self._display.changed()
-
-
-class _Listener:
-    """Who has started a run: the supervisor, for a command or a program. Called on the thread of the run."""
-
-    run: BehaviorRun
-
-    def __init__(
-        self, supervisor: RunSupervisor, runtime: Runtime, display: StatusSink, answer: CommandReply, ended: Ended
-    ) -> None:
-        self._supervisor = supervisor
-        self._post = runtime.post
-        self._display = display
-        self._answer = answer
-        self._ended = ended
-        self.run_changed = display.changed
-
-    def run_began(self, structure: BehaviorStructure) -> None:
-        """See :class:`RunListener`."""
-        self._post(lambda: self._supervisor.began(self.run, structure, self._answer))
-
-    def run_refused(self, reason: str) -> None:
-        """See :class:`RunListener`."""
-
-        def tell() -> None:
-            self._supervisor.ended(self.run, '', reason)  # no outcome: it has not run
-            self._answer(reason)
-
-        self._post(tell)
-
-    def run_switched(self, structure: BehaviorStructure) -> None:
-        """See :class:`RunListener`."""
-        self._post(lambda: self._supervisor.switched(self.run, structure))
-
-    def run_stopping(self) -> None:
-        """See :class:`RunListener`."""
-        self._post(lambda: self._supervisor.stopping(self.run))
-
-    def run_ended(self, end: RunEnd) -> None:
-        """See :class:`RunListener`."""
-
-        def tell() -> None:
-            self._supervisor.ended(self.run, end.outcome, end.message)
-            self._ended(end)
-
-        self._post(tell)
+        self._tell(RunShown())
 
 
 # What happens to a run when no operator has been there for some time: what its behavior wants then.
@@ -270,7 +212,7 @@ class OperatorAbsenceWatch:
         presence.add_listener(self._changed)
 
     def watch_over(self, run: BehaviorRun | None) -> None:
-        """A run begins, or has ended (None). The time without an operator counts from its beginning on."""
+        """Watch over a run that begins, or over none. The time without an operator counts from its beginning on."""
         self._run = run
         self._set_timer()
 
@@ -304,4 +246,4 @@ class OperatorAbsenceWatch:
             run.stop(why)
         else:
             self._tell(f'{why}: behavior {shown.behavior!r} is paused until an operator resumes it', True)
-            run.command(MachineRun.pause, lambda _reason: None)  # when it is paused already, so much the better
+            run.command(None, pause)  # refused when it is paused already

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is done about a run that was told to stop, until all of it is at rest.
+"""The enforcement of stops: what is done about a run that was told to stop, until all of it is at rest.
 
 The run cancels what it has begun. When that is not confirmed within a moment, the robot is stopped by another way; the
 operator sees what has not stopped; and after a while the run is given up. A server that moves the robot may go on when
@@ -9,12 +9,13 @@ whoever has sent it there has given it up: the robot is kept at rest as long as 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Final, Protocol
+from typing import Final
 
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 
 from .behavior_run import BehaviorRun
+from .motion_stop import MotionStop
 
 MOTION_SECONDS: Final = 0.3
 """A stop that is not confirmed within this time stops the robot by another way. A cancel that travels through a BT
@@ -26,39 +27,11 @@ HALT_SECONDS: Final = 5.0
 _PERIOD: Final = 0.5
 
 
-class RobotStop(Protocol):
-    """Stops the robot without those who drive it."""
-
-    @property
-    def is_holding(self) -> bool:
-        """Whether it keeps the robot at rest now."""
-
-    @property
-    def going_on(self) -> Mapping[tuple[str, bytes], str]:
-        """The actions that may move the robot, and that go on, by action and writer: each for people, with the node's
-        name, which may become known later."""
-
-    def prepare(self) -> None:
-        """A run begins, or is told to stop."""
-
-    def hold(self) -> None:
-        """Begin to keep the robot at rest."""
-
-    def cancel_others(self) -> None:
-        """Cancel what other programs have sent the robot to do."""
-
-    def drop_cancels(self) -> None:
-        """Send no cancel any more that still waits for its server."""
-
-    def release(self) -> None:
-        """The robot may move again."""
-
-
 class StopEnforcer:
     """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on;
     ``warn(message)`` tells operators of what goes on after the end of the run, and when it does not any more."""
 
-    def __init__(self, runtime: Runtime, robot: RobotStop, timeout: float, warn: Callable[[str], None]) -> None:
+    def __init__(self, runtime: Runtime, robot: MotionStop, timeout: float, warn: Callable[[str], None]) -> None:
         self.timeout = timeout
         self._runtime = runtime
         self._robot = robot
@@ -69,13 +42,15 @@ class StopEnforcer:
         self._timer: Timer | None = None
 
     def begins(self) -> None:
-        """A run begins. A server that has just been started may not have been asked yet to end what went on before."""
+        """Let a run begin. A server that has just been started may not have been asked yet to end what went on
+        before."""
         self._leave()
         self._robot.drop_cancels()
         self._robot.prepare()
 
     def halt_robot(self, is_running: bool) -> None:
-        """An operator wants the robot to stop, whoever drives it; ``is_running``: there is a run, which is stopped."""
+        """Stop the robot, whoever drives it, as an operator wants it; ``is_running``: there is a run, which is
+        stopped."""
         run = self._run  # one that has ended may have goals that have not
         if is_running or (run is not None and (run.has_goals or self._robot.is_holding)):
             self._robot.cancel_others()
@@ -96,7 +71,7 @@ class StopEnforcer:
             self._leave()
 
     def stopping(self, run: BehaviorRun) -> None:
-        """A run was told to stop. The robot is kept at rest until the goals of the run have ended, and those of all
+        """Enforce the stop of a run. The robot is kept at rest until the goals of the run have ended, and those of all
         that move it, or the next run begins; what goes on when the run has ended at once is seen in a moment."""
         self._run = run
         self._robot.prepare()  # for servers that have come since the run began

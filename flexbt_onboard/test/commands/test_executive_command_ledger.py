@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_core.clock.clock import SteadyClock
-from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine.events import CommandDecided
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand
 from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS
 from flexbt_onboard.commands.command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandLedger
@@ -31,7 +31,6 @@ class Books:
 
     def __init__(self, remembered: int = 4096, directory: str = '') -> None:
         self.effects: list[str] = []
-        self.later: list[CommandReply] = []
         self.changes = 0
         self.time = 100.0
         self.told: list[str] = []
@@ -46,7 +45,7 @@ class Books:
         )
 
     def send(self, id: str, kind: int = STOP) -> None:
-        """A command arrives."""
+        """Let a command arrive."""
         self.ledger.receive(ExecutiveCommand(id=id, kind=kind, executive_id='other' if id == 'other' else ''))
 
     def results(self) -> list[tuple[str, int]]:
@@ -59,14 +58,12 @@ class Books:
     def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
         return {}
 
-    def apply(self, command: ExecutiveCommand, answer: CommandReply, writer: bytes) -> bool:
+    def apply(self, command: ExecutiveCommand, writer: bytes) -> bool:
         if command.kind == ExecutiveCommand.REPEAT:
             raise CommandRefusedError('no')
         if command.kind == ExecutiveCommand.LOCK:
             raise ValueError('broken')
         self.effects.append(command.id)
-        if command.kind == START:
-            self.later.append(answer)
         return bool(command.kind != START)
 
     def _post(self, fn: Callable[[], None]) -> None:
@@ -97,9 +94,8 @@ def test_a_command_that_is_decided_later_is_reported_then_and_the_first_decision
     books.send('start', START)
     books.send('start', START)
     assert (books.results(), books.effects) == ([], ['start'])
-    (answer,) = books.later
-    answer(None)
-    answer('too late')
+    books.ledger.read(CommandDecided('start', None))
+    books.ledger.read(CommandDecided('start', 'too late'))
     assert books.results() == [('start', A)]
 
 
@@ -213,8 +209,7 @@ def test_a_long_reason_is_cut_and_told_as_before_after_a_restart(tmp_path: Path)
     books.send('start', START)
     reason = 'x' * 5000
     books.journal.decide('with a move', reason)  # which the ledger hears later
-    (answer,) = books.later
-    answer(reason)
+    books.ledger.read(CommandDecided('start', reason))
     (result,) = books.ledger.results()
     assert 'characters left out' in result.reason
     books.journal.close()

@@ -57,7 +57,7 @@ class ControlBench(ExecutiveBench):
         return machine
 
     def finish_inner(self, state: Step) -> None:
-        """The inner state wants to be left."""
+        """Let the inner state want to be left."""
         state.done = True
         state.wake()
 

@@ -239,6 +239,6 @@ def test_a_plan_is_kept_for_consoles_that_come_late_and_forgotten_with_the_next_
         # What is judged: no planner has published it. That there is no plan before may be replaced on its way.
         wait_until(lambda: len(heard[-1].x) == 200, lambda: f'have {[len(plan.x) for plan in heard]}')
         assert not any(plan.x for plan in heard[before:-1])
-        decision = bench.status.decisions[0]
+        decision = bench.wait_for(lambda status: status.decisions, 'decision')[0]
         bench.applied(ExecutiveCommand.FORCE, path=decision.path, decision_id=decision.id, outcome='bad')
         wait_until(lambda: len(heard[-1].x) == 201, 'the next that is judged, and not the one that was refused')

@@ -156,7 +156,7 @@ def test_no_loss_of_power_undoes_what_was_shown(
 
 
 def check(status: ExecutiveStatus, found: RunJournal, lines: Sequence[JournalLine]) -> None:
-    """What was shown holds for whoever finds this; the machine may have gone on from there by some lines."""
+    """Check that what was shown holds for whoever finds this; the machine may have gone on from there by some lines."""
     results = {one.command_id: (one.code, one.reason) for one in found.results}
     for result in status.results:
         assert results[result.command_id] == (result.code, result.reason)

@@ -15,26 +15,13 @@ from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.engine.engine import RunningCallback
 from flexbt_core.state_machine.engine.run import MachineRun
-from flexbt_core.state_machine.model.event_state import EventState, ExitReason
-from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.runs.blocked_callback_watchdog import LIMIT, BlockedCallback, BlockedCallbackWatchdog
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 _CALLBACKS = ('on_enter', 'execute', 'on_exit', 'halting', 'activity')
-
-
-class Quiet:
-    """An observer that nothing is done with."""
-
-    def changed(self) -> None: ...
-
-    def log(self, severity: Severity, path: str, text: str) -> None: ...
-
-    def fault(self, path: str, text: str) -> None: ...
-
-    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None: ...
 
 
 class Working(EventState):
@@ -88,7 +75,7 @@ def test_each_callback_that_takes_long_is_told_once_and_no_other_and_when_it_ret
 
     def run() -> None:
         nonlocal machine
-        machine = MachineRun(define(machine_of(work)), clock, Quiet())
+        machine = MachineRun(define(machine_of(work)), clock, [])
         machine.start()
         while machine.step():
             for leaf in machine.active_states():

@@ -83,16 +83,17 @@ def test_consoles_get_all_that_a_form_needs(install: Install) -> None:
         ('Broken = 3', ['not a class derived from Behavior']),
         ('', ['Broken']),
         (
-            'from flexbt_onboard.behaviors import Behavior\nclass Broken(Behavior): pass',
+            'from flexbt_onboard.behaviors.behavior import Behavior\nclass Broken(Behavior): pass',
             ['ManifestError', 'set the class attribute manifest'],
         ),
         (
-            'from flexbt_onboard.behaviors import *\n'
+            'from flexbt_onboard.behaviors.behavior import *\n'
             'class Broken(Behavior):\n  manifest = BehaviorManifest("B")\n  def __init__(self): raise OSError("disk")',
             ['OSError: disk', 'broken_bad.py:4'],
         ),
         (
-            'from flexbt_onboard.behaviors import *\nclass Broken(Behavior):\n  manifest = BehaviorManifest("B")',
+            'from flexbt_onboard.behaviors.behavior import *\n'
+            'class Broken(Behavior):\n  manifest = BehaviorManifest("B")',
             ['does not implement create()'],
         ),
     ],

@@ -14,6 +14,8 @@ from flexbt_common.values.entries import to_entry
 from flexbt_common.values.limits import check_limits
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent, RunReader
+from flexbt_core.state_machine.engine.operator_commands import force, pause
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import MachineDefinition
@@ -340,10 +342,17 @@ def test_a_command_that_comes_when_the_run_has_ended_is_answered(make_bench: Mak
     assert run is not None
     bench.applied(ExecutiveCommand.FORCE, path='/Second', outcome='done')
     bench.wait_idle()
-    answers: list[str | None] = []
-    run.force('/Second', 'done', '', answers.append)
-    run.command(MachineRun.pause, answers.append)
-    assert answers == ['the run has ended'] * 2
+    answers: list[CommandDecided] = []
+
+    class Answers(RunReader):
+        def read(self, event: RunEvent) -> None:
+            if isinstance(event, CommandDecided):
+                answers.append(event)
+
+    run.add_reader(Answers())
+    run.command('force', force, '/Second', 'done')
+    run.command('pause', pause)
+    assert answers == [CommandDecided(name, 'the run has ended') for name in ('force', 'pause')]
 
 
 class SlowStop(EventState):

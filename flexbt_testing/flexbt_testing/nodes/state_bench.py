@@ -8,22 +8,34 @@ from typing import Any
 
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
-from flexbt_core.state_machine.engine.resume import RunPosition
+from flexbt_core.state_machine.engine.events import CommandDecided, Faulted, Logged, RunEvent, RunReader
+from flexbt_core.state_machine.engine.operator_commands import confirm, force
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
 from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
 from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.behaviors.run_context import StateServices
-from flexbt_onboard.persistence.run_journal import Decided
+from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.runs.behavior_run import BehaviorRun
-from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunEnd, RunSnapshot
+from flexbt_onboard.runs.run_events import (
+    BehaviorEnded,
+    RunAnnounced,
+    RunBuilt,
+    RunMoved,
+    RunReady,
+    RunRefused,
+    RunShown,
+    StopAwaited,
+    StopRequested,
+)
+from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunSnapshot
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 from .scripted_action_server import GoalScript, ScriptedActionServer
 
 
-class Run:
+class Run(RunReader):
     """A run of a behavior, and what was seen of it."""
 
     def __init__(
@@ -37,33 +49,29 @@ class Run:
         self.outputs: Mapping[str, Any] = {}
         self.told: list[RunSnapshot] = []
         """The run at each moment at which it told that something has changed."""
-        self.behavior_run = BehaviorRun(RunRequest(entry, arguments, (), autonomy), 'run', services, self)
+        self.answers: list[str | None] = []
+        """Of the commands that were decided: None, or the refusal."""
+        request = RunRequest(entry, arguments, (), autonomy)
+        self.behavior_run = BehaviorRun(request, 'run', services, RunReader(), [self])
         self.behavior_run.start()
 
-    # What the run tells (BehaviorRunObserver).
-    def changed(self) -> None:
-        self.told.append(self.behavior_run.snapshot)
-
-    def built(self, request: RunRequest, structure: BehaviorStructure) -> None:
-        self.structure = structure
-        self.behavior_run.announce()
-
-    def refused(self, reason: str) -> None:
-        self.refusal = reason
-
-    def log(self, severity: int, path: str, text: str) -> None:
-        self.lines.append((severity, path, text))
-
-    def moved(self, position: Callable[[], RunPosition], decided: Sequence[Decided]) -> None: ...
-
-    def switched(self, request: RunRequest, structure: BehaviorStructure) -> None: ...
-
-    def stopping(self, why: str) -> None: ...
-
-    def event(self, event: str, fields: Mapping[str, Any]) -> None: ...
-
-    def ended(self, end: RunEnd) -> None:
-        self.message, self.outputs, self.outcome = end.message, end.outputs, end.outcome
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case Logged(severity, path, text):
+                self.lines.append((severity.value, path, text))
+            case Faulted(path, text):
+                self.lines.append((ExecutiveLog.ERROR, path, text))
+            case CommandDecided():
+                self.answers.append(event.refusal)
+            case RunBuilt():
+                self.structure = event.structure
+                self.behavior_run.announce()
+            case RunRefused():
+                self.refusal = event.reason
+            case BehaviorEnded():
+                self.message, self.outputs, self.outcome = event.message, event.outputs, event.outcome
+            case RunMoved() | RunShown() | RunReady() | RunAnnounced() | StopRequested() | StopAwaited():
+                self.told.append(self.behavior_run.snapshot)
 
     def active(self) -> Sequence[ActiveLeaf]:
         """Return the active states, which are asked what they are doing for the next time."""
@@ -73,6 +81,25 @@ class Run:
     def decisions(self) -> Sequence[RunDecision]:
         """Return what waits for the operator."""
         return self.behavior_run.snapshot.decisions
+
+    def confirm(self, decision_id: str) -> str | None:
+        """Confirm a decision; return the refusal."""
+        try:
+            return self.answer_to(confirm, self.behavior_run.decision_number(decision_id))
+        except CommandRefusedError as error:
+            return str(error)
+
+    def force(self, path: str, outcome: str, decision_id: str = '') -> str | None:
+        """Leave a state by an outcome; return the refusal."""
+        number = self.behavior_run.decision_number(decision_id) if decision_id else ''
+        return self.answer_to(force, path, outcome, number)
+
+    def answer_to(self, command: Callable[..., str | None], *arguments: Any) -> str | None:
+        """Give the machine a command; return its refusal."""
+        before = len(self.answers)
+        self.behavior_run.command(None, command, *arguments)
+        wait_until(lambda: len(self.answers) > before, 'answer')
+        return self.answers[before]
 
     def wait(self) -> str:
         """Return the outcome, when the run has ended."""

@@ -18,13 +18,26 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexbt_core.clock.clock import ManualClock
-from flexbt_core.monitors.machine_monitor import MachineMonitor, declared_resources
+from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.monitors.machine_monitor import MachineMonitor
 from flexbt_core.monitors.properties import Violation
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
-from flexbt_core.state_machine.engine.operator_commands import CommandReply
+from flexbt_core.state_machine.engine import operator_commands
+from flexbt_core.state_machine.engine.events import (
+    CommandDecided,
+    Faulted,
+    Logged,
+    OutcomeTaken,
+    RunEnding,
+    RunEvent,
+    RunReader,
+    RunRested,
+    StateExited,
+    StateLeft,
+)
 from flexbt_core.state_machine.engine.resume import RunPosition, start_at, switch_machine
-from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS, MachineRun
+from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS, MachineRun, RunLimits
 from flexbt_core.state_machine.model.autonomy import Autonomy, Decision
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import EventState, ExitReason
@@ -65,7 +78,7 @@ class Scripted(EventState):
         return self._calls[callback]
 
     def end(self, outcome: str) -> None:
-        """What the state waits for has happened: it is to be left by an outcome."""
+        """Have the state left by an outcome: what it waits for has happened."""
         self.outcome = outcome
         self.wake()
 
@@ -143,7 +156,7 @@ def nested(state: EventState, labels: str, autonomy: Mapping[str, int] | None = 
 
 @dataclass(frozen=True)
 class BenchSnapshot:
-    """What the operator is shown at some time."""
+    """The view of the operator at some time."""
 
     active: tuple[str, ...]
     decisions: tuple[Decision, ...]
@@ -151,8 +164,10 @@ class BenchSnapshot:
     controls: tuple[bool | str, ...]
 
 
-class Bench:
-    """The host and observer of one run. States get it as ``services``, and write to the common ``trace``.
+class Bench(RunReader):
+    """The host of one run, and a reader of its events.
+
+    States get it as ``services``, and write to the common ``trace``.
 
     Monitors watch each run: what they find wrong fails the test.
     """
@@ -176,23 +191,23 @@ class Bench:
         self.transitions: list[tuple[str, str, str, ExitReason]] = []
         self.snapshots: list[BenchSnapshot] = []
         self.steps = 0
-        self._is_woken = False
+        self._has_changed = False
+        self.answers: list[str | None] = []
+        """Of the commands that were decided: None, or the refusal."""
+        self.wake_event = WakeEvent()
         self.violations: list[Violation] = []
-        defined = define(machine)
         self.run = MachineRun(
-            defined,
+            define(machine),
             self.clock,
-            self,
+            [self],
             autonomy=autonomy,
             userdata=userdata,
             services=self,
             steady=self.steady,
-            exit_timeout=3.0,
-            stop_timeout=10.0,
-            max_transitions=max_transitions,
-            on_wake=self._wake,
-            monitor=MachineMonitor(declared_resources(defined), self.violations.append),
+            limits=RunLimits(exit_timeout=3.0, stop_timeout=10.0, transitions=max_transitions),
+            wake_event=self.wake_event,
         )
+        self.run.add_reader(MachineMonitor(self.run, self.violations.append))
         if start:
             if at is None:
                 self.run.start()
@@ -200,9 +215,27 @@ class Bench:
                 start_at(self.run, at)
             self.settle()
 
-    # -- the observer ------------------------------------------------------------------------------------------------
+    # -- the reader --------------------------------------------------------------------------------------------------
 
-    def changed(self) -> None:
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case Logged():
+                self.lines.append((event.severity, event.path, event.text))
+            case Faulted():
+                self.faults.append((event.path, event.text))
+            case CommandDecided():
+                self.answers.append(event.refusal)
+            case StateLeft():
+                self._has_changed = True
+                self.transitions.append((event.path, event.outcome, event.target, event.reason))
+            case RunRested() | RunEnding() | StateExited() | OutcomeTaken():
+                pass
+            case _:
+                self.show()
+
+    def show(self) -> None:
+        """Take a snapshot of what the operator is shown."""
+        self._has_changed = False
         active = self.active
         decisions = tuple(self.run.decisions)
         if decisions:
@@ -212,25 +245,12 @@ class Bench:
         controls: tuple[bool | str, ...] = (self.run.is_paused, *self.run.locked, '', *self.run.breakpoints)
         self.snapshots.append(BenchSnapshot(active, decisions, paused, controls))
 
-    def log(self, severity: Severity, path: str, text: str) -> None:
-        self.lines.append((severity, path, text))
-
-    def fault(self, path: str, text: str) -> None:
-        self.faults.append((path, text))
-
-    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
-        self.transitions.append((path, outcome, target, reason))
-
     # -- the host ----------------------------------------------------------------------------------------------------
-
-    def _wake(self) -> None:
-        self._is_woken = True
 
     def settle(self) -> None:
         """Step the run until nobody wakes it any more."""
         at_once = 0
-        while self._is_woken and self.run.outcome is None:
-            self._is_woken = False
+        while self.run.outcome is None and self.wake_event.take():
             self._step()
             at_once += 1
             assert at_once <= STEPS_AT_ONCE, f'busy: {self.trace[-8:]}'
@@ -245,7 +265,7 @@ class Bench:
                 break
             self.clock.set(max(min(times), self.clock.now()))
             if due is not None and due <= self.clock.now():
-                self._is_woken = True
+                self.wake_event.set()
             self.settle()
             assert (self.run.next_wake or end + 1.0) > self.clock.now(), f'still due: {self.trace[-8:]}'
         self.clock.set(end)
@@ -253,6 +273,8 @@ class Bench:
     def _step(self) -> None:
         self.steps += 1
         self.run.step()
+        if self._has_changed:
+            self.show()
         assert not self.violations, self.violations
 
     # -- the operator ------------------------------------------------------------------------------------------------
@@ -280,59 +302,59 @@ class Bench:
     def confirm(self, decision_id: str | None = None) -> str | None:
         """Confirm the pending decision, or one of an id; gives the refusal."""
         chosen = self.decision.id if decision_id is None else decision_id
-        return self.answer_to(lambda answer: self.run.confirm(chosen, answer))
+        return self.answer_to(operator_commands.confirm, chosen)
 
     def force(self, path: str, outcome: str, decision_id: str = '') -> str | None:
         """Force an outcome; gives the refusal."""
-        return self.answer_to(lambda answer: self.run.force(path, outcome, decision_id, answer))
+        return self.answer_to(operator_commands.force, path, outcome, decision_id)
 
     def set_autonomy(self, level: int, path: str = '') -> str | None:
         """Change the autonomy; gives the refusal."""
-        return self.answer_to(lambda answer: self.run.set_autonomy(level, path, answer))
+        return self.answer_to(operator_commands.set_autonomy, level, path)
 
     def repeat(self, path: str) -> str | None:
         """Repeat a state or machine; gives the refusal."""
-        return self.answer_to(lambda answer: self.run.repeat(path, answer))
+        return self.answer_to(operator_commands.repeat, path)
 
     def lock(self, path: str) -> str | None:
         """Lock a state or machine; gives the refusal."""
-        return self.answer_to(lambda answer: self.run.lock(path, answer))
+        return self.answer_to(operator_commands.lock, path)
 
     def unlock(self, path: str) -> str | None:
         """Unlock a state or machine; gives the refusal."""
-        return self.answer_to(lambda answer: self.run.unlock(path, answer))
+        return self.answer_to(operator_commands.unlock, path)
 
     def set_breakpoint(self, path: str) -> str | None:
         """Set a breakpoint; gives the refusal."""
-        return self.answer_to(lambda answer: self.run.set_breakpoint(path, answer))
+        return self.answer_to(operator_commands.set_breakpoint, path)
 
     def clear_breakpoint(self, path: str) -> str | None:
         """Clear a breakpoint; gives the refusal."""
-        return self.answer_to(lambda answer: self.run.clear_breakpoint(path, answer))
+        return self.answer_to(operator_commands.clear_breakpoint, path)
 
     def pause(self) -> str | None:
         """Pause the run; gives the refusal."""
-        return self.answer_to(self.run.pause)
+        return self.answer_to(operator_commands.pause)
 
     def resume(self) -> str | None:
         """Resume the run; gives the refusal."""
-        return self.answer_to(self.run.resume)
+        return self.answer_to(operator_commands.resume)
 
     def switch(self, made: OperatableStateMachine) -> str | None:
         """Go on with another machine; gives the refusal."""
-        return self.answer_to(lambda answer: switch_machine(self.run, define(made), answer))
+        return self.answer_to(switch_machine, define(made))
 
     def stop(self, reason: str = 'test') -> None:
         """Preempt the run."""
         self.run.preempt(reason)
         self.settle()
 
-    def answer_to(self, command: Callable[[CommandReply], None]) -> str | None:
-        """Give a command; gives its answer, of which there has to be exactly one."""
-        answers: list[str | None] = []
-        command(answers.append)
+    def answer_to(self, command: Callable[..., str | None], *arguments: Any) -> str | None:
+        """Give a command; returns its refusal, of which there has to be exactly one."""
+        self.answers.clear()
+        self.run.command('', command, *arguments)
         self.settle()
-        (answer,) = answers
+        (answer,) = self.answers
         return answer
 
 

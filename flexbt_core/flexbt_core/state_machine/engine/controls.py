@@ -10,7 +10,7 @@ from flexbt_core.state_machine.model.definition import ROOT_PATH, MachineDefinit
 
 
 class Controls:
-    """Of one run, by the paths of its states and machines."""
+    """The settings of the operator for one run, by the paths of its states and machines."""
 
     def __init__(self, definition: MachineDefinition, level: int) -> None:
         self._levels = {node.path: level for node in definition.nodes()}
@@ -70,7 +70,7 @@ def _around(path: str) -> str:
 
 
 class Pausing:
-    """Of one run, by the paths of its states and machines.
+    """The parts of one run that are paused, by the paths of its states and machines.
 
     ``priority`` is the path of the priority container for which everything else is paused. ``has_changed`` until the
     states have been told.

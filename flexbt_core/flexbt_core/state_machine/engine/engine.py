@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -11,7 +11,7 @@ from flexbt_core.clock.clock import Clock, Timer
 from flexbt_core.state_machine.model.autonomy import Decision, DecisionKind
 
 from .controls import Controls, Pausing
-from .observer import RunMonitor, RunObserver
+from .events import RunEvent, RunReader
 
 
 class Engine(Protocol):
@@ -31,14 +31,6 @@ class Engine(Protocol):
         """What whoever runs the machine provides to its states."""
 
     @property
-    def observer(self) -> RunObserver:
-        """Who watches the run."""
-
-    @property
-    def monitor(self) -> RunMonitor | None:
-        """Who checks the run."""
-
-    @property
     def controls(self) -> Controls:
         """What the operator has set."""
 
@@ -49,11 +41,12 @@ class Engine(Protocol):
     def wake(self) -> None:
         """Ask the host for a step; from any thread."""
 
-    def changed(self) -> None:
-        """Tell the observer that what the operator is shown has changed."""
+    @property
+    def readings(self) -> Mapping[type[RunEvent], Sequence[RunReader]]:
+        """The readers by the types of the events that they read."""
 
-    def fault(self, path: str, text: str) -> None:
-        """Tell the observer of a fault."""
+    def tell(self, event: RunEvent) -> None:
+        """Give an event to its readers."""
 
     def fail(self, message: str) -> None:
         """End the run as an error: there is no way to go on."""
@@ -61,7 +54,7 @@ class Engine(Protocol):
     def new_decision(
         self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
     ) -> Decision:
-        """Return a decision with an id of its own."""
+        """Return a decision with an id of its own, which the operator was not asked yet."""
 
     def new_halt_wait(self) -> HaltTimeout:
         """Something to wait with for what is left; the run is woken when its time is over."""

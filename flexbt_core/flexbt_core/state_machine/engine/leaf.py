@@ -15,6 +15,7 @@ from flexbt_core.state_machine.model.state_host import Progress, Severity, State
 from flexbt_core.state_machine.model.userdata import Scope, StateError, UserData
 
 from .engine import Engine, RunningCallback
+from .events import Faulted, Logged, StateEntered, StateExited, StatePaused
 
 FAILED: Final = 'failed'
 """Outcome by which a state that raised is left, when it declares it."""
@@ -23,7 +24,7 @@ _Result = TypeVar('_Result')
 
 
 class _Raised(Enum):
-    """What a guarded callback gives when it raised."""
+    """The result of a guarded callback that raised."""
 
     RAISED = 'raised'
 
@@ -81,12 +82,12 @@ class LeafRun:
 
     def log(self, severity: Severity, text: str) -> None:
         """Tell the operator something."""
-        self._engine.observer.log(severity, self.path, text)
+        self._engine.tell(Logged(severity, self.path, text))
 
     # -- the life of the state ---------------------------------------------------------------------------------------
 
     def check_free(self) -> None:
-        """Whether the state can be taken for this run.
+        """Check that the state can be taken for this run.
 
         Raises:
             StateError: another run has it.
@@ -132,7 +133,7 @@ class LeafRun:
         self.outcome = outcome
 
     def enter(self, scope: Scope, *, is_resumed: bool = False) -> None:
-        """The state becomes active."""
+        """Enter the state."""
         if self._successor is not None:
             self._retire(self.state)
             self.state, self._successor = self._successor, None
@@ -142,10 +143,7 @@ class LeafRun:
         self.is_entered = True
         self.state.exit_reason = None
         self.state.is_resumed = is_resumed
-        self._engine.changed()  # already now, since on_enter may take long
-        monitor = self._engine.monitor
-        if monitor is not None:
-            monitor.entered(self.path)
+        self._engine.tell(StateEntered(self.path))  # already now, since on_enter may take long
         if self.call('on_enter', self.state.on_enter, self._userdata) is _Raised.RAISED:
             self._fail()
 
@@ -171,24 +169,23 @@ class LeafRun:
         if self.is_paused:
             self.is_paused = False
             self.clock.go_on()  # what it finishes now may take its time
-            self._engine.changed()
+            self._engine.tell(StatePaused(self.path, False))
         self.state.exit_reason = reason
-        monitor = self._engine.monitor
-        if monitor is not None:
-            monitor.exited(self.path)
+        if self._engine.readings[StateExited]:
+            self._engine.tell(StateExited(self.path))
         raised = self.call('on_exit', self.state.on_exit, self._userdata) is _Raised.RAISED
         if raised and reason is ExitReason.OUTCOME:
             self._fail()
 
     def pause(self) -> None:
-        """The state is not executed until it is resumed, and its time stands still."""
+        """Pause the state: it is not executed until it is resumed, and its time stands still."""
         self.is_paused = True
         self.clock.stop()
         if self.call('on_pause', self.state.on_pause) is _Raised.RAISED:
             self._fail()
 
     def resume(self) -> None:
-        """The state goes on."""
+        """Resume the state."""
         self.is_paused = False
         self.clock.go_on()
         self._woken = True
@@ -306,7 +303,7 @@ class LeafRun:
         try:
             return callback(*arguments)
         except Exception:  # code of the state: its trace goes to the operator
-            engine.fault(self.path, f'{what} raised:\n{traceback.format_exc()}')
+            engine.tell(Faulted(self.path, f'{what} raised:\n{traceback.format_exc()}'))
             return _Raised.RAISED
         finally:
             engine.calling = outer

@@ -13,7 +13,7 @@ region that it is in takes the same three steps with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from flexbt_core.state_machine.model.autonomy import UNDECLARED, Decision, DecisionKind
 from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind, are_apart
@@ -21,11 +21,21 @@ from flexbt_core.state_machine.model.event_state import ExitReason
 from flexbt_core.state_machine.model.userdata import Scope
 
 from .engine import Engine
+from .events import (
+    ContainerEnded,
+    DecisionAsked,
+    DecisionClosed,
+    Faulted,
+    OutcomeTaken,
+    StateLeft,
+    TransitionBlocked,
+    TransitionUnblocked,
+)
 from .leaf import FAILED, LeafRun
 
 
 class RegionChild(Protocol):
-    """What can be active in a region: a leaf, or a container.
+    """A child that can be active in a region: a leaf, or a container.
 
     ``outcome`` is what it wants to be left by, ``exit_reason`` why, ``choice`` what it lets the operator choose: prompt
     and suggestion.
@@ -67,7 +77,7 @@ class RegionChild(Protocol):
 
 
 class Container(RegionChild, Protocol):
-    """What a region is in, and what is in a region itself, but for the root."""
+    """A container of regions, which is in a region itself, except the root."""
 
     @property
     def region(self) -> Region | None:
@@ -89,15 +99,7 @@ class Container(RegionChild, Protocol):
         """Outcome by which it ends when a child is left by an outcome; None when it goes on."""
 
     def child_has_ended(self, child: RegionChild, outcome: str, ends: str | None) -> None:
-        """A child was left with nothing to follow it; by that it ends by ``ends``, if that is an outcome."""
-
-
-class BlockedTransition(NamedTuple):
-    """A state or machine that is not left by an outcome that it wants, since that would leave what is ``locked``."""
-
-    path: str
-    outcome: str
-    locked: tuple[str, ...]
+        """Note that a child was left with nothing to follow it; by that it ends by ``ends``, if that is an outcome."""
 
 
 class Region:
@@ -114,7 +116,7 @@ class Region:
         self.is_resumed = False
         """Whether what is coming goes on where an interrupted run was."""
         self.decision: Decision | None = None
-        self.held_back: BlockedTransition | None = None
+        self.blocked: TransitionBlocked | None = None
         self.is_leaving = False
         """Whether the child was left, and halts: by the outcome that it wants, or to be entered again."""
         self.is_approved = False
@@ -123,7 +125,7 @@ class Region:
         self._halt_wait = engine.new_halt_wait()
 
     def enter(self, child: RegionChild) -> None:
-        """A child becomes active."""
+        """Enter a child."""
         self.child = child
         child.enter(self.container.scope)
 
@@ -171,18 +173,18 @@ class Region:
     # -- what the operator wants -------------------------------------------------------------------------------------
 
     def approve(self) -> None:
-        """The operator has confirmed what the child wants."""
+        """Let the child do what it wants: the operator has confirmed it."""
         assert self.decision is not None  # checked by the caller
         self._approve(self.decision.outcome)
 
     def force(self, outcome: str) -> None:
-        """The operator wants the child to be left by ``outcome``, whatever it is doing."""
+        """Leave the child by ``outcome``, whatever it is doing: the operator wants it."""
         assert self.child is not None  # checked by the caller
         self.child.exit_reason = ExitReason.FORCED
         self._approve(outcome)
 
     def repeat(self) -> None:
-        """The operator wants the child to be left and entered again."""
+        """Leave the child and enter it again: the operator wants it."""
         assert self.child is not None  # checked by the caller
         self.child.exit_reason = ExitReason.REPEATED
         self._leave_child(self.child, None)
@@ -216,7 +218,7 @@ class Region:
         if wanted is not None:
             locked = engine.locked_inside(self._left_by(child, wanted)) if engine.controls.locked else ()
             if locked:
-                self._wait_for(None, BlockedTransition(child.path, wanted, tuple(locked)))
+                self._wait_for(None, TransitionBlocked(child.path, wanted, tuple(locked)))
                 return False
             required = child.definition.transitions[wanted].autonomy
             if self.is_approved or engine.controls.may_pass(child.path, required):
@@ -232,11 +234,20 @@ class Region:
             decision = self._engine.new_decision(kind, child.path, outcome, child.definition.outcomes, required, prompt)
             self._wait_for(decision, None)
 
-    def _wait_for(self, decision: Decision | None, held_back: BlockedTransition | None) -> None:
-        """The child cannot be left before the operator decides or unlocks something; or nothing keeps it."""
-        if decision is not self.decision or held_back != self.held_back:
-            self.decision, self.held_back = decision, held_back
-            self._engine.changed()
+    def _wait_for(self, decision: Decision | None, blocked: TransitionBlocked | None) -> None:
+        """Let the child wait until the operator decides or unlocks something; for neither, nothing prevents it."""
+        asked, was_blocked = self.decision, self.blocked
+        self.decision, self.blocked = decision, blocked
+        if decision is not asked:
+            if asked is not None:
+                self._engine.tell(DecisionClosed(asked))
+            if decision is not None:
+                self._engine.tell(DecisionAsked(decision))
+        if blocked != was_blocked:
+            if blocked is not None:
+                self._engine.tell(blocked)
+            elif was_blocked is not None:
+                self._engine.tell(TransitionUnblocked(was_blocked.path))
 
     def _left_by(self, child: RegionChild, outcome: str) -> str:
         """Path of the outermost thing that is left when the child is left by an outcome."""
@@ -256,9 +267,8 @@ class Region:
         self._wait_for(None, None)
         self.is_approved = False
         child.outcome = outcome
-        monitor = self._engine.monitor
-        if monitor is not None and outcome is not None:
-            monitor.leaves(child.path, outcome, child.definition.transitions[outcome].autonomy)
+        if outcome is not None and self._engine.readings[OutcomeTaken]:
+            self._engine.tell(OutcomeTaken(child.path, outcome, child.definition.transitions[outcome].autonomy))
         child.leave(child.exit_reason)
         # A state that raised in on_exit wants another outcome by now, which has to be considered in its turn.
         self.is_leaving = child.outcome == outcome
@@ -270,7 +280,8 @@ class Region:
             return False
         engine, container, outcome = self._engine, self.container, child.outcome
         if halting is not None:
-            engine.fault(child.path, f'had not halted {self._halt_wait.timeout:g} s after it was left: {halting}')
+            text = f'had not halted {self._halt_wait.timeout:g} s after it was left: {halting}'
+            engine.tell(Faulted(child.path, text))
         following: RegionChild | None = child
         ends = None
         if outcome is not None:
@@ -278,9 +289,7 @@ class Region:
             following = container.children[label] if label is not None else None
             ends = container.outcome_after(child, outcome) if following is None else None
         shown = following.path if following is not None else f'={ends}' if ends is not None else ''
-        engine.observer.transition(child.path, outcome or '', shown, child.exit_reason)
-        if engine.monitor is not None:
-            engine.monitor.transition(child.path, outcome or '', shown, child.exit_reason)
+        engine.tell(StateLeft(child.path, outcome or '', shown, child.exit_reason))
         self.is_leaving = False
         self.child = None
         if engine.pausing.priority is not None:
@@ -362,11 +371,11 @@ class ContainerRun:
     # -- entering and leaving ----------------------------------------------------------------------------------------
 
     def enter(self, parent: Scope, *, is_resumed: bool = False) -> None:
-        """The machine becomes active. It has no callbacks, so that it is the same whether it is resumed."""
+        """Enter the machine. It has no callbacks, so being resumed makes no difference."""
         self.begin(self.new_scope(parent))
 
     def new_scope(self, parent: Scope) -> Scope:
-        """Data for a visit of the machine."""
+        """Return the data for a visit of the machine."""
         return Scope(self.definition.defaults, parent, self._inputs, self._outputs)
 
     def begin(self, scope: Scope) -> None:
@@ -446,10 +455,10 @@ class ContainerRun:
         return child.definition.transitions[outcome].outcome
 
     def child_has_ended(self, child: RegionChild, outcome: str, ends: str | None) -> None:
-        """A child was left with nothing to follow it; by that the container ends by ``ends``, if that is an outcome."""
+        """Note that a child was left with nothing to follow it; this ends the container by ``ends``, if it is an
+        outcome."""
         if self.definition.kind is not StateKind.CONCURRENCY:
             self.outcome = ends
-            self._engine.changed()
             return
         self.ended[child.definition.label] = outcome
         if ends is None and len(self.ended) == len(self.regions):
@@ -457,7 +466,6 @@ class ContainerRun:
         if ends is not None:
             self.ending = ends
             self._leave_regions(ExitReason.PARENT_LEFT)
-        self._engine.changed()
 
     def _await_halt(self, ending: str) -> bool:
         """Want the outcome as soon as everything in here has halted, or the time for that is over."""
@@ -466,13 +474,13 @@ class ContainerRun:
             return False
         if halting is not None:
             text = f'not everything in it had halted {self._halt_wait.timeout:g} s after it ended: {halting}'
-            self._engine.fault(self.path, text)
+            self._engine.tell(Faulted(self.path, text))
         self.outcome, self.ending = ending, None
         for region in self.regions:
             if region.child is not None:
                 self._engine.pausing.release(region.child.path)
         self.clear()
-        self._engine.changed()
+        self._engine.tell(ContainerEnded(self.path, ending))
         return True
 
     def _fail(self) -> str | None:
@@ -480,7 +488,7 @@ class ContainerRun:
         exclude."""
         ended = ', '.join(f'{label} by {outcome!r}' for label, outcome in self.ended.items())
         text = f'all of its children have ended ({ended}), and no condition holds; add one for that'
-        self._engine.fault(self.path, text)
+        self._engine.tell(Faulted(self.path, text))
         if FAILED in self.definition.outcomes:
             self.exit_reason = ExitReason.FAULT
             return FAILED

@@ -13,8 +13,8 @@ from flexbt_core.state_machine.model.definition import MachineDefinition, StateD
 from flexbt_core.state_machine.model.userdata import Scope, StateMachineError
 from flexbt_core.values.text import short_repr
 
+from .events import MachineSwitched
 from .leaf import LeafRun
-from .operator_commands import CommandReply
 from .region import ContainerRun, Region, RegionChild
 from .run import MachineRun
 
@@ -124,7 +124,7 @@ _NONE_STAYS: Final[Mapping[str, LeafRun]] = {}
 
 
 def position_of(run: MachineRun) -> RunPosition:
-    """Return where a run is, for another one to :func:`start_at`. On its thread, in a call of the observer too."""
+    """Return where a run is, for another one to :func:`start_at`. On its thread, also while it tells an event."""
     root, controls = run.root, run.controls
     active: list[str] = []
     coming: list[str] = []
@@ -302,17 +302,14 @@ class _Restoring:
 # those is called. When it cannot be, the run goes on as before.
 
 
-def switch_machine(run: MachineRun, definition: MachineDefinition, answer: CommandReply) -> None:
-    """Go on with another machine, which has the active states at the same paths. A command, from any thread.
+def switch_machine(run: MachineRun, definition: MachineDefinition) -> str | None:
+    """Go on with another machine, which has the active states at the same paths: a command, as in
+    :mod:`operator_commands`.
 
     These are not left and entered for it: the state objects that are active stay, with their userdata, until their
     visit is over. The refusal names each state that cannot stay. on_start and on_stop of all other states are called;
     what waited for the operator is asked again, since it may lead elsewhere now.
     """
-    run.command(lambda: _switch(run, definition), answer)
-
-
-def _switch(run: MachineRun, definition: MachineDefinition) -> str | None:
     old, root, position = run.root, ContainerRun(run, definition), position_of(run)
     known = {node.path for node in definition.nodes()}
     there = _without_what_is_gone(position, known)
@@ -336,7 +333,7 @@ def _switch(run: MachineRun, definition: MachineDefinition) -> str | None:
         if leaf.path not in staying:
             leaf.stop()
     restore(run, replace(there, approved=()), staying)
-    run.changed()
+    run.tell(MachineSwitched(definition))
     return None
 
 

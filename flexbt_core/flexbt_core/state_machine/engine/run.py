@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A run of a state machine.
 
-The host calls :meth:`MachineRun.step` on one thread, whenever ``on_wake`` asks for it and at the time ``next_wake``. A
+The host calls :meth:`MachineRun.step` on one thread, whenever ``wake_event`` is set and at the time ``next_wake``. A
 step takes in the operator's commands, then goes on until nothing more can happen: a chain of instantaneous states is
 one step. While nothing happens, nothing is called.
 """
@@ -10,24 +10,39 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Concatenate, Final, ParamSpec
 
 from flexbt_core.clock.clock import Clock
-from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, DecisionKind
+from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, DecisionKind, no_level
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, is_inside
 from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, ExitReason
 from flexbt_core.state_machine.model.userdata import Scope, StateMachineError
 
-from . import operator_commands as commands
 from .controls import Controls, Pausing
 from .engine import HaltTimeout, RunningCallback
+from .events import (
+    CommandDecided,
+    DecisionClosed,
+    Faulted,
+    HaltAwaited,
+    LoggingReader,
+    RunEnded,
+    RunEnding,
+    RunEvent,
+    RunReader,
+    RunRested,
+    RunStarted,
+    StatePaused,
+    TransitionBlocked,
+)
 from .leaf import LeafRun
-from .observer import LoggingObserver, RunMonitor, RunObserver
-from .operator_commands import CommandQueue, CommandReply
-from .region import BlockedTransition, ContainerRun, Region
+from .region import ContainerRun, Region
+
+_Arguments = ParamSpec('_Arguments')
 
 STOP_TIMEOUT: Final = 30.0
 """How long the end of a run waits until it is confirmed that everything has halted, s."""
@@ -37,10 +52,28 @@ MAX_TRANSITIONS: Final = 1000
 
 _LOOP_SHOWN: Final = 10
 
+_RESTED: Final = RunRested()
+_ENDING: Final = RunEnding()
+
+
+@dataclass(frozen=True, slots=True)
+class RunLimits:
+    """Limits of a run: seconds that a state may take to halt, and the end of the run in all; transitions in a step.
+
+    More transitions in one step count as a livelock, which ends the run.
+    """
+
+    exit_timeout: float = EXIT_TIMEOUT
+    stop_timeout: float = STOP_TIMEOUT
+    transitions: int = MAX_TRANSITIONS
+
+
+_DEFAULT_LIMITS: Final = RunLimits()
+
 
 @dataclass(frozen=True, slots=True)
 class _End:
-    """How a run ends, and why its states are left by that."""
+    """The end of a run, and why its states are left by that."""
 
     outcome: str
     message: str
@@ -51,34 +84,33 @@ class MachineRun:
     """One run of a machine. Its states belong to it: they cannot be part of another run at the same time.
 
     ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error', with ``message``.
-    ``clock`` is what states see, ``steady`` counts the time that they may take to halt (``exit_timeout``, s). A run
-    that is stopped, or ends by a fault, has not ended before everything is confirmed to have halted; when that takes
-    longer than ``stop_timeout`` (s), or after :meth:`abort`, it ends as 'error'. Without an ``observer`` the run is
-    written to the log of Python; a ``monitor`` checks it. More than ``max_transitions`` in one step count as a
-    livelock, which ends the run.
+    ``clock`` is what states see, ``steady`` counts the time that they may take to halt. A run that is stopped, or ends
+    by a fault, has not ended before everything is confirmed to have halted; when that takes too long, or after
+    :meth:`abort`, it ends as 'error'. ``readers`` get the events of the run; without any it is written to the log of
+    Python. ``wake_event`` is set when a step is due.
     """
 
     def __init__(
         self,
         definition: MachineDefinition,
         clock: Clock,
-        observer: RunObserver | None = None,
+        readers: Iterable[RunReader] | None = None,
         *,
         autonomy: int = Autonomy.Low,
         userdata: Mapping[str, Any] | None = None,
         services: Any = None,
         steady: Clock | None = None,
-        exit_timeout: float = EXIT_TIMEOUT,
-        stop_timeout: float = STOP_TIMEOUT,
-        max_transitions: int = MAX_TRANSITIONS,
-        on_wake: Callable[[], None] | None = None,
-        monitor: RunMonitor | None = None,
+        limits: RunLimits = _DEFAULT_LIMITS,
+        wake_event: WakeEvent | None = None,
     ) -> None:
         if autonomy not in AUTONOMY_NAMES:
-            raise StateMachineError(commands.no_level(autonomy))
+            raise StateMachineError(no_level(autonomy))
         self.clock = clock
-        self.observer: RunObserver = observer if observer is not None else LoggingObserver()
-        self.monitor = monitor
+        self.readings: defaultdict[type[RunEvent], list[RunReader]] = defaultdict(list)
+        """The readers by the types of the events that they read."""
+        self._readers: list[RunReader] = []
+        for reader in [LoggingReader()] if readers is None else readers:
+            self.add_reader(reader)
         self.services = services
         self.outcome: str | None = None
         self.message = ''
@@ -89,9 +121,8 @@ class MachineRun:
         self.pausing = Pausing()
         self.controls = Controls(definition, autonomy)
         self._steady = steady if steady is not None else clock
-        self._exit_timeout = exit_timeout
-        self._max_transitions = max_transitions
-        self._on_wake = on_wake
+        self._limits = limits
+        self._wake_event = wake_event
         self.root = ContainerRun(self, definition)
         self.scope = Scope(definition.defaults)
         """The userdata of the root machine."""
@@ -99,14 +130,15 @@ class MachineRun:
             self.scope.set(key, value)
         self.decision_count = 0
         """How many decisions the run has asked the operator for; the next one has the next number as its id."""
-        self._commands = CommandQueue()
+        self._commands: deque[tuple[object, Callable[..., str | None], tuple[Any, ...], dict[str, Any]]] = deque()
+        self._refusal: str | None = None
         self._transitions = 0
         self._recent: deque[str] = deque(maxlen=_LOOP_SHOWN)
         self._end: _End | None = None
         self._preempt_reason: str | None = None
         self._halt_wait = self.new_halt_wait()
-        self._stop_timeout = stop_timeout
-        self._stop_wait = HaltTimeout(self._steady, max(0.0, stop_timeout - exit_timeout), self.wake)
+        stop_wait = max(0.0, limits.stop_timeout - limits.exit_timeout)
+        self._stop_wait = HaltTimeout(self._steady, stop_wait, self.wake)
         self._is_overdue = False  # while it ends: something has not halted in its time, which was told
         self._abort_reason = ''
         self._is_started = False
@@ -138,11 +170,10 @@ class MachineRun:
         if self._end is None and self._preempt_reason is None:
             if enter is not None:
                 enter()
-            if self.monitor is not None:
-                self.monitor.begins(self, enter is not None)
+            active = tuple(leaf.path for leaf in self.active_states())
+            self.tell(RunStarted(enter is not None, active, self.approved()))
             if enter is None:
                 self.root.begin(self.scope)
-        self.changed()
         self.wake()
 
     def step(self) -> bool:
@@ -156,12 +187,10 @@ class MachineRun:
             elif self._preempt_reason is not None:
                 self._end = _End(PREEMPTED, self._preempt_reason, ExitReason.PREEMPTED)
             elif not self._take_one_step() and self._end is None:
-                if self.monitor is not None:
-                    self.monitor.rests()
+                self.tell(_RESTED)
                 return True
-        self._commands.refuse('the run is ending')
-        if self.monitor is not None:
-            self.monitor.ends()
+        self._refuse_commands('the run is ending')
+        self.tell(_ENDING)
         return not self._await_halt(self._end)
 
     def _take_one_step(self) -> bool:
@@ -169,10 +198,29 @@ class MachineRun:
         pausing = self.pausing
         if pausing.has_changed and self._pause_or_resume_one():
             return True
-        is_commanded = self._commands.apply_next()
+        is_commanded = self._apply_next_command()
         if pausing.is_paused or pausing.has_changed:  # states are told that they go on before anything else
             return is_commanded or pausing.has_changed
         return self.root.advance() or is_commanded
+
+    def _apply_next_command(self) -> bool:
+        """Apply the oldest command; False when there is none."""
+        if not self._commands:
+            return False
+        command_id, command, arguments, named = self._commands.popleft()
+        try:
+            refusal = command(self, *arguments, **named)
+        except Exception as error:
+            text = f'a command raised; the run goes on:\n{traceback.format_exc().rstrip()}'
+            self.tell(Faulted(ROOT_PATH, text))
+            refusal = f'fault in the state machine: {type(error).__name__}: {error}'
+        self.tell(CommandDecided(command_id, refusal))
+        return True
+
+    def _refuse_commands(self, reason: str) -> None:
+        """Refuse what was given up to now; not what readers give meanwhile, so that it comes to an end."""
+        for _ in range(len(self._commands)):
+            self.tell(CommandDecided(self._commands.popleft()[0], reason))
 
     @property
     def next_wake(self) -> float | None:
@@ -180,9 +228,11 @@ class MachineRun:
         if self._end is not None or self.pausing.is_paused:
             return None
         due = self.root.next_wake()
-        if self.monitor is None or (checked := self.monitor.next_wake()) is None:
-            return due
-        return checked if due is None else min(due, checked)
+        for reader in self._readers:
+            read = reader.next_wake()
+            if read is not None and (due is None or read < due):
+                due = read
+        return due
 
     # -- what the operator sees --------------------------------------------------------------------------------------
 
@@ -237,11 +287,11 @@ class MachineRun:
         return {key: visible[key] for key in declared if key in visible}, [key for key in inputs if key not in visible]
 
     @property
-    def held_back(self) -> list[BlockedTransition]:
+    def blocked(self) -> list[TransitionBlocked]:
         """What is not left since something is locked, outermost first."""
         if not self.controls.locked:
             return []
-        return [region.held_back for region in self.regions() if region.held_back is not None]
+        return [region.blocked for region in self.regions() if region.blocked is not None]
 
     def autonomy_of(self, path: str) -> int:
         """Return the level that holds for a state or machine: the one that was set last for it, or for what is around
@@ -265,75 +315,24 @@ class MachineRun:
 
     # -- commands; from any thread -----------------------------------------------------------------------------------
 
-    def confirm(self, decision_id: str, answer: CommandReply) -> None:
-        """Let what a decision asks for happen."""
-        self.command(lambda: commands.confirm(self, decision_id), answer)
+    def command(
+        self,
+        command_id: object,
+        command: Callable[Concatenate[MachineRun, _Arguments], str | None],
+        *arguments: _Arguments.args,
+        **named: _Arguments.kwargs,
+    ) -> None:
+        """Apply a command between two steps; :class:`CommandDecided` follows once, with the ``command_id``: any object.
 
-    def force(self, path: str, outcome: str, decision_id: str, answer: CommandReply) -> None:
-        """Leave a state or machine by an outcome. ``decision_id`` is the decision that it overrides, or ''."""
-        self.command(lambda: commands.force(self, path, outcome, decision_id), answer)
-
-    def repeat(self, path: str, answer: CommandReply) -> None:
-        """Leave an active state or machine, and enter it again when it has halted."""
-        self.command(lambda: commands.repeat(self, path), answer)
-
-    def set_autonomy(self, level: int, path: str, answer: CommandReply) -> None:
-        """Change the level of the run, or of the sub-tree ``path`` ('' or '/' for all, sub-trees included)."""
-        self.command(lambda: commands.set_autonomy(self, level, path), answer)
-
-    def lock(self, path: str, answer: CommandReply) -> None:
-        """Hold back each transition that would leave a state or machine, also by leaving what is around it.
-
-        What it wants to be left by is kept until then, forced outcomes too. A stop is not held back, and neither is
-        :meth:`repeat` of the locked one itself. What is not active yet is locked in when it is entered.
+        ``command`` is called with the run and the arguments, and returns why it refuses, or None. The commands of an
+        operator are in :mod:`operator_commands`. When one raises, it is refused with that, and the run goes on.
         """
-        self.command(lambda: commands.mark(self, self.controls.locked, path, 'is locked'), answer)
-
-    def unlock(self, path: str, answer: CommandReply) -> None:
-        """Undo :meth:`lock`: what was held back happens, if nothing else keeps it."""
-        self.command(lambda: commands.unmark(self, self.controls.locked, path, 'is locked'), answer)
-
-    def set_breakpoint(self, path: str, answer: CommandReply) -> None:
-        """Let each transition out of a state or machine wait for the operator, whatever the autonomy."""
-        self.command(lambda: commands.mark(self, self.controls.breakpoints, path, 'has a breakpoint'), answer)
-
-    def clear_breakpoint(self, path: str, answer: CommandReply) -> None:
-        """Undo :meth:`set_breakpoint`; the autonomy decides again, also of what waits."""
-        self.command(lambda: commands.unmark(self, self.controls.breakpoints, path, 'has a breakpoint'), answer)
-
-    def pause(self, answer: CommandReply) -> None:
-        """Let the run stand still: no state is executed or left, and time does not pass for the active ones.
-
-        They are told by on_pause. Commands that would leave something are refused until :meth:`resume`, others are not.
-        A stop works as ever. What was left before goes on to halt, but nothing is entered after it.
-        """
-        self.command(lambda: commands.set_paused(self, True), answer)
-
-    def resume(self, answer: CommandReply) -> None:
-        """Go on after :meth:`pause`."""
-        self.command(lambda: commands.set_paused(self, False), answer)
-
-    def inspect(self, see: Callable[[Mapping[str, Mapping[str, Any]]], None], answer: CommandReply) -> None:
-        """Have ``see`` called between two steps, with the userdata of each active machine by its path, outermost first.
-
-        It gets the values themselves, and has to leave them as they are.
-        """
-        self.command(lambda: see(self._userdata_of_machines()), answer)
-
-    def command(self, apply: Callable[[], str | None], answer: CommandReply) -> None:
-        """Have ``apply`` called between two steps; it gives why it refuses, or None.
-
-        When it raises, the command is refused with that, the observer is told of the fault, and the run goes on.
-        """
-
-        def applied() -> str | None:
-            try:
-                return apply()
-            except Exception as error:
-                self.fault(ROOT_PATH, f'a command raised; the run goes on:\n{traceback.format_exc().rstrip()}')
-                return f'fault in the state machine: {type(error).__name__}: {error}'
-
-        self._commands.put(applied, answer)
+        with self._lock:
+            refusal = self._refusal
+            if refusal is None:
+                self._commands.append((command_id, command, arguments, named))
+        if refusal is not None:
+            self.tell(CommandDecided(command_id, refusal))
         self.wake()
 
     def preempt(self, reason: str = '') -> None:
@@ -356,22 +355,27 @@ class MachineRun:
 
     def close_commands(self, reason: str) -> None:
         """Refuse what was commanded and not applied, and whatever will be: the host does not go on with the run."""
-        self._commands.close(reason)
+        with self._lock:
+            self._refusal = reason
+        self._refuse_commands(reason)
 
     def wake(self) -> None:
         """Ask the host for a step. From any thread."""
-        if self._on_wake is not None:
-            self._on_wake()
+        if self._wake_event is not None:
+            self._wake_event.set()
 
     # -- for the states and machines of the run ----------------------------------------------------------------------
 
-    def changed(self) -> None:
-        """Tell the observer."""
-        self.observer.changed()
+    def tell(self, event: RunEvent) -> None:
+        """Give an event to its readers, in their order."""
+        for reader in self.readings[type(event)]:
+            reader.read(event)
 
-    def fault(self, path: str, text: str) -> None:
-        """Tell the observer of a fault."""
-        self.observer.fault(path, text)
+    def add_reader(self, reader: RunReader) -> None:
+        """Give the events of the run to a reader from now on."""
+        self._readers.append(reader)
+        for kind in reader.reads or RunEvent.__subclasses__():
+            self.readings[kind].append(reader)
 
     def fail(self, message: str) -> None:
         """End the run as an error: there is no way to go on."""
@@ -381,26 +385,23 @@ class MachineRun:
     def new_decision(
         self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
     ) -> Decision:
-        """Return a decision with an id of its own."""
+        """Return a decision with an id of its own, which the operator was not asked yet."""
         self.decision_count += 1
-        number, now = str(self.decision_count), self.clock.now()
-        decision = Decision(number, kind, path, outcome, outcomes, required, prompt, now)
-        if self.monitor is not None:
-            self.monitor.asked(decision)
-        return decision
+        number = str(self.decision_count)
+        return Decision(number, kind, path, outcome, outcomes, required, prompt, self.clock.now())
 
     def new_halt_wait(self) -> HaltTimeout:
         """Something to wait with for what is left; the run is woken when its time is over."""
-        return HaltTimeout(self._steady, self._exit_timeout, self.wake)
+        return HaltTimeout(self._steady, self._limits.exit_timeout, self.wake)
 
     def count_transition(self, path: str) -> None:
         """Watch for livelocks."""
         self._transitions += 1
         self._recent.append(path)
-        if self._transitions > self._max_transitions:
+        if self._transitions > self._limits.transitions:
             loop = ', '.join(dict.fromkeys(self._recent))
-            text = f'{self._max_transitions} transitions without waiting for anything'
-            self.fault(path, text)
+            text = f'{self._limits.transitions} transitions without waiting for anything'
+            self.tell(Faulted(path, text))
             self.fail(f'livelock: {text}, the last of them from {loop}')
 
     def regions(self) -> Iterator[Region]:
@@ -414,7 +415,9 @@ class MachineRun:
         return [path for path in locked if path in active]
 
     def go_on_with(self, root: ContainerRun) -> None:
-        """Have another machine, of which nothing was entered yet, in the place of this one."""
+        """Put another machine, of which nothing was entered yet, in the place of this one."""
+        for decision in self.decisions:
+            self.tell(DecisionClosed(decision))
         self.root = root
         self.controls.move_to(root.definition)
         self.pausing.release(ROOT_PATH)
@@ -439,7 +442,8 @@ class MachineRun:
             keys = list(child.state.input_keys)
         return [name for key in keys if (name := child.remap.get(key, key)) not in machine.scope]
 
-    def _userdata_of_machines(self) -> dict[str, dict[str, Any]]:
+    def userdata_of_machines(self) -> dict[str, dict[str, Any]]:
+        """Return the userdata of each active machine by its path, outermost first: the values themselves."""
         machines = [self.root, *(node for node in self.root.active() if isinstance(node, ContainerRun))]
         return {machine.path: machine.scope.values() for machine in machines if machine.is_active}
 
@@ -451,7 +455,7 @@ class MachineRun:
                     leaf.resume()
                 else:
                     leaf.pause()
-                self.changed()
+                self.tell(StatePaused(leaf.path, leaf.is_paused))
                 return True
         self.pausing.has_changed = False
         return False
@@ -466,17 +470,18 @@ class MachineRun:
         shown = '; '.join(f'{path}: {text}' for path, text in halting.items())
         if shown != self.not_halted:
             self.not_halted = shown
-            self.changed()
+            self.tell(HaltAwaited(shown))
         if not self._is_overdue:
             if not self._halt_wait.is_over(text):
                 return False
             if text is not None:
                 self._is_overdue = True
-                self.fault(path, f'not confirmed to have halted {self._halt_wait.timeout:g} s after the stop: {text}')
+                waited = f'not confirmed to have halted {self._halt_wait.timeout:g} s after the stop: {text}'
+                self.tell(Faulted(path, waited))
         if text is not None and not self._abort_reason:
             if not self._stop_wait.is_over(text):
                 return False
-            self._abort_reason = f'aborted {self._stop_timeout:g} s after the stop'
+            self._abort_reason = f'aborted {self._limits.stop_timeout:g} s after the stop'
         self._stop_wait.cancel()
         if text is None:
             self._finish(end.outcome, end.message)
@@ -491,10 +496,8 @@ class MachineRun:
             leaf.stop()
         self.message = message
         self.outcome = outcome
-        if self.monitor is not None:
-            self.monitor.ended(outcome)
-        self._commands.close('the run has ended')
-        self.changed()
+        self.tell(RunEnded(outcome, message))
+        self.close_commands('the run has ended')
 
     def userdata(self) -> dict[str, Any]:
         """Return the root machine's userdata."""

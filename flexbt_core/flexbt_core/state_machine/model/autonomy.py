@@ -34,6 +34,11 @@ def is_autonomous(required: int, current: int) -> bool:
     return required < current
 
 
+def no_level(level: int) -> str:
+    """Return why a number is refused as a level."""
+    return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'
+
+
 # What waits for the operator.
 
 

@@ -33,7 +33,7 @@ class StateKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """Where an outcome leads: to the sibling ``state``, or to the outcome ``outcome`` of the machine.
+    """A transition of an outcome: to the sibling ``state``, or to the outcome ``outcome`` of the machine.
 
     A child of a concurrency container ends by it: ``outcome`` is only drawn, None where the container has nothing to
     draw there, and the conditions of the container decide. ``autonomy`` is the level that it requires, -1 when none was
@@ -111,7 +111,7 @@ class MachineDefinition:
         return next((one.outcome for one in self.conditions if one.holds(ended)), None)
 
     def nodes(self) -> Iterator[StateDefinition | MachineDefinition]:
-        """This machine and everything in it, depth first, in the order of the children."""
+        """Yield this machine and everything in it, depth first, in the order of the children."""
         yield self
         for child in self.children.values():
             if isinstance(child, MachineDefinition):

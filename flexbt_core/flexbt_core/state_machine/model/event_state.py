@@ -97,24 +97,25 @@ class EventState:
         """Once, before the run begins, for every state."""
 
     def on_enter(self, userdata: UserData) -> None:
-        """The state becomes active."""
+        """Begin the work of the state, which becomes active."""
 
     def execute(self, userdata: UserData) -> str | None:
         """Return the outcome by which to leave, or None to stay. Must not block."""
         return None
 
     def on_exit(self, userdata: UserData) -> None:
-        """The state is left; ``self.exit_reason`` says why."""
+        """End the work of the state, which is left; ``self.exit_reason`` says why."""
 
     def on_pause(self) -> None:
-        """The state is paused: the run is, or something else has priority. It is not executed until it is resumed.
+        """Pause the work of the state: the run is, or something else has priority. It is not executed until it is
+        resumed.
 
         Its ``clock`` stands still meanwhile, so that its timeouts do. A state may be left while it is paused, and is
         not resumed then.
         """
 
     def on_resume(self, userdata: UserData) -> None:
-        """The state goes on, and is executed soon."""
+        """Go on with the work of the state, which is executed soon."""
 
     def on_stop(self) -> None:
         """Once, after the run has ended, for every state."""

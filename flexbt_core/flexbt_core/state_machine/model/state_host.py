@@ -161,7 +161,7 @@ class _PausableTimer:
 
 @dataclass(frozen=True)
 class Progress:
-    """What a state knows of its work; what it does not know is negative, '' or None.
+    """The progress of a state's work; what it does not know is negative, '' or None.
 
     ``tree_run_id`` names the run of the tree that works for it; ``distance`` in m, ``time`` in s and ``poses`` (goal
     poses) are what is left; ``recoveries`` were started. ``goal`` is where the robot drives to, a PoseStamped.

@@ -139,7 +139,7 @@ def _reason(error: Exception) -> str:
 
 
 class UserData:
-    """What a state sees of its machine's userdata: ``userdata.key`` or ``userdata['key']``."""
+    """A state's view of its machine's userdata: ``userdata.key`` or ``userdata['key']``."""
 
     __slots__ = ('_copies', '_inputs', '_outputs', '_owner', '_remap', '_scope')
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.operator_commands import force, set_autonomy
 from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import ExitReason
@@ -220,10 +221,9 @@ def test_a_suggestion_that_is_no_outcome_is_a_fault() -> None:
 
 def test_commands_that_callbacks_give_are_applied_each_once() -> None:
     def force_next(state: Scripted, _: Any) -> None:
-        bench[0].run.force('/B', 'done', '', answers.append)
-        bench[0].run.set_autonomy(Autonomy.Off, '', answers.append)
+        bench[0].run.command('', force, '/B', 'done')
+        bench[0].run.command('', set_autonomy, Autonomy.Off)
 
-    answers: list[str | None] = []
     bench: list[Bench] = []
     first = Scripted(do={'on_exit': force_next})
     bench.append(
@@ -236,5 +236,5 @@ def test_commands_that_callbacks_give_are_applied_each_once() -> None:
     )
     first.end('done')
     bench[0].settle()
-    assert answers == ['/B is not active (active: /A)', None]
+    assert bench[0].answers == ['/B is not active (active: /A)', None]
     assert bench[0].active == ('/B',)

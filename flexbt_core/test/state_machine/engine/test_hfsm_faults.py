@@ -201,7 +201,7 @@ class Escaping(Bench):
             super()._step()
         except SystemExit as error:
             self.run.fail(f'{type(error).__name__} escaped')
-            self._wake()
+            self.wake_event.set()
 
 
 @pytest.mark.parametrize('callback', ['on_enter', 'execute', 'on_exit', 'on_stop', 'halting'])

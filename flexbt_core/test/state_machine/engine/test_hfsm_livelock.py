@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.operator_commands import set_autonomy
 from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine, passing
@@ -74,15 +75,13 @@ def test_a_stop_gets_through_in_the_middle_of_a_loop() -> None:
 
 
 def test_a_level_that_is_lowered_gets_through_in_the_middle_of_a_loop() -> None:
-    answers: list[str | None] = []
-
     def execute(state: Scripted, _: Any) -> str:
         if state.calls('execute') == 50:
-            state.services.run.set_autonomy(0, '', answers.append)
+            state.services.run.command('', set_autonomy, 0)
         return 'again'
 
     bench = Bench(machine(Child('A', Scripted('again', do={'execute': execute}), {'again': 'A'}, {'again': 0})))
-    assert answers == [None]
+    assert bench.answers == [None]
     assert bench.decision.path == '/A'
     assert len(bench.transitions) == 49
 

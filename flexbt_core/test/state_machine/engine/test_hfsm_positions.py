@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.events import RunEvent
 from flexbt_core.state_machine.engine.resume import RunPosition, position_of, start_at
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child
@@ -130,19 +131,12 @@ def test_a_paused_run_goes_on_when_it_is_resumed() -> None:
     assert state.trace == ['on_start', 'on_enter resumed', 'execute']
 
 
-def test_positions_are_whole_whenever_the_observer_is_told_something() -> None:
+def test_positions_are_whole_at_each_event() -> None:
     """What is written down at any moment is a place to go on at."""
 
     class Writing(Bench):
-        def changed(self) -> None:
-            super().changed()
-            self.write()
-
-        def transition(self, *arguments: Any) -> None:
-            super().transition(*arguments)
-            self.write()
-
-        def write(self) -> None:
+        def read(self, event: RunEvent) -> None:
+            super().read(event)
             if self.run.outcome is None and not self.run.message:
                 positions.append(through_json(position_of(self.run)))
 

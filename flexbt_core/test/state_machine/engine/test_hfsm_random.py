@@ -184,7 +184,7 @@ class RandomRun(RuleBasedStateMachine):
     @precondition(lambda self: not self.model.stands)
     @rule()
     def go_on_after_a_crash(self) -> None:
-        """What was written down is enough for another run, in another process, to go on there."""
+        """Check that what was written down is enough for another run, in another process, to go on there."""
         position = RunPosition.from_plain(json.loads(json.dumps(position_of(self.bench.run).to_plain())))
         assert position == position_of(self.bench.run)
         self._begin(0, position)
@@ -251,7 +251,7 @@ class RandomRun(RuleBasedStateMachine):
     @invariant()
     def the_operator_was_shown_what_is(self) -> None:
         before = self.bench.snapshots[-1]
-        self.bench.changed()
+        self.bench.show()
         assert self.bench.snapshots.pop() == before
 
     @invariant()

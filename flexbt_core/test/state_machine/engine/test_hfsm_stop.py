@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent
+from flexbt_core.state_machine.engine.operator_commands import confirm, force, set_autonomy
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.userdata import StateMachineError
@@ -96,10 +98,10 @@ def test_the_first_reason_of_a_stop_stays() -> None:
     assert (bench.outcome, bench.run.message, state.calls('on_exit')) == ('preempted', 'lunch', 1)
 
 
-def commands(bench: Bench, answers: list[str | None]) -> None:
-    bench.run.confirm('1', answers.append)
-    bench.run.force('/A', 'done', '', answers.append)
-    bench.run.set_autonomy(Autonomy.Off, '', answers.append)
+def give_commands(bench: Bench) -> None:
+    bench.run.command('', confirm, '1')
+    bench.run.command('', force, '/A', 'done')
+    bench.run.command('', set_autonomy, Autonomy.Off)
 
 
 @pytest.mark.parametrize('how', ['end', 'stop', 'fault'])
@@ -112,9 +114,8 @@ def test_commands_after_the_end_are_refused_at_once_each(how: str) -> None:
     bench.stop()
     outcome = {'end': 'done', 'stop': 'preempted', 'fault': 'error'}[how]
     assert bench.outcome == outcome
-    answers: list[str | None] = []
-    commands(bench, answers)
-    assert answers == ['the run has ended'] * 3
+    give_commands(bench)
+    assert bench.answers == ['the run has ended'] * 3
     bench.run.preempt('too late')
     assert not bench.run.step()
     assert (bench.outcome, bench.run.message) == (outcome, bench.run.message)
@@ -125,78 +126,77 @@ def test_commands_after_the_end_are_refused_at_once_each(how: str) -> None:
 
 @pytest.mark.parametrize('callback', ['on_exit', 'on_stop'])
 def test_commands_while_the_run_ends_are_refused_each_once(callback: str) -> None:
-    answers: list[str | None] = []
-    state = Scripted(outcome='done', do={callback: lambda state, _: commands(state.services, answers)})
+    state = Scripted(outcome='done', do={callback: lambda state, _: give_commands(state.services)})
     bench = Bench(nested(state, 'A'), start=False)
     bench.run.start()
     bench.run.preempt('test')
     bench.settle()
     assert bench.outcome == 'preempted'
-    assert len(answers) == 3
-    assert set(answers) <= {'the run is ending', 'the run has ended'}
+    assert len(bench.answers) == 3
+    assert set(bench.answers) <= {'the run is ending', 'the run has ended'}
 
 
 def test_commands_that_are_given_before_a_stop_has_its_effect_are_refused() -> None:
     state = Scripted()
     bench = Bench(nested(state, 'A'))
-    answers: list[str | None] = []
-    commands(bench, answers)
+    give_commands(bench)
     bench.run.preempt('now')
     bench.settle()
-    assert answers == ['the run is ending'] * 3
+    assert bench.answers == ['the run is ending'] * 3
     assert state.trace[-2:] == ['on_exit PREEMPTED', 'on_stop']
 
 
 def test_a_command_before_the_start_is_kept_for_it() -> None:
     bench = Bench(nested(passing(), 'A', {'done': Autonomy.Low}), start=False)
-    answers: list[str | None] = []
-    bench.run.set_autonomy(Autonomy.Off, '', answers.append)
+    bench.run.command('', set_autonomy, Autonomy.Off)
     bench.settle()
-    assert answers == []
+    assert bench.answers == []
     bench.run.start()
     bench.settle()
-    assert answers == [None]
+    assert bench.answers == [None]
     assert bench.decision.path == '/A'
 
 
 def test_of_two_commands_each_has_its_effect_before_the_other_is_looked_at() -> None:
     first, second = Scripted(), Scripted()
     bench = Bench(machine(Child('A', first, {'done': 'B'}), Child('B', second, {'done': 'ended'})))
-    answers: list[str | None] = []
-    bench.run.force('/A', 'done', '', answers.append)
-    bench.run.force('/A', 'done', '', answers.append)
+    bench.run.command('', force, '/A', 'done')
+    bench.run.command('', force, '/A', 'done')
     bench.settle()
-    assert answers == [None, '/A is being left already']
+    assert bench.answers == [None, '/A is being left already']
     assert bench.active == ('/B',)
     assert bench.force('/A', 'done') == '/A is not active (active: /B)'
 
 
+class Retrying(Bench):
+    """A host that gives a command again for each answer, until there were ``most``."""
+
+    most = 3
+
+    def read(self, event: RunEvent) -> None:
+        super().read(event)
+        if isinstance(event, CommandDecided) and self.outcome is None and len(self.answers) < self.most:
+            self.run.command('', force, '/B', 'done')
+
+
 def test_an_answer_may_give_the_next_command() -> None:
-    bench = Bench(nested(Scripted(), 'A'))
-    answers: list[str | None] = []
-
-    def retry(refusal: str | None) -> None:
-        answers.append(refusal)
-        if len(answers) < 3:
-            bench.run.force('/B', 'done', '', retry)
-
-    bench.run.force('/B', 'done', '', retry)
+    bench = Retrying(nested(Scripted(), 'A'))
+    bench.run.command('', force, '/B', 'done')
     bench.settle()
-    assert answers == ["there is no state '/B'"] * 3
+    assert bench.answers == ["there is no state '/B'"] * 3
 
 
 def test_a_stop_ends_even_a_host_that_gives_a_command_for_each_answer() -> None:
-    bench = Bench(nested(Scripted(), 'A'))
-    count = [0]
+    class Enough(Retrying):
+        most = 1000
 
-    def retry(_: str | None) -> None:
-        count[0] += 1
-        if count[0] == 100:
-            bench.run.preempt('enough')
-        if bench.outcome is None and count[0] < 1000:
-            bench.run.force('/B', 'done', '', retry)
+        def read(self, event: RunEvent) -> None:
+            super().read(event)
+            if len(self.answers) == 100:
+                self.run.preempt('enough')
 
-    bench.run.force('/B', 'done', '', retry)
+    bench = Enough(nested(Scripted(), 'A'))
+    bench.run.command('', force, '/B', 'done')
     bench.settle()
     assert bench.outcome == 'preempted'
-    assert count[0] < 1000
+    assert len(bench.answers) < 1000

@@ -170,7 +170,7 @@ def test_news_from_other_threads_are_never_lost() -> None:
     labels = [*(f'S{number}' for number in range(length)), 'ended']
     made = machine(*(Child(labels[i], state, {'done': labels[i + 1]}) for i, state in enumerate(states)))
     bench = Bench(made, start=False)
-    run = MachineRun(define(made), clock, bench, on_wake=wake_event.set)
+    run = MachineRun(define(made), clock, [bench], wake_event=wake_event)
     entered = [threading.Event() for _ in states]
     for state, event in zip(states, entered, strict=True):
         state.do['on_enter'] = lambda *_, event=event: event.set()
@@ -196,7 +196,7 @@ def test_time_that_goes_back_wakes_nobody_early() -> None:
     clock = ManualClock(100.0)
     seen: list[float] = []
     state = Scripted(do={'on_enter': lambda state, _: state.wake_at(105.0), 'execute': times_into(seen)})
-    run = MachineRun(define(nested(state, 'A')), clock, Bench(nested(Scripted(), 'A')))
+    run = MachineRun(define(nested(state, 'A')), clock, [Bench(nested(Scripted(), 'A'))])
     run.start()
     for now in (100.0, 50.0, 104.0, 105.0):
         clock.set(now)
