@@ -122,6 +122,6 @@ def test_the_page_of_the_architecture_is_what_its_program_writes(tmp_path: Path)
 
 def test_sentences_are_short_and_no_table_cell_holds_a_paragraph() -> None:
     tool = ROOT / 'docs' / 'tools' / 'sentence_lengths.py'
-    command = [sys.executable, tool, '--readme-limit', '20', '--limit', '22', '--cells']
+    command: list[str | Path] = [sys.executable, tool, '--readme-limit', '20', '--limit', '22', '--cells']
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
