@@ -210,9 +210,7 @@ def asked_text(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
 
 def autonomy_needed(level: int) -> str:
     """Return the level of autonomy at which a transition that requires ``level`` needs no operator."""
-    return (
-        'always asks' if level >= AutonomyLevel.FULL else f'automatic at {AutonomyLevel(level + 1).name.capitalize()}'
-    )
+    return 'always asks' if level >= AutonomyLevel.FULL else f'auto at {AutonomyLevel(level + 1).name.capitalize()}'
 
 
 def _required(level: int) -> str:

@@ -292,7 +292,7 @@ def test_a_decision_says_why_it_is_asked() -> None:
     """By the autonomy that is required, or by a breakpoint, whatever is required."""
     low = dataclasses.replace(TRANSITION, required_autonomy=0)
     shown = '\n'.join(status_lines(view(low)))
-    assert 'automatic at Low' in shown and 'breakpoint' not in shown
+    assert 'auto at Low' in shown and 'breakpoint' not in shown
     snapshot = view(low).snapshot
     assert snapshot is not None
     stopped = dataclasses.replace(snapshot, breakpoints=('/Nav', low.path))

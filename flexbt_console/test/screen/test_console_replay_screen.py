@@ -159,7 +159,7 @@ def test_a_recording_is_played_stepped_searched_and_takes_no_command(
         async with app.run_test(size=(100, 30)) as pilot:
             await shows(pilot, 'RECORDING', 'State0', 'stands x1  0.0 / 10.0 s', '/ finds', 'nothing is sent')
             await pilot.press('question_mark')
-            await shows(pilot, 'Home End', 'slower and faster')
+            await shows(pilot, 'Home End', 'Slower or faster')
             assert 'STOP' not in text_of(app)
             await pilot.press('escape')
             await pilot.resize_terminal(80, 24)

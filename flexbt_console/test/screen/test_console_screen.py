@@ -1129,7 +1129,7 @@ def test_where_there_is_little_room_what_is_active_is_shown_and_what_waits_above
 def test_where_there_is_room_the_bar_says_how_the_others_that_wait_are_listed() -> None:
     robot = Robot()
     robot.show(PLAN, *(dataclasses.replace(WHERE, id=f'd{number}') for number in range(39)))
-    for columns, tail in ((83, '(+39 more: "a" lists them)'), (68, '(+39 more: a)'), (60, '(+39 more)')):
+    for columns, tail in ((78, '(+39 more: "a" lists them)'), (63, '(+39 more: a)'), (56, '(+39 more)')):
         assert decision_lines(robot.mirror.view(), '', columns, ASCII)[0].endswith(tail)
 
 
@@ -1535,7 +1535,7 @@ def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_in_the_bar
         await pilot.press('enter', 'enter')
         assert len(robot.link.sent) == 1
 
-    on_screen(robot, steps, (72, 24))
+    on_screen(robot, steps, (66, 24))
 
 
 def test_a_key_that_is_held_down_answers_once() -> None:
