@@ -11,7 +11,6 @@ PURE = (
     'flexbt_navigation.controller.motions',
     'flexbt_navigation.controller.path_follower',
     'flexbt_navigation.controller.track',
-    'flexbt_navigation.costmaps.arrays',
     'flexbt_navigation.costmaps.costmap',
     'flexbt_navigation.costmaps.kernels',
     'flexbt_navigation.costmaps.layers',

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy
+import scipy
 from numpy.typing import NDArray
 
 from flexbt_sim.errors import SimulationError
@@ -20,7 +21,7 @@ from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, gap
 from flexbt_sim.world.plane.loops import compiled
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
-from . import arrays, kernels
+from . import kernels
 from .kernels import Bools, Costs, Squares
 
 LETHAL: Final = 254
@@ -139,7 +140,7 @@ class Costmap:
     @cached_property
     def regions(self) -> NDArray[numpy.int32]:
         """A number for each cell, the same where the robot can get from one to the other, 0 where it cannot be."""
-        labels: NDArray[numpy.int32] = loops().regions(self.costs < INSCRIBED)
+        labels: NDArray[numpy.int32] = scipy.ndimage.label(self.costs < INSCRIBED)[0]
         return labels
 
     def in_collision(self, pose: Pose) -> bool:
@@ -272,7 +273,6 @@ class Loops(NamedTuple):
     """The functions of :mod:`.kernels`. Compiled ones leave the interpreter to other threads."""
 
     squared_gaps: Callable[..., Any]
-    regions: Callable[..., Any]
     search: Callable[..., Any]
     is_clear: Callable[..., Any]
     nearest: Callable[..., Any]
@@ -282,5 +282,7 @@ class Loops(NamedTuple):
 
 @functools.cache
 def loops() -> Loops:
-    """Return the compiled functions; with FLEXBT_ACCELERATION=0, or without numba, those that numpy and scipy have."""
-    return Loops(*(compiled(getattr(kernels, name)) or getattr(arrays, name) for name in Loops._fields))
+    """Return the compiled functions; with FLEXBT_ACCELERATION=0, or without numba, the same ones interpreted."""
+    interpreted = {'squared_gaps': kernels.squared_gaps_at_once}
+    known = [(name, getattr(kernels, name)) for name in Loops._fields]
+    return Loops(*(compiled(one) or interpreted.get(name, one) for name, one in known))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What numba compiles, against the same functions of whole-array operations."""
+"""The loops over cells, compiled and interpreted, against the same functions of whole-array operations."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
+import array_forms
 import numpy
 import pytest
 import scipy
@@ -18,7 +19,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from flexbt_navigation.costmaps import arrays
+from flexbt_navigation.costmaps import kernels
 from flexbt_navigation.costmaps.costmap import INSCRIBED, LETHAL, Costmap, Inflation, loops
 from flexbt_navigation.costmaps.kernels import neighbours
 from flexbt_navigation.planner.grid_planner import WEIGHTS, GridPlanner, PlanningStopped, StopFlag
@@ -32,7 +33,7 @@ both = settings(deadline=None, max_examples=60)
 
 @pytest.fixture(autouse=True)
 def compiled() -> None:
-    if loops().search is arrays.search:
+    if loops().search is kernels.search:
         pytest.skip('nothing is compiled: FLEXBT_ACCELERATION=0, or no numba')
 
 
@@ -43,7 +44,8 @@ def test_gaps(data: st.DataObject, world: OccupancyMap, reach: int) -> None:
     left, right = sorted(data.draw(st.lists(st.integers(0, world.width), min_size=2, max_size=2, unique=True)))
     box = (bottom, top, left, right, reach)
     compiled = loops().squared_gaps(world.obstacles, *box)
-    assert compiled.tolist() == arrays.squared_gaps(world.obstacles, *box).tolist()
+    for squared_gaps in (kernels.squared_gaps, kernels.squared_gaps_at_once):
+        assert compiled.tolist() == squared_gaps(world.obstacles, *box).tolist()
     whole = loops().squared_gaps(world.obstacles, 0, world.height, 0, world.width, reach)
     assert compiled.tolist() == whole[bottom:top, left:right].tolist()
 
@@ -54,17 +56,8 @@ def test_the_nearest_obstacle(data: st.DataObject, world: OccupancyMap, only_new
     known = numpy.random.default_rng(1).random(world.obstacles.shape) < 0.5
     row, column = data.draw(st.floats(-3.0, world.height + 3.0)), data.draw(st.floats(-3.0, world.width + 3.0))
     compiled = loops().nearest(world.obstacles, known, only_new, row, column, reach)
-    assert compiled == arrays.nearest(world.obstacles, known, only_new, row, column, reach)
-
-
-@both
-@given(worlds(), st.integers(0, 2**32))
-def test_regions(world: OccupancyMap, seed: int) -> None:
-    free = ~world.obstacles & (numpy.random.default_rng(seed).random(world.obstacles.shape) < 0.7)
-    one, other = loops().regions(free), arrays.regions(free)
-    assert ((one == 0) == ~free).all()
-    pairs = numpy.unique(numpy.stack([one.ravel(), other.ravel()]), axis=1)
-    assert pairs.shape[1] == len(numpy.unique(one)) == len(numpy.unique(other))
+    for kind in (kernels, array_forms):
+        assert compiled == kind.nearest(world.obstacles, known, only_new, row, column, reach)
 
 
 def way_cost(costs: NDArray[numpy.uint8], directions: NDArray[numpy.int8], start: int, goal: int) -> float:
@@ -107,9 +100,9 @@ def test_the_cheapest_way(data: st.DataObject, world: OccupancyMap) -> None:
     start, goal = data.draw(st.sampled_from(free)), data.draw(st.sampled_from(free))
     spent = [
         way_cost(costs, search(costs, WEIGHTS, start, goal, StopFlag().cell)[0], start, goal)
-        for search in (loops().search, arrays.search)
+        for search in (loops().search, kernels.search, array_forms.search)
     ]
-    assert spent == pytest.approx([least_cost(costs, start, goal)] * 2, rel=1e-5)
+    assert spent == pytest.approx([least_cost(costs, start, goal)] * 3, rel=1e-5)
 
 
 @both
@@ -119,12 +112,10 @@ def test_lines(data: st.DataObject, world: OccupancyMap, radius: float) -> None:
     place = st.tuples(st.floats(0.0, world.height), st.floats(0.0, world.width))
     start, end = data.draw(place), data.draw(place)
     squares = loops().squared_gaps(world.obstacles, 0, world.height, 0, world.width, 9)
-    one, other = (
-        bool(clear(world.obstacles, squares, start, end, radius)) for clear in (loops().is_clear, arrays.is_clear)
-    )
-    assert one == other
-    means = [mean(costmap.costs, start, end) for mean in (loops().mean_cost, arrays.mean_cost)]
-    assert means[0] == pytest.approx(means[1], rel=1e-9)
+    kinds: tuple[Any, ...] = loops(), kernels, array_forms
+    assert len({bool(kind.is_clear(world.obstacles, squares, start, end, radius)) for kind in kinds}) == 1
+    means = [float(kind.mean_cost(costmap.costs, start, end)) for kind in kinds]
+    assert means == pytest.approx([means[0]] * 3, rel=1e-9)
 
 
 def forget_compiled() -> None:
@@ -145,14 +136,14 @@ def test_without_the_compiler_there_are_the_same_plans(monkeypatch: pytest.Monke
     monkeypatch.setenv('FLEXBT_ACCELERATION', '0')
     forget_compiled()
     try:
-        assert loops().search is arrays.search
+        assert loops().search is kernels.search
         assert length() == pytest.approx(accelerated, rel=0.02)
     finally:
         monkeypatch.undo()
         forget_compiled()
 
 
-@pytest.mark.parametrize('kind', [loops, lambda: arrays], ids=['compiled', 'arrays'])
+@pytest.mark.parametrize('kind', [loops, lambda: kernels], ids=['compiled', 'interpreted'])
 def test_a_search_ends_when_it_is_stopped(kind: Callable[[], Any]) -> None:
     costs = numpy.zeros((402, 402), numpy.uint8)
     costs[0] = costs[-1] = costs[:, 0] = costs[:, -1] = LETHAL
@@ -166,7 +157,7 @@ def test_a_search_ends_when_it_is_stopped(kind: Callable[[], Any]) -> None:
         )
 
 
-@pytest.mark.parametrize('kind', [loops, lambda: arrays], ids=['compiled', 'arrays'])
+@pytest.mark.parametrize('kind', [loops, lambda: kernels], ids=['compiled', 'interpreted'])
 def test_a_search_leaves_the_interpreter_to_others(kind: Callable[[], Any]) -> None:
     """Who holds it cannot be stopped: this thread would not run before the search is complete.
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import math
 
+import array_forms
 import numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_navigation.costmaps import arrays
+from flexbt_navigation.costmaps import kernels
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation, loops
 from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation, local_size
 from flexbt_sim.world import MODELS, OCCUPIED, LidarModel, OccupancyMap, Pose, compose, drive
@@ -182,11 +183,11 @@ def test_compiled_or_not_the_same_cells_are_marked(data: st.DataObject, world: O
     )
     before = numpy.random.default_rng(1).random(world.obstacles.shape) < 0.5
     results = []
-    for trace in (loops().trace, arrays.trace):
+    for trace in (loops().trace, kernels.trace, array_forms.trace):
         cells = before.copy()
         trace(cells, world.obstacles, row, column, directions, cleared, struck, data.draw(st.just(1.5)))
         results.append(cells.tolist())
-    assert results[0] == results[1]
+    assert results[0] == results[1] == results[2]
 
 
 def test_a_car_whose_lidar_is_in_front_sees_what_is_behind_it_and_what_is_ahead() -> None:

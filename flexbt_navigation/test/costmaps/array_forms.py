@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The functions of :mod:`.kernels` by operations on whole arrays, for where there is no compiler."""
+"""The functions of ``costmaps.kernels`` by operations on whole arrays, which these are tested against."""
 
 from __future__ import annotations
 
@@ -7,45 +7,17 @@ import math
 from typing import Final
 
 import numpy
-import scipy
 from numpy.typing import NDArray
 
-from .kernels import Bools, Costs, Squares, Weights, neighbours
+from flexbt_navigation.costmaps.kernels import Bools, Costs, Squares, Weights, neighbours
 
 _STRIDE: Final = 6.0
-
-
-def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
-    """See :func:`.kernels.squared_gaps`."""
-    height, width = obstacles.shape
-    far = 4 * reach * reach + 1
-    low, first = max(0, bottom - reach), max(0, left - reach)
-    part = obstacles[low : min(height, top + reach), first : min(width, right + reach)]
-    rows = numpy.arange(part.shape[0], dtype=numpy.int32)[:, None]
-    below = numpy.maximum.accumulate(numpy.where(part, rows, -reach - 1), axis=0)
-    above = numpy.minimum.accumulate(numpy.where(part, rows, part.shape[0] + reach)[::-1], axis=0)[::-1]
-    gaps = numpy.minimum(numpy.minimum(rows - below, above - rows), reach + 1)[bottom - low : top - low]
-    padded = numpy.full((top - bottom, part.shape[1] + 2 * reach), far, numpy.int32)
-    padded[:, reach : reach + part.shape[1]] = numpy.square(numpy.maximum(2 * gaps - 1, 0))
-    centre, columns = reach + left - first, right - left
-    squares = numpy.minimum(padded[:, centre : centre + columns], far)
-    for offset in range(1, reach + 1):
-        across = (2 * offset - 1) ** 2
-        for begin in (centre - offset, centre + offset):
-            numpy.minimum(squares, across + padded[:, begin : begin + columns], out=squares)
-    return squares
-
-
-def regions(free: Bools) -> Squares:
-    """See :func:`.kernels.regions`."""
-    labels: Squares = scipy.ndimage.label(free)[0]
-    return labels
 
 
 def search(
     costs: Costs, weights: Weights, start: int, goal: int, stop: Costs
 ) -> tuple[NDArray[numpy.int8], NDArray[numpy.float32]]:
-    """See :func:`.kernels.search`. Looks at many cells at once: those on ways up to some cost, until none of these
+    """Do as ``kernels.search``. Looks at many cells at once: those on ways up to some cost, until none of these
     becomes cheaper, then those on ways that cost up to ``_STRIDE`` free cells more.
     """
     width = costs.shape[1]
@@ -95,7 +67,7 @@ def search(
 def is_clear(
     obstacles: Bools, squares: Squares, start: tuple[float, float], end: tuple[float, float], radius: float
 ) -> bool:
-    """See :func:`.kernels.is_clear`."""
+    """Do as ``kernels.is_clear``."""
     height, width = obstacles.shape
     length = math.dist(start, end)
     intervals = max(1, math.ceil(4.0 * length))
@@ -115,7 +87,7 @@ def is_clear(
 
 
 def nearest(obstacles: Bools, known: Bools, only_new: bool, row: float, column: float, reach: float) -> float:
-    """See :func:`.kernels.nearest`."""
+    """Do as ``kernels.nearest``."""
     bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
     part = (slice(bottom, max(0, math.ceil(row + reach))), slice(left, max(0, math.ceil(column + reach))))
     rows, columns = numpy.nonzero(obstacles[part] & ~known[part] if only_new else obstacles[part])
@@ -125,7 +97,7 @@ def nearest(obstacles: Bools, known: Bools, only_new: bool, row: float, column: 
 
 
 def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]) -> float:
-    """See :func:`.kernels.mean_cost`."""
+    """Do as ``kernels.mean_cost``."""
     samples = max(1, math.ceil(8.0 * math.dist(start, end)))
     parts = ((numpy.arange(samples) + 0.5) / samples)[:, None]
     points = (start + (numpy.array(end) - start) * parts).astype(int)
@@ -143,7 +115,7 @@ def trace(
     struck: Weights,
     tolerance: float,
 ) -> None:
-    """See :func:`.kernels.trace`."""
+    """Do as ``kernels.trace``."""
     steps = numpy.arange(math.floor(2.0 * cleared.max(initial=0.0)) + 1) / 2.0
     seen = steps <= cleared[:, None]
     marks[_cells(marks, (row, column) + directions[:, None] * steps[:, None], seen)] = False
