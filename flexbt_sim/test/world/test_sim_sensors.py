@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy
 import pytest
@@ -71,7 +72,7 @@ def drive(world: World, robot: Robot, seconds: float, linear: float, angular: fl
         world.step()
 
 
-def readings(robot: Robot) -> dict[str, object]:
+def readings(robot: Robot) -> dict[str, tuple[Any, str, str]]:
     """Return the last readings of all sensors, to the bit."""
     return {one.name: (one.time, repr(one.values()), repr(one.array_values())) for one in robot.sensors}
 
@@ -192,10 +193,10 @@ def test_a_frozen_sensor_repeats_its_reading_and_a_silent_one_has_none(sensor: s
     world.set_fault('alpha', 'sensor_frozen', {'sensor': sensor}, duration=2.0)
     drive(world, robot, 1.5, 0.2)
     frozen = readings(robot)[sensor]
-    assert frozen[1:] == before[1:]  # type: ignore[index]
-    assert frozen[0] > before[0]  # type: ignore[index]
+    assert frozen[1:] == before[1:]
+    assert frozen[0] > before[0]
     drive(world, robot, 1.5, 0.2)
-    assert readings(robot)[sensor][1:] != before[1:]  # type: ignore[index]
+    assert readings(robot)[sensor][1:] != before[1:]
     last = readings(robot)[sensor]
     world.set_fault('alpha', 'sensor_silent', {'sensor': sensor}, duration=2.0)
     drive(world, robot, 1.9, 0.2)
@@ -238,9 +239,9 @@ def test_more_sensors_change_nothing_of_the_others_and_a_reset_begins_their_nois
     assert all(one.time is None for one in robot.sensors)
     began = world.time
     drive(world, robot, 3.0, 0.2, 0.3)
-    for name, (time, *values) in readings(robot).items():  # type: ignore[misc]
-        assert time == pytest.approx(began + seen[name][0])  # type: ignore[index]
-        assert tuple(values) == seen[name][1:]  # type: ignore[index]
+    for name, reading in readings(robot).items():
+        assert reading[0] == pytest.approx(began + seen[name][0])
+        assert reading[1:] == seen[name][1:]
 
 
 def test_a_snapshot_has_what_devices_hold_whoever_reads_them() -> None:
