@@ -77,7 +77,7 @@ GUARD_BURST: Final = 100
 GUARD_BYTES: Final = 100_000
 """What is taken of the stop guard, as of the status: it sends some bytes when it stops the robot."""
 
-TELL_SECONDS: Final = 10.0
+REPORT_SECONDS: Final = 10.0
 """Between two lines about messages that cannot be read."""
 
 
@@ -394,7 +394,7 @@ class ExecutiveLink:
             check_limits(message)
         except (ValueError, LimitExceededError) as error:
             text = f'{topic}: left aside: {one_line(str(error))}'
-            self._runtime.node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
+            self._runtime.node.get_logger().error(text, throttle_duration_sec=REPORT_SECONDS)
             return None
         return message
 

@@ -64,8 +64,8 @@ TF_DEPTH: Final = 10
 """Transforms that the middleware keeps meanwhile: a scan was taken between two of them."""
 
 MESSAGE_BYTES: Final = 2_000_000
-TELL_SECONDS: Final = 10.0
-TOLD_CHARACTERS: Final = 500
+REPORT_SECONDS: Final = 10.0
+REPORT_CHARACTERS: Final = 500
 
 _NOTHING: Final = -1.0
 """The range of a beam that met nothing."""
@@ -256,7 +256,7 @@ class ScanLink:
 
     def _tell(self, text: str) -> None:
         log = self._runtime.node.get_logger()
-        log.error(f'{self._topic}: {one_line(text, TOLD_CHARACTERS)}', throttle_duration_sec=TELL_SECONDS)
+        log.error(f'{self._topic}: {one_line(text, REPORT_CHARACTERS)}', throttle_duration_sec=REPORT_SECONDS)
 
 
 def points_of(scan: Any, where: Rigid) -> Points:

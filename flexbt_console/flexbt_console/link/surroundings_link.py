@@ -26,7 +26,7 @@ from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import RobotPlan, TreeStatus, TreeStructure
 
 from .messages import is_length, known_constant, record_of
-from .scan_link import TOLD_CHARACTERS, ScanLink
+from .scan_link import REPORT_CHARACTERS, ScanLink
 
 MAP_FRAME: Final = 'map'
 """As long as no map has come (REP 105)."""
@@ -42,7 +42,7 @@ MOST_TREE_NODES: Final = 5_000
 
 MESSAGE_BYTES: Final = 32_000_000
 STATUS_DEPTH: Final = 16
-TELL_SECONDS: Final = 10.0
+REPORT_SECONDS: Final = 10.0
 
 _SERVERS: Final = 16
 """Participants that tell of trees, whose names are remembered."""
@@ -116,8 +116,8 @@ class SurroundingsLink:
                     told_by = (self._server(topic, received.participant),) if type is TreeStatus else ()
                     receive(received.unpack(type), *told_by)
             except (ValueError, LimitExceededError) as error:
-                text = f'{topic}: left aside: {one_line(str(error), TOLD_CHARACTERS)}'
-                self._node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
+                text = f'{topic}: left aside: {one_line(str(error), REPORT_CHARACTERS)}'
+                self._node.get_logger().error(text, throttle_duration_sec=REPORT_SECONDS)
 
         return read
 

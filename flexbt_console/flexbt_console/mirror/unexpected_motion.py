@@ -45,7 +45,7 @@ class UnexpectedMotionDetector:
 
     def receive(self, snapshot: ExecutiveSnapshot) -> None:
         """Take a snapshot that is newer than those before."""
-        why, pose, now = _why_stand(snapshot), snapshot.robot_pose, snapshot.stamp
+        why, pose, now = _why_at_rest(snapshot), snapshot.robot_pose, snapshot.stamp
         if not why or pose is None or (self._should_since is not None and now < self._should_since):
             self._should_since = self._anchor = self.motion = None
             return
@@ -62,7 +62,7 @@ class UnexpectedMotionDetector:
             self._anchor, self.motion = pose, None
 
 
-def _why_stand(snapshot: ExecutiveSnapshot) -> str:
+def _why_at_rest(snapshot: ExecutiveSnapshot) -> str:
     """Why the robot should stand; '' when it may move."""
     if snapshot.state is ExecutiveState.PAUSED:
         stands = all(state.paused and not state.not_paused for state in snapshot.active_states)

@@ -200,10 +200,10 @@ MOST_CONNECTIONS: Final = 256
 REQUEST_SECONDS: Final = 10.0
 """A connection has asked for something by then, or is ended; and so long after an answer it may ask for more."""
 
-TELL_SECONDS: Final = 10.0
+REPORT_SECONDS: Final = 10.0
 """Between two lines about requests that are none."""
 
-TOLD_CHARACTERS: Final = 200
+REPORT_CHARACTERS: Final = 200
 
 
 def run_web(application: web.Application, access: Access, port: int, told: Callable[[str], None]) -> None:
@@ -324,12 +324,15 @@ class _MalformedRequests(logging.Filter):
         if not isinstance(error, HttpProcessingError):
             return True
         now = time.monotonic()
-        if now < self._told_at + TELL_SECONDS:
+        if now < self._told_at + REPORT_SECONDS:
             self._held += 1
             return False
         more = f'; {self._held} more since the last such line' if self._held else ''
         self._told_at, self._held = now, 0
-        record.msg, record.args = f'a malformed request was refused: {one_line(str(error), TOLD_CHARACTERS)}{more}', ()
+        record.msg, record.args = (
+            f'a malformed request was refused: {one_line(str(error), REPORT_CHARACTERS)}{more}',
+            (),
+        )
         record.exc_info, record.levelno, record.levelname = None, logging.WARNING, 'WARNING'
         return True
 
