@@ -5,10 +5,12 @@ SHELL := /bin/sh
 N ?= 20000
 SEED ?= 0
 SECONDS ?= 300
+AREA ?= nodes
+MINUTES ?= 20
 DEMO_3 = night_watch
 DEMO_4 = nav2_robot
 DEMO_5 = goals
-.PHONY: help setup demo test fuzz lint bench conformance docs clean distclean
+.PHONY: help setup demo test fuzz mutants lint bench conformance docs clean distclean
 .NOTPARALLEL:
 
 help:  ## this text
@@ -33,6 +35,9 @@ test:  ## lint and all tests
 fuzz:  ## what reads texts of others (XML, YAML, scripts, values, commands, journals), with damaged texts for SECONDS=300; then the property tests with new examples
 	@tools/workspace.sh run python3 -m flexbt_testing.fuzzing --seconds $(SECONDS)
 	@FLEXBT_FUZZ=1 tools/workspace.sh run python3 -m pytest -q -m hypothesis flexbt_*/test
+
+mutants:  ## changes of the product that no test notices (mutmut): AREA=nodes, model, engine, commands or stop, for MINUTES=20
+	@tools/workspace.sh run python3 tools/mutants.py --area $(AREA) --minutes $(MINUTES) --seed $(SEED)
 
 lint:  ## ruff, mypy, the contracts of the architecture, shellcheck
 	@tools/workspace.sh lint
