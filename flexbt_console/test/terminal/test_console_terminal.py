@@ -168,7 +168,7 @@ def test_the_screen_is_drawn_again_after_a_stop_and_ends_when_its_terminal_goes_
         terminal = Terminal('--namespace', 'hangup', mode='screen')
         terminal.read_until(b'quit')  # in its last line
         terminal.type('\x03')  # a key, no signal: that would end the screen and whatever has started it
-        terminal.read_until(b'Ctrl-C gives up')
+        terminal.read_until(b'Ctrl-C clears')
         threads = terminal.threads()
         for number in (signal.SIGSTOP, signal.SIGCONT):  # this one comes with the end of the terminal, too
             os.kill(terminal.pid, number)
