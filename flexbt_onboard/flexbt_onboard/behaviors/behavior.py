@@ -183,7 +183,7 @@ class Behavior:
     manifest: BehaviorManifest
 
     operator_gone: OperatorGone = OperatorGone.CONTINUE
-    """What to do when no operator has been there for :attr:`operator_gone_after`: go on, pause, or stop."""
+    """Reaction when no operator has been connected for :attr:`operator_gone_after`: go on, pause, or stop."""
 
     operator_gone_after: float = 10.0
     """Seconds of wall time."""

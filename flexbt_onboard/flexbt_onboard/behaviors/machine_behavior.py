@@ -87,7 +87,7 @@ MACHINE_LENGTH: Final = 1_000_000
 """Characters of a machine, at most."""
 
 _MACHINE: Final = re.compile(r'^(machine|concurrency|priority):', re.MULTILINE)
-"""What the text of a machine has, and other YAML, such as a file of capabilities, has not."""
+"""Pattern of a key that the text of a machine has and other YAML, such as a file of capabilities, does not."""
 
 _NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_ -]{0,79}')
 

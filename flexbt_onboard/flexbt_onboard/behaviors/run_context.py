@@ -101,8 +101,8 @@ class RunGoals:
 # What the host of a state machine gives to its states: their way to ROS.
 
 READY_SECONDS: Final = 15.0
-"""How long a node that is alive is waited for until it is ready, s of wall time. To begin takes it seconds, and several
-times as many on a machine that is busy."""
+"""Time for which a node that is alive may take to become ready, s of wall time. Starting takes seconds, and several
+times as long on a busy machine."""
 
 
 def _nothing() -> None:
@@ -225,7 +225,7 @@ _current: ContextVar[RunContext | None] = ContextVar('run', default=None)
 
 
 _entered: Final[list[RunContext]] = []
-"""Those whose block goes on, for threads that users' code has started."""
+"""Contexts whose block has not ended, for threads that users' code has started."""
 
 
 def current_run() -> RunContext:

@@ -28,7 +28,7 @@ from flexbt_core.clock.clock import Timer
 from flexbt_onboard.errors import CommandRefusedError
 
 REQUESTS: Final = 16
-"""Operators who may ask for the authority at a time: every status names them."""
+"""Maximum number of operators that may request the authority at a time: every status lists them."""
 
 
 class Authority:

@@ -29,7 +29,7 @@ ARGUMENT_LENGTHS: Final[Mapping[str, int]] = {'name': 256, 'value': 10_000}
 
 INPUTS: Final = 100
 INPUT_LENGTHS: Final[Mapping[str, int]] = {'key': 256, 'type': 256, 'text': 100_000, 'data': 1_000_000}
-"""Inputs of a START or ANSWER, the characters of each, and the bytes of its data."""
+"""Maximum characters of each field of the inputs of a START or ANSWER, and maximum bytes of their data."""
 
 OPEN_REQUESTS: Final = 32
 """Input requests that may wait at a time: every status has them. How large each may be is one of the bounds of all

@@ -98,7 +98,8 @@ class CommandDefinition:
 
 
 class CommandRegistry:
-    """Applies commands. Used on the executor thread only; see :class:`~.command_ledger.CommandHandling`."""
+    """A registry that applies commands. Used on the executor thread only; see
+    :class:`~.command_ledger.CommandHandling`."""
 
     def __init__(
         self,

@@ -30,7 +30,7 @@ MOST_REQUESTS: Final = 100
 
 
 SUBJECT_BYTES: Final = 128_000
-"""Of what a request is about: it goes to every console."""
+"""Maximum size of the subject of a request, bytes: it is sent to every console."""
 
 
 @dataclass
@@ -46,7 +46,8 @@ class _InputRequest:
 
 
 class InputRequests:
-    """Serves ``operator_input``: each goal is a request that stays open until it is answered, declined or withdrawn.
+    """The server of ``operator_input``: each goal is a request that stays open until it is answered, declined or
+    withdrawn.
 
     Used on the executor thread only. ``on_change`` is called when a request comes or goes: with an event of the event
     log, ``waiting`` or ``decided``, and its fields.

@@ -41,7 +41,7 @@ PING_BYTES: Final = 1_000
 
 PING_RATE: Final = 50.0
 PING_BURST: Final = 100
-"""Pings of one process that are echoed: a second, and at once."""
+"""Maximum number of echoed pings of one process: per second, and at once."""
 
 
 class ConsoleLink:
@@ -203,12 +203,13 @@ _PROCESSES: Final = 256
 _TELL_SECONDS: Final = 10.0
 
 OnCommand = Callable[[ExecutiveCommand, bytes], object]
-"""Takes a command and the participant that has sent it; b'' when the middleware does not tell."""
+"""A receiver of a command and of the participant that sent it; b'' if the middleware does not report the
+participant."""
 
 
 class CommandIntake:
-    """Takes commands, or ``only_stops``. Made and used on the executor thread; ``tell`` gets a severity and a line for
-    the operators."""
+    """A receiver of commands, or ``only_stops``. Made and used on the executor thread; ``tell`` gets a severity and a
+    line for the operators."""
 
     def __init__(
         self,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Transitions and commands, numbered and latched, for the logs of the consoles.
+"""The stream of transitions and commands, numbered and latched, for the logs of the consoles.
 
 A state machine may make thousands of transitions a second, of which a person reads none: at most so many are sent in
 so many messages. What is left out shows as a gap in the numbers.
@@ -29,7 +29,7 @@ TEXT_LENGTH: Final = 1000
 
 
 class EventStream:
-    """Publishes the events of one executive. From any thread, but made on the executor thread."""
+    """A publisher of the events of one executive. From any thread, but made on the executor thread."""
 
     def __init__(self, runtime: Runtime, executive_id: str) -> None:
         self._runtime = runtime

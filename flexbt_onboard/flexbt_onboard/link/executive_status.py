@@ -150,7 +150,7 @@ class StatusPicture(NamedTuple):
 
 
 class ShownStatus:
-    """Shows a status when the journal has all that is in it. Used on the executor thread.
+    """A status that is shown once the journal has everything in it. Used on the executor thread.
 
     While the disk takes its time, what was shown before is shown again, so that the heartbeat goes on. ``make`` gives
     the status of now, ``publish`` sends one, ``when_durable`` is that of the journal, and ``changed`` is told when what
@@ -224,7 +224,8 @@ BURST: Final = 4
 
 
 class StatusPublisher:
-    """Calls ``send`` on the executor thread: soon after :meth:`changed`, and every ``period`` seconds of wall time.
+    """A publisher that calls ``send`` on the executor thread: soon after :meth:`changed`, and every ``period`` seconds
+    of wall time.
 
     Changes that come faster than the rate allows are put together.
     """

@@ -33,7 +33,7 @@ class _Peer:
 
 
 class PeersWatch:
-    """Watches nodes by name. Used on the executor thread, except where it says otherwise.
+    """A watch over nodes by name. Used on the executor thread, except where noted.
 
     ``log(severity, text)`` tells operators when one has come or gone, or has become ready or is not any more (not when
     it was late meanwhile), and why one is late, once in a spell of LATE_SECONDS; ``changed()`` follows whatever is

@@ -55,7 +55,7 @@ PERIOD: Final = 0.5
 """Seconds from one plan that is passed on to the next: a planner may be quick, and the link slow."""
 
 MOST_BYTES: Final = 4_000_000
-"""Of a plan that is passed on: 50,000 poses. To read more would hold up everything else."""
+"""Maximum size of a plan that is passed on, bytes: 50,000 poses. Reading more would delay everything else."""
 
 MESSAGE_BYTES: Final = 32_000_000
 
@@ -63,7 +63,7 @@ _PATH: Final = 'nav_msgs/msg/Path'
 
 
 class RobotPlan:
-    """Publishes the newest message of a Path topic once more, latched. Used on the executor thread."""
+    """A publisher that repeats the newest message of a Path topic, latched. Used on the executor thread."""
 
     def __init__(self, runtime: Runtime, topic: str) -> None:
         self._runtime = runtime

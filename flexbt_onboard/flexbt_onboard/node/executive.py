@@ -65,10 +65,10 @@ from .synthesis_server import SynthesisServer, serve_flexbe
 from .synthesizer import SearchSettings, Synthesizer
 
 JOURNAL_SECONDS: Final = 0.3
-"""How long the last status waits for the journal."""
+"""Time for which the last status waits for the journal, s."""
 
 SHUTDOWN_SECONDS: Final = 1.2
-"""How long the end of the process waits for a running behavior to halt."""
+"""Time for which the end of the process waits for a running behavior to halt, s."""
 
 
 _SHOWN: Final = (RunRequested, RunMoved, RunReady, RunShown, ViolationFound, StopRequested, StopAwaited)
@@ -370,7 +370,7 @@ _STATES: Final = {
 
 
 class ExecutiveDiagnostics:
-    """Publishes three entries: the behavior, the nodes that it depends on, and what is written to the disk.
+    """The diagnostics of the executive: the behavior, the nodes that it depends on, and the files written to the disk.
 
     ``status`` gives the present status of the executive, ``problems`` what is wrong with event log and journal.
     """

@@ -40,26 +40,26 @@ from flexbt_onboard.runs.motion_stop import MotionStop
 from .executive_parameters import MotionParameters, declare_motion
 
 GRACE_SECONDS: Final = 0.15
-"""For so long the executive may take to say that it has applied a STOP, before the guard carries it out as well."""
+"""Time within which the executive has to confirm a STOP, s; otherwise the guard carries it out as well."""
 
 PRIORITY: Final = -10
 """Nice value of its process, where the system allows one below 0: on a busy computer it does not wait for its turn."""
 
 REPEAT_SECONDS: Final = 0.5
-"""From one look at what the guard has stopped, and one STOP that it sends to the executive, to the next."""
+"""Time between two checks of what the guard has stopped, and between two STOPs that it sends to the executive, s."""
 
 STATUS_RATE: Final = 100.0
 STATUS_BURST: Final = 200
-"""Statuses of one process that are taken: a second, and at once; an executive sends 20 a second."""
+"""Maximum number of statuses taken from one process: per second, and at once. An executive sends 20 per second."""
 
 STATUS_BYTES: Final = 4_000_000
 """Bytes of a status of the executive, at most."""
 
 STATUS_DEPTH: Final = 20
-"""Statuses that wait to be taken, from all participants: others must not drive the executive's own out."""
+"""Depth of the queue of statuses, from all participants: others must not drive the executive's own out."""
 
 TELL_SECONDS: Final = 0.05
-"""For so long a further STOP waits until it is told: many may come."""
+"""Delay before a further STOP is reported, s: many may arrive."""
 
 _OPEN_STOPS: Final = 32
 """STOPs without an answer that are remembered; while there are more, the robot is kept at rest all the same."""

@@ -33,11 +33,11 @@ _CODES: Final = {
 _LINES: Final = 1000
 
 GONE_SECONDS: Final = 10.0
-"""How long the operator who asked may be gone: a link that was bad for a while costs no search."""
+"""Time for which the operator who asked may be gone, s: a link that fails for a moment does not end the search."""
 
 
 class SynthesisServer:
-    """Serves SynthesizeBehavior. Used on the executor thread.
+    """The server of SynthesizeBehavior. Used on the executor thread.
 
     There is one search at a time. So that none is in the way of others for nobody, it is canceled when the operator who
     asked for it was there, and is gone. Programs may ask without being there: for these there is the time limit.

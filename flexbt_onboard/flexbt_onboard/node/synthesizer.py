@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a request to a behavior of the library: one search at a time, in a process of its own."""
+"""Synthesis of a behavior of the library from a request: one search at a time, in its own process."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class RunningSearch:
 
 
 class Synthesizer:
-    """Makes behaviors. Used on the executor thread.
+    """A synthesizer of behaviors. Used on the executor thread.
 
     ``in_use`` gives the names of behaviors that run or were interrupted, ``changed`` is told that the library is
     another one.

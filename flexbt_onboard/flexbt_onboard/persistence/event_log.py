@@ -70,7 +70,7 @@ STUCK_SECONDS: Final = 2.0
 """A disk that takes longer than this for what waits is told."""
 
 RETRY_SECONDS: Final = 0.5
-"""From one attempt to write to a disk that has failed to the next."""
+"""Time between two attempts to write to a disk that has failed, s."""
 
 _MOST_AT_ONCE: Final = 100
 """Events of one attempt."""
@@ -79,7 +79,7 @@ _CLOSE_SECONDS: Final = 0.3
 
 
 class EventLog:
-    """Appends events to a file; from any thread.
+    """A log that appends events to a file; from any thread.
 
     ``on_problem`` is called on the writing thread, or that of ``steady``: with a text when the file cannot be written,
     or not for a further reason, and with '' when it can be again. Without ``file`` nothing is kept. ``clock`` gives the

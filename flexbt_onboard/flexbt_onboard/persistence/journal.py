@@ -41,7 +41,7 @@ STUCK_SECONDS: Final = 2.0
 """A disk that takes longer than this for what waits is told, and not waited for."""
 
 RETRY_SECONDS: Final = 0.5
-"""From one attempt to write to a disk that has failed to the next."""
+"""Time between two attempts to write to a disk that has failed, s."""
 
 _LARGEST: Final = 1_000_000
 """Bytes after which the file is written anew, unless what it has to hold is larger."""
@@ -148,9 +148,9 @@ class Journal:
         self.file = file
         self.state = JournalState()
         self.corruption = ''
-        """What the operator has to know of the file that was found; '' when all is well."""
+        """Corruption of the file that was found, for the operator; '' if it is intact."""
         self.torn = ''
-        """What the operator may want to know of it: what the crash has cut off; '' for nothing."""
+        """Description of the part that a crash cut off, for the operator; '' for none."""
         self._on_problem = on_problem
         self._clock = clock
         self._changed = threading.Condition()
@@ -419,7 +419,7 @@ class FoundJournal:
 
     lines: Sequence[JournalLine] = ()
     corruption: str = ''
-    """What no crash leaves behind; '' for nothing."""
+    """Damage that no crash causes; '' for none."""
     torn: int = 0
     """Bytes of a last line that was not written to its end, as a crash leaves it."""
 

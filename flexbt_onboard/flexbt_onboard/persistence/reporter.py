@@ -15,7 +15,7 @@ from .event_log import EventLog
 
 
 class OperatorLog(Protocol):
-    """Tells every operator a line, and the node's own log as well; from any thread."""
+    """A log that sends a line to every operator and to the node's own log; from any thread."""
 
     def __call__(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
         """``severity`` is one of ExecutiveLog, ``path`` that of the state that speaks."""
@@ -49,7 +49,7 @@ class StorageProblems:
 
 
 class Reporter:
-    """Tells operators and event log what happens. From any thread.
+    """A reporter of events to operators and to the event log. From any thread.
 
     ``log`` tells the operators a line that is no event. ``stream`` is told each event by its name and fields, and
     sends the operators those that are for them.

@@ -60,17 +60,17 @@ class InterruptedRun:
 
     @property
     def levels(self) -> Mapping[str, int]:
-        """Levels of autonomy by path, that of the root included."""
+        """Levels of autonomy by path, including that of the root."""
         return dict(self._part('levels', {}))
 
     @property
     def locked(self) -> list[str]:
-        """What was locked."""
+        """Paths that were locked."""
         return list(self._part('locked', []))
 
     @property
     def breakpoints(self) -> list[str]:
-        """What had a breakpoint."""
+        """Paths that had a breakpoint."""
         return list(self._part('breakpoints', []))
 
     @property
@@ -98,7 +98,7 @@ class InterruptedRun:
 
 
 class RunJournal:
-    """Writes what happens to a run, if there is a ``directory`` for it. From any thread."""
+    """A journal of a run, written if there is a ``directory`` for it. From any thread."""
 
     def __init__(self, directory: str, node_name: str, on_problem: Callable[[str], None], clock: Clock) -> None:
         """Open the journal of a node (fully qualified name); see :class:`Journal`.
@@ -122,12 +122,12 @@ class RunJournal:
 
     @property
     def corruption(self) -> str:
-        """What the operator has to know of the journal that was found; '' when all is well."""
+        """Corruption of the journal that was found, for the operator; '' if it is intact."""
         return self._journal.corruption if self._journal is not None else ''
 
     @property
     def torn(self) -> str:
-        """What a crash has cut off from the journal that was found; '' for nothing."""
+        """Description of the part of the journal that a crash cut off; '' for none."""
         return self._journal.torn if self._journal is not None else ''
 
     @property
@@ -273,7 +273,7 @@ _MARK: Final = '$'
 _MOST_DEPTH: Final = 64
 
 _MOST_BITS: Final = 8192
-"""Of an integer. Python refuses to read or write one of more than 4300 digits."""
+"""Maximum bits of an integer. Python refuses to read or write one of more than 4300 digits."""
 
 
 def _ignore(_what: str) -> None:

@@ -25,7 +25,7 @@ LoggedEvent = Mapping[str, Any]
 ROOT: Final = '/'
 
 CLOCK_SET_SECONDS: Final = 0.5
-"""By so much the time between two events differs from that of the steady clock where the computer's clock was set."""
+"""Difference between two events' time and that of the steady clock above which the computer's clock was set, s."""
 
 _TOLD: Final = ('path', 'outcome', 'decision', 'autonomy', 'text', 'because', 'why')
 """Fields of a command that are shown with it."""
@@ -114,7 +114,7 @@ class RunMetrics:
     faults: int = 0
     contradictions: list[Contradiction] = field(default_factory=list)
     clock_set: list[float] = field(default_factory=list)
-    """By how much the computer's clock was set while the run went on, s each time; no time here has it."""
+    """Changes of the computer's clock during the run, s each; no time here includes them."""
 
     @property
     def duration(self) -> float:
@@ -217,7 +217,7 @@ def metrics_of(events: Iterable[LoggedEvent], *, wall: bool = False) -> list[Run
 
 
 class _Reader:
-    """Takes in the events of one run."""
+    """A reader that collects the events of one run."""
 
     def __init__(self, metrics: RunMetrics, clock: str) -> None:
         self._metrics = metrics

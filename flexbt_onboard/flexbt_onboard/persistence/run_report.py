@@ -175,7 +175,7 @@ _LEGEND: Final = {
     'who': 'command of an operator',
     'refused': 'refused command',
 }
-"""What is seen, by its class; only what is in the picture is told."""
+"""Legend of the picture by class; only the classes that occur are shown."""
 
 
 def timeline(metrics: RunMetrics) -> str:

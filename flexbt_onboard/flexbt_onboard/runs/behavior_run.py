@@ -195,12 +195,12 @@ class BehaviorRun(RunReader):
 
     @property
     def has_ended(self) -> bool:
-        """Whether its end was told."""
+        """True if its end was reported."""
         return self._has_ended
 
     @property
     def has_goals(self) -> bool:
-        """Whether a goal of it is not known to have ended."""
+        """True if a goal of the run is not known to have ended."""
         return bool(self._services.goals)
 
     def show_not_stopped(self, seconds: float) -> None:

@@ -32,7 +32,7 @@ class BlockedCallback:
 
     @property
     def who(self) -> str:
-        """Whose callback it is, for the operator."""
+        """Owner of the callback, for the operator."""
         return f'state {self.path}' if self.path else 'the behavior'
 
     def __str__(self) -> str:

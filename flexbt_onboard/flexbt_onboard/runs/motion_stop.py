@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stops the robot without those who drive it: for a stop whose cancel nobody confirms.
+"""Stopping of the robot without the nodes that drive it: for a stop whose cancel nobody confirms.
 
 The servers that move the robot are asked to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id
 nor a time means all of them), and zero velocity is commanded until the robot stands still. A server may ignore that:
@@ -49,9 +49,9 @@ _FRONT: Final = {
     'navigate_to_pose': 3,
     'navigate_through_poses': 3,
 }
-"""Those of them by which other programs send the robot somewhere, each through servers of those that follow. They are
-asked in this order, before the rest: one whose own goal was taken away by somebody else has failed, and was not
-canceled; opennav_docking then sends it once more."""
+"""Actions by which other programs send the robot somewhere, each through servers of the actions that follow. They are
+canceled in this order, before the rest. An action whose own goal was taken away has failed and was not canceled;
+opennav_docking then sends it again."""
 
 _REST: Final = max(_FRONT.values()) + 1
 
@@ -59,14 +59,14 @@ _STATUS_BYTES: Final = 1_000_000
 """The goals of a server are told in at most so many bytes: 35,000 of them."""
 
 _PERIOD: Final = 0.05
-"""From one command of zero velocity to the next, s; Nav2's controller server sends its own as often."""
+"""Time between two commands of zero velocity, s; that of Nav2's controller server."""
 
 _CANCEL_PERIODS: Final = 10
-"""From one cancel of all goals to the next, in these periods."""
+"""Number of these periods between two cancels of all goals."""
 
 _FRONT_SECONDS: Final = 0.2
-"""For so long those that follow wait for the answers of those in front, in all; zero velocity is commanded meanwhile,
-where the robot is kept at rest."""
+"""Total time for which the actions that follow wait for the answers of those in front, s; zero velocity is commanded
+meanwhile if the robot is to be stopped."""
 
 _LEAST_SECONDS: Final = 1.0
 """Zero velocity is commanded for so long at least, and again when the robot moves."""
@@ -119,7 +119,7 @@ class MotionStop:
 
     @property
     def is_holding(self) -> bool:
-        """Whether it stops the robot now."""
+        """True if it is stopping the robot now."""
         return self._timer is not None
 
     def prepare(self) -> None:

@@ -77,7 +77,7 @@ class RunReady(RunEvent):
 
 @dataclass(slots=True)
 class SkillsDeclared(RunEvent):
-    """What the skills of the states say that the run may contradict, by path."""
+    """An event: the declarations of the states' skills that the run may contradict, by path."""
 
     skills: Mapping[str, Any]
 
@@ -113,7 +113,7 @@ class StopRequested(RunEvent):
 
 @dataclass(slots=True)
 class StopAwaited(RunEvent):
-    """After a stop, this has not stopped yet. On the executor thread."""
+    """An event: part of a run has not stopped yet after a stop. On the executor thread."""
 
     text: str
 
@@ -128,13 +128,13 @@ class BehaviorEnded(RunEvent):
 
 
 class RunShown(RunEvent):
-    """Operators are shown another run, or another level for the next one. On the executor thread."""
+    """An event: operators are shown another run, or another level for the next one. On the executor thread."""
 
     __slots__ = ()
 
 
 class RunRecorder(RunReader):
-    """Writes a run down: to the journal, the event log and the log of the operators."""
+    """A recorder of a run: to the journal, the event log and the log of the operators."""
 
     def __init__(self, run_id: str, behavior: str, journal: RunJournal, report: Reporter) -> None:
         self._run_id = run_id

@@ -36,7 +36,7 @@ from .run_events import (
 
 _MOST_LINES: Final = 20
 _LONGEST_LINE: Final = 200
-"""Of what a state says that it does: each status has it, and the link may be slow."""
+"""Maximum length of the line in which a state reports what it does: each status has it, and the link may be slow."""
 
 _RAISED: Final = ('activity() raised; see the log',)
 """Instead of what a state says that it does. It is not asked again as long as it is active."""
@@ -111,7 +111,7 @@ class RunSnapshot:
     not_stopped: str = ''
     """While it is stopping: what has not stopped yet, and for how long."""
     wrong: str = ''
-    """What the monitors have found first."""
+    """First violation that the monitors have found."""
     active: tuple[ActiveLeaf, ...] = ()
     decisions: tuple[RunDecision, ...] = ()
     locked: tuple[str, ...] = ()
@@ -121,7 +121,7 @@ class RunSnapshot:
 
     @property
     def phase(self) -> RunPhase:
-        """What the run is at, as far as the operator was told."""
+        """Phase of the run, as last reported to the operator."""
         if self.is_stopping:
             return RunPhase.STOPPING
         if not (self.is_announced and self.has_begun):
@@ -296,7 +296,7 @@ class ActivityPoll:
 
     @property
     def is_due(self) -> bool:
-        """Whether the states are to be asked."""
+        """True if the states are to be asked."""
         return self._has_changed or self._is_requested
 
     def ask(self, status: RunStatus, machine: MachineRun) -> bool:

@@ -196,7 +196,7 @@ class RunSupervisor(RunReader):
 
 
 class OperatorAbsenceWatch:
-    """Watches whether any console is there. Used on the executor thread only.
+    """A watch for the presence of any console. Used on the executor thread only.
 
     ``presence`` tells who is there. ``tell`` gets a line for the operator, and whether it is a warning. A run that
     goes on anyway tells nothing of it: programs that ask and go would fill the log.

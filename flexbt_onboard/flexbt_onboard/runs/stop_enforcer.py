@@ -22,7 +22,7 @@ MOTION_SECONDS: Final = 0.3
 server and a navigation server takes a tenth of a second; and the robot has to be at rest within a second."""
 
 HALT_SECONDS: Final = 5.0
-"""For how long the robot is kept at rest by a stop that is meant for no run."""
+"""Time for which a stop that is meant for no run keeps the robot stopped, s."""
 
 _PERIOD: Final = 0.5
 
