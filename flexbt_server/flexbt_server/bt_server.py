@@ -42,7 +42,7 @@ from .node_types import node_registry
 from .parameters import DEFAULT_TREES, NavigatorParameters, ServerParameters, declare_parameters
 
 _END_SECONDS = 1.1
-"""How long the end of the process waits for running trees to come to rest, s."""
+"""Time for which the end of the process waits for running trees to halt, s."""
 
 
 class BtServer:
@@ -187,12 +187,12 @@ def main(args: list[str] | None = None) -> int:
 # The thread that reads the files of trees and the values of blackboards, in the order of the goals.
 
 READ_SECONDS: Final = 5.0
-"""What one goal names should be read within this time, s. When it is not, and the thread that reads does not use the
-processor either, the disk does not answer, and the server is not ready."""
+"""Time within which the files of one goal should be read, s. If they are not, and the thread that reads does not use
+the processor either, the disk does not answer, and the server is not ready."""
 
 SLOW_SECONDS: Final = 60.0
-"""What is only slow, so that the thread uses the processor, is logged; after this time, s, the server is not ready
-either: it may never end."""
+"""Time, s, after which the server is not ready although the thread that reads uses the processor: it may never end.
+Until then a slow read is only logged."""
 
 _FILES: Final = 'files'
 """The part of the server that is not ready then."""

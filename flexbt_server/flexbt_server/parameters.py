@@ -166,7 +166,7 @@ def declare_parameters(node: Node) -> ServerParameters:
 # The parameters of the navigators, with the names that they have in Nav2 where Nav2 has them.
 
 NAVIGATORS: Final = (names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS)
-"""What can be served."""
+"""Actions that can be served."""
 
 DEFAULT_TREES: Final = {
     names.NAVIGATE_TO_POSE: 'default_nav_to_pose_bt_xml',
@@ -177,12 +177,12 @@ DEFAULT_TREES: Final = {
 WAIT: Final = 'wait_at_waypoint'
 INPUT: Final = 'input_at_waypoint'
 TASKS: Final = (WAIT, INPUT)
-"""What can be done at waypoints."""
+"""Tasks that can be done at waypoints."""
 
 
 @dataclass(frozen=True)
 class InputParameters:
-    """Of the task executor input_at_waypoint: ``timeout`` in s of the clock of the node."""
+    """Parameters of the task executor input_at_waypoint: ``timeout`` in s of the clock of the node."""
 
     topic: str
     timeout: float

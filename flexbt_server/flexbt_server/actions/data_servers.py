@@ -32,7 +32,7 @@ ERRORS_SHOWN: Final = 20
 
 
 class LoadServer:
-    """Serves BtLoad. Files are read on the thread of ``reader``, one goal after the other."""
+    """The server of BtLoad. Files are read on the thread of ``reader``, one goal after the other."""
 
     def __init__(self, runtime: Runtime, store: TreeStore, reader: WorkThread, admission: GoalAdmission) -> None:
         self._runtime = runtime

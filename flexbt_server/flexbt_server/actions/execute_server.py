@@ -37,7 +37,7 @@ MOST_RUNS: Final = 200
 
 
 class ExecuteServer:
-    """Serves BtExecute. ``default_tree`` is that of a goal which names none."""
+    """The server of BtExecute. ``default_tree`` is run for a goal that names no tree."""
 
     def __init__(
         self,
@@ -182,7 +182,7 @@ _COMMANDS: Final = {
 
 
 class ControlServer:
-    """Serves ControlTree, for any number of clients.
+    """The server of ControlTree, for any number of clients.
 
     Every request is answered when the command has had its effect, or can have none any more.
     """

@@ -17,7 +17,8 @@ from flexbt_core.clock.clock import Timer
 from flexbt_core.errors import FlexbtError
 
 OWNER_SECONDS: Final = 5.0
-"""How long an owner may stay unseen before its goals are stopped: it has died already, or holds no liveliness token."""
+"""Time for which an owner may be unseen before its goals are stopped, s: it has died already, or holds no liveliness
+token."""
 
 OnOwnerGone = Callable[[str], None]
 """Told the reason why a goal has to stop."""
@@ -26,7 +27,8 @@ OnOwnerLate = Callable[[], None]
 """Called when a goal has to be held, or may go on: see :meth:`GoalOwners.problem`."""
 
 MOST_IDLE: Final = 50
-"""Owners without goals that are watched for OWNER_SECONDS more, since they may give the next goal soon."""
+"""Maximum number of owners without goals that are watched for OWNER_SECONDS more, since they may send the next goal
+soon."""
 
 
 class GoalOwners:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far a robot has still to go, and how long that takes: for the feedback of running trees."""
+"""Progress of a robot for the feedback of running trees: the distance that remains, and the time that it takes."""
 
 from __future__ import annotations
 

@@ -55,8 +55,8 @@ MESSAGE_LIMIT: Final = 10_000
 """Characters of what a client is told."""
 
 RETURN_SECONDS: Final = 3.5
-"""How long trees are held after the process was stopped, s of wall time: until it has found the others again, and they
-have said what they want. By default, Fast DDS sends again after 3 s what was lost in full queues."""
+"""Time for which trees are held after the process was stopped, s of wall time: until it has found the others again and
+received their requests. By default, Fast DDS resends after 3 s what was lost in full queues."""
 
 _REPORT_SECONDS: Final = 0.3
 """A run that has not halted in time says so a little later, s."""
@@ -363,7 +363,7 @@ def _replaced() -> RunOutcome:
 # The trees that run now, and the goals that they run for. All of this is used on the executor thread.
 
 _GOALS_REMEMBERED: Final = 100
-"""By which a run is known, at most."""
+"""Maximum number of goal IDs by which a run is known."""
 
 
 class TreeGoal(ABC):
@@ -434,7 +434,7 @@ class RunningTree:
     key: TreeKey
     blackboard: str
     board: Blackboard
-    """That of this name, which stays as long as somebody holds it."""
+    """Blackboard of this name, which is kept as long as somebody holds it."""
     run: TreeRun[TreeGoal]
     goal: TreeGoal
     feedback: Timer | None = None

@@ -40,7 +40,7 @@ class LogError(Exception):
 
 
 class LogWriter:
-    """Writes the transitions of one run into a file.
+    """A writer of the transitions of one run into a file.
 
     The tree writes to a log, and at the end of each round what is there is handed to ``write``, which does what it is
     given, in order, at once or on another thread; it may give a text instead: why it does not. That is told to
@@ -245,7 +245,7 @@ class LogBuffer:
 
 
 class TeeLog:
-    """Writes every mark to several logs."""
+    """A log that writes every mark to several logs."""
 
     def __init__(self, logs: Sequence[Log]) -> None:
         appends = tuple(log.append for log in logs)

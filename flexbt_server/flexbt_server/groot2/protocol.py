@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a running tree sends to Groot2: frames of ZeroMQ, and the XML that describes the tree.
+"""The messages of a running tree to Groot2: frames of ZeroMQ, and the XML that describes the tree.
 
 The client asks (REQ), the server answers (REP); each message begins with a header. On the port that follows, the
 server tells of breakpoints that were reached (PUB). Source: groot2_protocol.h of BehaviorTree.CPP 4.10.

@@ -30,7 +30,7 @@ from .protocol import RequestType
 from .watched_tree import WatchedTree, clock
 
 SILENCE: Final = 5.0
-"""After so many seconds without a request the client has gone: its hooks hold nothing up until it is back, s."""
+"""Time without a request after which the client has gone, s: its hooks block nothing until it is back."""
 
 LARGEST_REQUEST: Final = 1 << 20
 _SEND_MILLISECONDS: Final = 1000
@@ -38,7 +38,8 @@ _logger = logging.getLogger(__name__)
 
 
 class Groot2Server:
-    """Shows running trees to Groot2, on ``port`` (requests) and the one that follows (breakpoints that are reached).
+    """A server that shows running trees to Groot2, on ``port`` (requests) and the port that follows (breakpoints that
+    are reached).
 
     Clients see the tree that was started last; when it ends, the one started before it that still runs, or else the
     ended one. A tree that a breakpoint holds up stays until it goes on. Each run has an identity of its own, by which
@@ -257,7 +258,7 @@ _WITH_CONTENT: Final[dict[int, Callable[[WatchedTree, bytes], bytes | None]]] = 
 
 
 class WatchHandle:
-    """Shows a tree while the context is open. The tree is observed for that (:meth:`Tree.observe`)."""
+    """A context that shows a tree while it is open. The tree is observed for that time (:meth:`Tree.observe`)."""
 
     def __init__(self, server: Groot2Server, tree: Tree) -> None:
         self._server = server

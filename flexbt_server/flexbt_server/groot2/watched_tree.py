@@ -33,13 +33,13 @@ RECORDED: Final = 1000
 """Transitions that a recording keeps, the newest ones, until the client takes them."""
 
 clock = time.perf_counter_ns
-"""That of the logs of watched trees."""
+"""Clock of the logs of watched trees."""
 
 ROOT: Final = 'ROOT'
 """Name of the topmost blackboard in the reply to a request for others."""
 
 _MANY: Final = 2000
-"""Marks that are read although nobody asks."""
+"""Number of marks above which they are read without a request."""
 
 _LARGEST: Final = (-(1 << 63), (1 << 64) - 1)
 
@@ -275,7 +275,7 @@ class Breakpoints:
 
     @property
     def held(self) -> bool:
-        """Whether a breakpoint holds the tree up, and nothing has let it go yet."""
+        """True if a breakpoint holds the tree, and nothing has released it yet."""
         with self._changed:
             return self._holding is not None and not self._goes_on(self._holding)
 

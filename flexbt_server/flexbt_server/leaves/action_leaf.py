@@ -54,7 +54,7 @@ BASE: Final = 'base'
 """The resource that a leaf needs which drives the robot: no two of them at once."""
 
 _REST_SECONDS: Final = 0.5
-"""How much longer than the cancel of a goal may take the tree may need to be at rest, before the next goal is sent."""
+"""Time that the tree may need to halt beyond the cancel timeout of a goal before the next goal is sent, s."""
 
 
 class _LeafGoal:
@@ -82,12 +82,12 @@ class _LeafGoal:
 
     @property
     def outcome(self) -> GoalOutcome | None:
-        """How the goal ended; None while it has not."""
+        """Outcome of the goal; None while it has not ended."""
         return self._outcome
 
     @property
     def canceled(self) -> bool:
-        """Whether this leaf has canceled the goal."""
+        """True if this leaf has canceled the goal."""
         return self._call.cancel_requested
 
     def cancel(self) -> None:
@@ -157,8 +157,8 @@ class ActionLeaf(StatefulAction):
     goes_on = ''
     acts_later = True
     cancels_on_pause: ClassVar[bool] = True
-    """Whether the goal is canceled while the tree is paused. If not, ``goes_on`` says why it goes on; '' when it moves
-    nothing."""
+    """True if the goal is canceled while the tree is paused. If not, ``goes_on`` gives the reason why it continues; ''
+    if it moves nothing."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -201,7 +201,7 @@ class ActionLeaf(StatefulAction):
 
     @property
     def host(self) -> LeafServices:
-        """What the BT server provides."""
+        """Services of the BT server."""
         services: LeafServices = self.services
         return services
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the BT server offers to the leaves of its trees: connections, frames of the robot, requests, and goals that
+"""The services of the BT server for the leaves of its trees: connections, frames of the robot, requests, and goals that
 end."""
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from flexbt_server.trees.tree_store import TreeStore
 from .topic_cache import TopicCache, TopicCaches
 
 MOST_TOLD: Final = 1_000
-"""Things that people are told once: trees may have any names."""
+"""Maximum number of things that are reported only once: trees may have any names."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class LeafServices:
 
 FIRST_TIMEOUT: Final = 0.5
 TRANSFORM_TOLERANCE: Final = 0.1
-"""How long a leaf waits for a transform, s of wall time: as in Nav2, but the first one of a server, since the node
-begins to hear tf then. It must not be so long that the thread of the tree counts as one that hangs."""
+"""Time for which a leaf waits for a transform, s of wall time: as in Nav2, except for the first one of a server, since
+the node starts to receive tf then. It must be short enough that the thread of the tree does not count as hanging."""
 
 
 class RobotFrames:
@@ -162,7 +162,7 @@ class EndingGoal:
 
     @property
     def description(self) -> str:
-        """What goes on, for a person."""
+        """Description of the goal for a person."""
         return f'canceling the goal of {self.action}'
 
 

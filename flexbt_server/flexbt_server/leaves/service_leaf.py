@@ -32,8 +32,8 @@ SERVICE_PORTS: Final[dict[str, Port]] = {
 """Ports of every service leaf."""
 
 ANSWER_SECONDS = 0.5
-"""How long a tick waits for the answer that a :class:`ServiceLeaf` asks for, s of wall time. In Nav2 that is 5 ms, half
-of the period of its loop; services in Python take longer on a busy machine.
+"""Time for which a tick waits for the answer to a :class:`ServiceLeaf`, s of wall time. In Nav2 it is 5 ms, half of the
+period of its loop; services in Python take longer on a busy machine.
 """
 
 
@@ -65,7 +65,7 @@ class ServiceNode(LeafNode):
 
     @property
     def host(self) -> LeafServices:
-        """What the BT server provides."""
+        """Services of the BT server."""
         services: LeafServices = self.services
         return services
 

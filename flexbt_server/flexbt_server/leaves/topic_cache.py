@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Subscriptions that the leaves of all trees share; they are kept, so that a new run has the last message at once."""
+"""Subscriptions that the leaves of all trees share. They are kept, so that a new run has the last message at once."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class TopicCache:
 
     @property
     def is_awaited(self) -> bool:
-        """Whether there is such a tree."""
+        """True if a tree waits for the topic."""
         return bool(self._trees)
 
     def wake(self) -> None:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bases of leaves that read a topic, and of leaves about poses: when something is unknown, they fail with the
-reason."""
+"""Bases of leaves that read a topic, and of leaves about poses: if something is unknown, they fail with the reason."""
 
 from __future__ import annotations
 
@@ -100,7 +99,7 @@ class PoseLeaf(LeafNode):
 
     @property
     def frames(self) -> RobotFrames:
-        """Where the robot is, and poses in other frames."""
+        """Frames of the robot: its pose, and poses in other frames."""
         services: LeafServices = self.services
         return services.frames
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What differs between the branches of Nav2: fields of goals and requests, and statuses of waypoints."""
+"""Differences between the branches of Nav2: fields of goals and requests, and statuses of waypoints."""
 
 from __future__ import annotations
 

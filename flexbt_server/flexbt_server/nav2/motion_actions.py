@@ -35,7 +35,7 @@ VALID: Final = Predicate('valid', {'path': 'path'}, ConditionSensor('IsPathValid
 """No pose of a path is in collision."""
 
 PATH_SECONDS: Final = 10.0
-"""How long after a failure of the controller the next path is waited for, s of wall time."""
+"""Time for which the next path is awaited after a failure of the controller, s of wall time."""
 
 
 def count_recovery(board: Blackboard) -> None:

@@ -60,7 +60,7 @@ def _facing(pose: PoseStamped, target: PoseStamped) -> PoseStamped:
 
 
 class TruncatePathLocal(PoseLeaf, SyncAction):
-    """Takes of a path what is around the robot, or around ``pose``.
+    """Cuts out the part of a path around the robot, or around ``pose``.
 
     From the pose that is nearest, as far back and forward along the path as the ports say; a path without poses stays
     as it is. FAILURE while it is not known where the robot is in the frame of the path.
@@ -113,7 +113,7 @@ class TruncatePathLocal(PoseLeaf, SyncAction):
 
 
 class ConcatenatePaths(PoseLeaf, SyncAction):
-    """Puts two paths behind each other. FAILURE when neither has a pose.
+    """Joins two paths. FAILURE when neither has a pose.
 
     The header is that of the first that has one.
     """
@@ -138,7 +138,7 @@ class ConcatenatePaths(PoseLeaf, SyncAction):
 
 
 class GetPoseFromPath(PoseLeaf, SyncAction):
-    """Gives the pose of a path at ``index``. FAILURE when there is none."""
+    """Returns the pose of a path at ``index``. FAILURE when there is none."""
 
     __slots__ = ()
 
@@ -230,7 +230,7 @@ class AppendGoalPoseToGoals(PoseLeaf, SyncAction):
 
 
 class GetNextFewGoals(PoseLeaf, SyncAction):
-    """Gives the first ``num_goals`` of goals. FAILURE when there is none."""
+    """Returns the first ``num_goals`` of goals. FAILURE when there is none."""
 
     __slots__ = ()
 
@@ -254,7 +254,7 @@ class GetNextFewGoals(PoseLeaf, SyncAction):
 
 
 class ExtractRouteNodesAsGoals(PoseLeaf, SyncAction):
-    """Gives the nodes of a route as goals, without a direction. FAILURE when it has none."""
+    """Returns the nodes of a route as goals, without a direction. FAILURE when it has none."""
 
     __slots__ = ()
 

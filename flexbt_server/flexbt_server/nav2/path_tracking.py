@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the robot is on a path: the nearest place, how far it is off, and what is left. Pure arithmetic, in m and rad.
+"""Position of the robot on a path: the nearest place, the distance from it, and the length that remains. Pure
+arithmetic, in m and rad.
 
 A path is anything with the fields of a nav_msgs/Path; all of it is about the plane.
 """
@@ -16,14 +17,16 @@ from geometry_msgs.msg import PoseStamped
 from flexbt_server.trees.ros_ports import TrackingFeedback
 
 SEARCH_AHEAD: Final = 3.0
-"""How far along the path from where it was last the robot is looked for, m: a path may come by a place twice."""
+"""Distance along the path from its last position within which the robot is looked for, m: a path may pass a place
+twice."""
 
 LOST: Final = 0.5
-"""How far off the path, m, the robot is looked for on all the rest of it: it drove on while nobody looked."""
+"""Distance from the path above which the robot is looked for on all of the remaining path, m: it drove on
+unobserved."""
 
 
 class PathTracker:
-    """Follows the robot along one path, from its beginning."""
+    """A tracker of the robot along one path, from its beginning."""
 
     def __init__(self, path: Any) -> None:
         self.path = path

@@ -220,7 +220,7 @@ class ComputeRoute(_RouteLeaf, _Planner):
 
 
 class ComputeAndTrackRoute(_RouteLeaf):
-    """Computes a route, and tells how far the robot has come on it until it is at its end.
+    """Computes a route, and reports the robot's progress on it until the robot is at its end.
 
     The outputs follow the feedback of the server, and are empty when it has ended. Another start or goal on the
     blackboard replaces the one that is worked on.

@@ -40,7 +40,7 @@ _BASE: Final = input_port(STRING, optional=True, description="frame of the robot
 
 
 class GetCurrentPose(PoseLeaf, SyncAction):
-    """Gives the pose of the robot. FAILURE while it is not known."""
+    """Returns the pose of the robot. FAILURE while it is not known."""
 
     __slots__ = ()
 

@@ -108,7 +108,7 @@ class CancelFollowObject(CancelAction):
 
 
 class ReinitializeGlobalLocalization(ServiceLeaf):
-    """Has the localization begin anew, with the robot anywhere on the map."""
+    """Restarts the localization, with the robot anywhere on the map."""
 
     __slots__ = ()
 

@@ -21,7 +21,8 @@ from flexbt_server.leaves.service_leaf import ServiceNode
 from flexbt_server.leaves.topic_cache import SubscribedTopic, SubscribesToTopics
 
 ACTIVATION_SECONDS: Final = 60.0
-"""How long the servers are waited for, s of wall time. What is not there then may never come: goals tell."""
+"""Time for which the servers are awaited, s of wall time. A server that is missing then may never start: goals report
+it."""
 
 _LOOK_SECONDS: Final = 0.1
 _TOLD_AFTER: Final = 2.0
@@ -29,7 +30,7 @@ _TOLD_AFTER: Final = 2.0
 
 
 class Activation:
-    """Waits for servers. Made and used on the executor thread.
+    """A wait for servers. Made and used on the executor thread.
 
     ``is_over``: all of them were there, the time is up, or it was canceled. When it is not ``patient`` it is over at
     once, and what is missing is told.

@@ -51,7 +51,7 @@ from .waypoint_follower import InputAtWaypoint, WaitAtWaypoint, WaypointFollower
 ExecuteResult = BtExecute.Result
 
 LOOK_SECONDS: Final = 0.05
-"""How often a goal that waits is looked at, s of wall time."""
+"""Time between two checks of a goal that waits, s of wall time."""
 
 
 class Navigators:
@@ -259,7 +259,7 @@ TRACKING_KEY: Final = 'tracking_feedback'
 
 
 class TreeNavigator:
-    """Serves one of :data:`ACTIONS`. On the executor thread.
+    """The server of one of :data:`ACTIONS`. On the executor thread.
 
     Its trees run on a blackboard of its own, which has the name of the action and lasts as long as the navigator.
     ``on_goal(goal, go_on)`` is told of each goal that is ready to begin, but for its poses.

@@ -42,7 +42,7 @@ class _Settings:
 
 
 class WaypointFollower:
-    """Serves FollowWaypoints. On the executor thread."""
+    """The server of FollowWaypoints. On the executor thread."""
 
     def __init__(
         self,

@@ -55,7 +55,8 @@ class OfferRefused:
 
 @dataclass(frozen=True, slots=True)
 class RunWarning:
-    """Ticks take longer than the tick period, or the tree keeps waking itself: each at most once a second."""
+    """A warning: ticks take longer than the tick period, or the tree keeps waking itself. Each at most once a
+    second."""
 
     text: str
 
@@ -106,7 +107,7 @@ class RunReader:
     """A reader of the events of one run, called on the thread of the run. An aborted run ends on another thread."""
 
     log: Log | None = None
-    """Where the tree logs changes of statuses for this reader; always the same."""
+    """Log in which the tree records changes of statuses for this reader; always the same one."""
 
     def read(self, event: RunEvent) -> None:
         """Handle an event."""
@@ -134,7 +135,7 @@ class RunEvents:
 
     @property
     def log(self) -> Log | None:
-        """Where the tree is to log changes of statuses; None when no reader wants them."""
+        """Log in which the tree records changes of statuses; None if no reader needs them."""
         logs = [reader.log for reader in self._readers if reader.log is not None]
         return TeeLog(logs) if len(logs) > 1 else next(iter(logs), None)
 

@@ -36,19 +36,19 @@ _UNFIT: Final = re.compile(r'[^\w.-]')
 _NAME_LIMIT: Final = 80
 
 MOST_WAITING: Final = 10_000
-"""Rounds of ticks of all runs that wait for the disk, at most: the log of a run that has one more ends."""
+"""Maximum number of rounds of ticks of all runs that wait for the disk: the log of a run that exceeds it ends."""
 
 STUCK_SECONDS: Final = 2.0
 """A disk that takes longer than this for one of them is told."""
 
 TELL_SECONDS: Final = 60.0
-"""From one line about logs that cannot be written to the next: a full disk ends that of each run."""
+"""Time between two reports of logs that cannot be written, s: a full disk ends that of each run."""
 
 _CLOSE_SECONDS: Final = 1.0
 
 
 class RunLogs:
-    """Writes the logs, on a thread of its own. Names are time of the start (UTC), tree and run, in this order."""
+    """A writer of the logs, on its own thread. Names are time of the start (UTC), tree and run, in this order."""
 
     def __init__(self, runtime: Runtime, directory: Path, keep: int) -> None:
         """Raise ServerParameterError when there is no such directory and none can be made."""
@@ -140,14 +140,14 @@ class _RunLog(RunReader):
 # message is made.
 
 MOST_CHANGES: Final = 1000
-"""Changes of one message."""
+"""Maximum number of changes in a message."""
 
 LoggedChange = tuple[int, int, int]
 """The uid of a node, and its status before and after."""
 
 
 class TreeLogs:
-    """Publishes the log of every run."""
+    """A publisher of the log of every run."""
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
@@ -198,7 +198,7 @@ class _TreeLog(RunReader):
 
 
 class Groot2Runs:
-    """Opens the port, and closes it with the node."""
+    """An owner of the Groot2 port, which opens it and closes it with the node."""
 
     def __init__(self, runtime: Runtime, port: int, address: str, only: str, types: JsonTypes) -> None:
         """``only``: the ID of the tree that is shown, '' for the newest; ``types`` of what is on blackboards.

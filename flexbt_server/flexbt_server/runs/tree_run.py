@@ -48,7 +48,7 @@ from .run_events import (
 )
 
 _GRACE: Final = 0.2
-"""How much longer than its time to halt a run has to say itself what has not halted, s."""
+"""Time beyond its time to halt in which a run can itself report the nodes that have not halted, s."""
 
 _HAS_ENDED: Final = 'the run has ended'
 _NOT_HALTED: Final = 'not halted in time'
@@ -171,7 +171,7 @@ class TreeRun(Generic[Client]):
 
     @property
     def not_paused(self) -> tuple[str, ...]:
-        """What goes on while the tree is paused, as 'path: why'."""
+        """Leaves that continue while the tree is paused, as 'path: why'."""
         return self._control.not_paused
 
     @property

@@ -41,10 +41,10 @@ BATCH_SECONDS: Final = 0.05
 """Least time between two messages of a run, wall time, unless more than MAX_MARKS wait."""
 
 MAX_MARKS: Final = 8192
-"""Marks that wait at most, at the end of a round."""
+"""Maximum number of marks that wait at the end of a round."""
 
 MAX_CHANGES: Final = 4096
-"""Transitions of one message, which has 48 kB then."""
+"""Maximum number of transitions in a message, which then has 48 kB."""
 
 MESSAGES_KEPT: Final = 64
 """Messages of a topic that the middleware keeps: for those that it still has to deliver, and for late subscribers."""
@@ -52,8 +52,8 @@ MESSAGES_KEPT: Final = 64
 _BATCH_NS: Final = round(BATCH_SECONDS * 1e9)
 
 _GATHER_NS: Final = 2_000_000
-"""How long the first change of a quiet time waits for what follows at once, such as the end of the run: the tree goes
-on meanwhile, and its end is not held up by two messages."""
+"""Time for which the first change of a quiet time waits for changes that follow at once, such as the end of the run,
+ns. The tree continues meanwhile, and its end is not delayed by two messages."""
 
 
 class TreeStream:
@@ -116,7 +116,7 @@ class TreeStream:
 
 
 class RunStream(RunReader):
-    """Publishes the events of one run."""
+    """A publisher of the events of one run."""
 
     def __init__(self, stream: TreeStream, clock: Clock, events: RunEvents) -> None:
         self.log: list[int] = []
@@ -300,7 +300,7 @@ def tree_structure(tree: Tree, run_id: str, number: int, blackboard: str, now: T
 # one round have the same stamp; what follows it is the *end* of a change.
 
 _MOST_REMEMBERED: Final = 20_000
-"""Ends of changes that are remembered; about 2 MB."""
+"""Number of ends of changes that are remembered; about 2 MB."""
 
 _STAMP: Final = struct.Struct('=iI')
 _END: Final = struct.Struct('=HBB')
@@ -308,7 +308,7 @@ _COUNT: Final = struct.Struct('=I')
 
 
 class RoundReader:
-    """Makes the ends of changes of the marks of rounds.
+    """A reader of rounds of marks that makes the ends of changes.
 
     It remembers what it has read: most trees do the same in most rounds, and that is found ten times as fast as read.
     """

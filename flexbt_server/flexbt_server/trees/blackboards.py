@@ -55,7 +55,7 @@ MOST_VALUES: Final = 256_000_000
 
 
 class Blackboards:
-    """Blackboards by name. One is made by who writes to it or runs on it, not by who reads. From any thread.
+    """The blackboards by name. One is made when it is written to or run on, not when it is read. From any thread.
 
     The shared one is there for good. Of the named ones those stay on which somebody works, and of the others the
     MOST_BLACKBOARDS that were named last.

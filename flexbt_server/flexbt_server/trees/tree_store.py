@@ -32,10 +32,10 @@ XML_TEXT: Final = '<xml>'
 """Name, in reports, of XML text that came with a goal."""
 
 _TEXT_PREFIX: Final = '<xml '
-"""How the names of such texts begin in the library."""
+"""Prefix of the names of such texts in the library."""
 
 _MOST_ROUNDS: Final = 20
-"""How often a tree may lead to further files that have changed."""
+"""Maximum number of times that a tree may lead to further files that have changed."""
 
 
 _MOST_SHOWN: Final = 20
@@ -86,7 +86,7 @@ class _Refusal(NamedTuple):
 
 
 class TreeStore:
-    """Loads documents and finds trees. Safe to use from several threads.
+    """A store that loads documents and finds trees. Safe to use from several threads.
 
     All that is loaded takes a bounded amount of memory. To make room, the documents that were not used for the longest
     time are dropped; not those of trees that run, and not what was loaded before :meth:`keep_loaded`. A file that was
@@ -122,7 +122,7 @@ class TreeStore:
 
     @property
     def library(self) -> TreeLibrary:
-        """What is loaded now; it never changes, a load exchanges it."""
+        """Library of the trees that are loaded now; it never changes, a load exchanges it."""
         return self._library
 
     def read_text(self, name: str) -> str:
@@ -465,8 +465,9 @@ class TreeFiles:
 
 
 class FileReading:
-    """Reads what one document is made of, each file once. ``sources`` are those that it was made of: the file itself,
-    or ``text``, and what it includes; ``length`` is that of all of it, in bytes, each as often as it is included."""
+    """The reading of the files of one document, each once. ``sources`` are the files that it was made of: the file
+    itself, or ``text``, and those that it includes. ``length`` is the total length in bytes, each file counted as often
+    as it is included."""
 
     def __init__(self, files: TreeFiles, name: str, text: bytes | None = None) -> None:
         self._files = files
