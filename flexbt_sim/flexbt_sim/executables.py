@@ -6,7 +6,7 @@ import sys
 from flexbt_common.executables import run_main
 
 SIMULATION_BYTES = 2_000_000_000
-"""Address space that the simulator and navigation need, with the compiler of their loops."""
+"""Maximum address space of the simulator and navigation, bytes, including the compiler of their loops."""
 
 SWITCH_INTERVAL = 0.001
 """Seconds after which a thread that computes, such as one that plans, lets the next one run: the one that drives the

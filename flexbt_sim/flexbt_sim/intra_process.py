@@ -33,7 +33,7 @@ Key = tuple[str, type[Any]]
 class _Receiver:
     receive: Callable[[Any], object]
     is_subscribed: bool
-    """Whether it also receives the messages of the middleware."""
+    """True if it also receives the messages of the middleware."""
 
 
 class IntraProcessTopics:
@@ -80,7 +80,7 @@ class IntraProcessPublisher:
 
     @property
     def key(self) -> Key:
-        """Its topic."""
+        """Name of its topic."""
         return self._publisher.topic_name, self._publisher.msg_type
 
     def get_subscription_count(self) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversions between the values of the world and ROS messages: poses, paths and grids, and the faults of navigation
+"""Conversions between values of the world and ROS messages: poses, paths and grids, and the faults of navigation
 servers as the simulator announces them.
 """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""For displays such as RViz: the URDF of a robot, and the bodies of the world as joints and transforms."""
+"""Data for displays such as RViz: the URDF of a robot, and the bodies of the world as joints and transforms."""
 
 from __future__ import annotations
 

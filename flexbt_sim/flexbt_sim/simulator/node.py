@@ -419,7 +419,7 @@ _WORKING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
 class Computations:
-    """Tells the pacer. On the executor thread."""
+    """A watch that reports computations to the pacer. On the executor thread."""
 
     def __init__(self, runtime: NodeRuntime, pacer: Pacer) -> None:
         self._node = runtime.node

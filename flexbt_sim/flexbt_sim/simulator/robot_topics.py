@@ -293,12 +293,12 @@ class RobotTopics:
 
     @property
     def has_messages(self) -> bool:
-        """Whether there is a message to send between two of odometry: a scan, a contact, a late one."""
+        """True if there is a message to send between two messages of odometry: a scan, a contact, a late one."""
         return any(one.has_news for one in self._devices if one.device.is_prompt) or any(self._late.values())
 
     @property
     def has_navigation(self) -> bool:
-        """Whether a node carries out the faults of navigation servers."""
+        """True if a node carries out the faults of navigation servers."""
         topic = self._server_faults.topic_name
         heard_by = self._runtime.node.get_subscriptions_info_by_topic(topic)
         return any(one.node_name == names.NAVIGATION for one in heard_by)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keeps simulated time in step with wall time, or with whoever acts in the world; and lets it stand still.
+"""Pacing of simulated time: in step with wall time or with the program that acts in the world, or paused.
 
 As fast as possible (factor 0) means as fast as everybody keeps up whose work the world waits for:
 
@@ -38,14 +38,14 @@ COMPUTING_FACTOR: Final = 1.0
 """Speed factor of 'as fast as possible' while somebody computes."""
 
 ANSWER_SECONDS: Final = 0.02
-"""How long 'as fast as possible' waits for the command that an odometry message causes, s of wall time."""
+"""Maximum wall time for which 'as fast as possible' waits for the command that an odometry message causes, s."""
 
 STALL_SECONDS: Final = 0.5
-"""How long it waits for that at once where the robot moves: a computer may be busy for so long. On the whole such waits
-make the world no slower than real time."""
+"""Maximum duration of one such wait while the robot moves, s: a computer may be busy for this long. In total, these
+waits never make the world slower than real time."""
 
 Post = Callable[[Callable[[], object]], object]
-"""Has something called after what has arrived until now was handled."""
+"""A function that schedules a call after everything that has arrived until now was handled."""
 
 OnStepped = Callable[[int, bool], None]
 """See :meth:`Pacer.step`."""
@@ -79,9 +79,9 @@ class Schedule:
 class _Driver:
     commanded_at: float
     until: float
-    """From then on the robot brakes by itself."""
+    """Time from which the robot brakes by itself."""
     is_stopping: bool
-    """Its last command was to stand: it may have been the last one at all."""
+    """True if its last command was to stop: there may be no further command."""
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=9))
 
     def is_due(self, now: float) -> bool:
@@ -141,7 +141,8 @@ class _StepRequest:
 
 
 class Pacer:
-    """Waits after each piece of simulated time, on the wall clock. ``stop`` ends all waiting. From any thread."""
+    """A pacer that waits on the wall clock after each piece of simulated time. ``stop`` ends all waiting. From any
+    thread."""
 
     def __init__(self, factor: float, post: Post = lambda told: told()) -> None:
         """``post`` by default for who handles messages at once. Raises ValueError, as :class:`Schedule`."""
@@ -202,7 +203,7 @@ class Pacer:
 
     @property
     def is_paused(self) -> bool:
-        """Whether time is paused, except for steps."""
+        """True if time is paused, except for steps."""
         return self._is_paused
 
     def pause(self) -> None:
@@ -259,7 +260,7 @@ class Pacer:
 
     @property
     def stopped(self) -> bool:
-        """Whether :meth:`stop` was called."""
+        """True if :meth:`stop` was called."""
         return self._stopped
 
     # -- on the thread that steps ------------------------------------------------------------------------------------

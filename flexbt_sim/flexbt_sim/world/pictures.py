@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of a world, and moving ones of a run."""
+"""Pictures of a world, and animations of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PIXELS: Final = 900
 MAX_PIXELS: Final = 8000
 MAX_FRAMES: Final = 5000
 _FINE: Final = 2
-"""Pictures are drawn so many times as large, so that lines are smooth."""
+"""Factor by which pictures are drawn larger and then scaled down, so that lines are smooth."""
 
 _FONT: Final = 20
 _PAD: Final = 4

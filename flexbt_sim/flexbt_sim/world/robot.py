@@ -99,7 +99,7 @@ class Robot(Carrier):
 
     @property
     def twist(self) -> tuple[float, float]:
-        """Its speed over ground, m/s and rad/s, which slipping wheels do not measure."""
+        """Velocity over ground, m/s and rad/s, which slipping wheels do not measure."""
         return self.linear * self._grip, self.angular * self._grip
 
     def is_driven(self, now: float) -> bool:
@@ -119,7 +119,7 @@ class Robot(Carrier):
 
     @property
     def is_powered(self) -> bool:
-        """Whether its battery, if it has one, has energy."""
+        """True if its battery, if it has one, has energy."""
         return self.battery is None or self.battery.level > 0.0
 
     # -- localization ------------------------------------------------------------------------------------------------

@@ -191,7 +191,7 @@ class Marking(Generic[M]):
 
     @property
     def pose(self) -> Pose:
-        """Its origin."""
+        """Pose of its origin."""
         return self.model.pose
 
 
@@ -209,7 +209,7 @@ class Zone(Marking[ZoneModel]):
 
     @property
     def shape(self) -> Shape:
-        """Its area, round its origin."""
+        """Shape of its area, around its origin."""
         return self.model.area
 
     def contains(self, x: float, y: float) -> bool:
@@ -218,4 +218,4 @@ class Zone(Marking[ZoneModel]):
 
 
 Entity = Body | Station | Zone
-"""Whatever has a name in the world."""
+"""Anything with a name in the world."""

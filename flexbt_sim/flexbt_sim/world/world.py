@@ -159,7 +159,7 @@ class World:
 
     @property
     def held(self) -> Mapping[str, Obstacle]:
-        """Obstacles in grippers, by the names of the robots. They block nobody."""
+        """Obstacles in grippers, by the names of the robots. They block no other body."""
         return MappingProxyType(self._held)
 
     @property
@@ -174,7 +174,7 @@ class World:
 
     @property
     def no_go(self) -> tuple[tuple[Shape, Pose], ...]:
-        """Areas of the no-go zones, and where they are."""
+        """Areas of the no-go zones, and their poses."""
         return tuple((one.shape, one.pose) for one in self._zones.values() if one.model.kind == 'no_go')
 
     @property

@@ -90,7 +90,7 @@ class SensorNoisy(SensorFault):
 
     @property
     def noise_factor(self) -> float:
-        """Its ``factor``."""
+        """Factor by which the noise of a sensor is multiplied."""
         return self.factor
 
 
@@ -215,7 +215,7 @@ class Fault:
 
     @property
     def name(self) -> str:
-        """Its name in the table."""
+        """Name of the fault in the table."""
         return self.parameters.name
 
 

@@ -40,7 +40,7 @@ class DriveModel(ModelSpecification):
 
 @dataclass(frozen=True)
 class OdometryModel(ModelSpecification):
-    """By how much the odometry is wrong. By default it is exact."""
+    """Errors of the odometry. By default it is exact."""
 
     title: ClassVar[str] = 'odometry'
 
@@ -163,7 +163,7 @@ class DoorModel(ModelSpecification):
 
     @property
     def length(self) -> float:
-        """From one end to the other, m."""
+        """Length from one end to the other, m."""
         return math.dist(self.from_, self.to)
 
     def at(self, pose: Pose) -> DoorModel:

@@ -301,7 +301,7 @@ class Room(ModelSpecification):
 
     @property
     def walls(self) -> tuple[Point, ...]:
-        """Its walls as one line."""
+        """Walls of the map as one line."""
         (x0, y0), (x1, y1) = self.from_, self.to
         return (x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)
 

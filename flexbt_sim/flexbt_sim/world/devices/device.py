@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Devices of robots: what a sensor or another device measures or does, when, and what it publishes. Without ROS.
+"""Devices of robots: measurements and actions of sensors and other devices, their timing and their messages. Without
+ROS.
 
 A device is one class. Its name is its key in the description of a robot; its topics are described as values, which the
 simulator fills messages with. ``DEVICES`` in ``flexbt_sim.world.descriptions.models`` lists all of them.
@@ -31,7 +32,7 @@ class DeviceFault(FaultModel):
 
     @property
     def noise_factor(self) -> float:
-        """By how much the noise of a sensor is greater."""
+        """Factor by which the noise of a sensor is multiplied."""
         return 1.0
 
 
@@ -48,12 +49,12 @@ class Carrier(Body):
 
     @property
     def twist(self) -> tuple[float, float]:
-        """Its speed over ground, m/s and rad/s."""
+        """Velocity over ground, m/s and rad/s."""
         return 0.0, 0.0
 
     @property
     def is_powered(self) -> bool:
-        """Whether its devices have power."""
+        """True if its devices have power."""
         return True
 
 
@@ -74,10 +75,10 @@ class Device:
     fields: ClassVar[tuple[tuple[str, str], ...]] = ()
     array: ClassVar[str] = ''
     casts: ClassVar[bool] = False
-    """Whether it is a sensor that casts beams, which takes the world some time."""
+    """True if it is a sensor that casts beams, which takes the world some time."""
     is_latched: ClassVar[bool] = False
     is_prompt: ClassVar[bool] = True
-    """Whether its messages are sent at once, not with the next pose of the robot."""
+    """True if its messages are sent at once, not with the next pose of the robot."""
 
     def __init__(self, robot: Carrier, model: Any) -> None:
         self.robot = robot
@@ -99,7 +100,7 @@ class Device:
 
     @property
     def state(self) -> Any:
-        """Its part of a snapshot of the world, or None. It does not depend on who reads the device."""
+        """State of the device in a snapshot of the world, or None. It does not depend on the reader."""
         return None
 
     def constants(self) -> Mapping[str, Any]:
@@ -152,7 +153,7 @@ class Sensor(Device):
 
     @property
     def noise_factor(self) -> float:
-        """By how much faults make its noise greater."""
+        """Factor by which faults multiply its noise."""
         return math.prod(one.noise_factor for one in self.faults.values()) if self.faults else 1.0
 
     def comes_due(self, now: float) -> bool:

@@ -42,7 +42,7 @@ class LidarModel(ModelSpecification):
 
     @property
     def is_all_round(self) -> bool:
-        """Whether the last beam is beside the first one."""
+        """True if the last beam is next to the first one."""
         return self.field_of_view > math.tau - 1e-6
 
     @property

@@ -96,7 +96,7 @@ _LARGE: Final = 20.0
 
 
 class BodyGrid:
-    """Bodies where they were when that was told, each with a ``margin`` round it, m.
+    """An index of bodies at the places where they were when added, each with a ``margin`` around it, m.
 
     ``squares`` has those that touch a square by its column and row; ``large`` those that are near to all.
     """

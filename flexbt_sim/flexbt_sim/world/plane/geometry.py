@@ -24,7 +24,7 @@ class Pose(NamedTuple):
 
     @property
     def is_place(self) -> bool:
-        """Whether these are numbers, and within FARTHEST."""
+        """True if these are finite numbers within FARTHEST."""
         return all(map(math.isfinite, self)) and max(abs(self.x), abs(self.y)) <= FARTHEST
 
     def distance(self, other: Pose) -> float:

@@ -71,7 +71,8 @@ class OccupancyMap:
 
     @cached_property
     def obstacles(self) -> NDArray[numpy.bool_]:
-        """Which cells are obstacles: occupied more likely than not. The border outside of the map counts as free."""
+        """Mask of the cells that are obstacles: occupied more likely than not. The border outside of the map counts as
+        free."""
         obstacles: NDArray[numpy.bool_] = self.cells > OCCUPIED // 2
         return obstacles
 

@@ -22,7 +22,7 @@ from .loops import compiled
 from .occupancy_map import OccupancyMap
 
 _BEYOND: Final = 1e-6
-"""By how much, in cells, a beam goes into the next cell to be in it."""
+"""Distance by which a beam has to enter the next cell to be in it, in cells."""
 
 _ROUNDING: Final = 1e-9
 """Part of a side by which it is longer, so that no beam slips between two sides."""
@@ -34,7 +34,7 @@ Floats = NDArray[numpy.floating[Any]]
 
 
 class Beams(NamedTuple):
-    """Beams from a pose in the map: the direction of the first one and the angle from each to the next, rad.
+    """A fan of beams from a pose in the map: the direction of the first one and the angle from each to the next, rad.
 
     ``range_max`` is as far as anything is looked for, m; ``owner`` the number of the body that is not seen.
     """
@@ -48,7 +48,7 @@ class Beams(NamedTuple):
 
 
 class Outlines(NamedTuple):
-    """Bodies as beams meet them.
+    """The outlines of bodies as beams meet them.
 
     ``circles`` are rows of x, y, radius and number of the body, ``segments`` rows of x, y, x, y and this number.
     """
@@ -70,7 +70,7 @@ def outlines(bodies: Iterable[Body]) -> Outlines:
 
 
 class RayCaster:
-    """Casts the beams of any number of sensors: one after the other where numba is, otherwise all at once."""
+    """A caster of the beams of any number of sensors: one after the other with numba, otherwise all at once."""
 
     def __init__(self, world: OccupancyMap | None) -> None:
         self._world = world
@@ -82,7 +82,7 @@ class RayCaster:
 
     @cached_property
     def _free(self) -> NDArray[numpy.float32]:
-        """For each cell, how far a beam may go from anywhere in it, in cells; less than -0.5 for an obstacle."""
+        """Free distance of a beam from anywhere in each cell, in cells; less than -0.5 for an obstacle."""
         world = self._world
         if world is None:
             return numpy.ones((1, 1), numpy.float32)  # which beams leave at once

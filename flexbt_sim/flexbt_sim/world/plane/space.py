@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bodies on a map: how far each is from what it may run into, and how far it can go.
+"""Distances of bodies on a map to their obstacles, and how far the bodies can move.
 
 Movement is by conservative advancement: a body goes as far as nothing can be, looks again, and so on, so that it never
 jumps over anything and never overlaps anything, whatever its speed and however long the tick. What was found is used
@@ -24,7 +24,7 @@ from .loops import compiled
 from .occupancy_map import OccupancyMap
 
 COLLISION_CHECK_DISTANCE: Final = 0.002
-"""How far, m, a body goes from one collision check to the next when it is near one."""
+"""Distance that a body near an obstacle moves between two collision checks, m."""
 
 _REACH: Final = 1.0
 """Distance, m, within which others are near."""
