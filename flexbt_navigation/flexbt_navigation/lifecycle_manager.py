@@ -34,7 +34,7 @@ T = TypeVar('T')
 Command = ManageLifecycleNodes.Request
 
 LOOK_SECONDS: Final = 0.1
-"""From one look at a node that is in a transition to the next, s."""
+"""Time between two checks of a node that is in a transition, s."""
 
 DEFAULT_NODES: Final = (
     'controller_server',

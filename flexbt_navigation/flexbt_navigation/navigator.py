@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Drives robots of a simulated world to goals, without ROS: for notebooks, tests and figures.
+"""Navigation of robots of a simulated world, without ROS: for notebooks, tests and figures.
 
 Planner, costmaps and controller are those of the navigation servers; what is done when they fail is what Nav2's default
 tree does (navigate_to_pose_w_replanning_and_recovery).
@@ -33,7 +33,7 @@ PLAN_PERIOD: Final = 1.0
 GLOBAL_PERIOD: Final = 1.0
 LOCAL_PERIOD: Final = 0.2
 RETRIES: Final = 6
-"""How often a recovery is tried."""
+"""Maximum number of recoveries."""
 
 RECOVERABLE: Final = frozenset(
     {'UNKNOWN', 'NO_VALID_PATH', 'TIMEOUT', 'PATIENCE_EXCEEDED', 'FAILED_TO_MAKE_PROGRESS', 'NO_VALID_CONTROL'}
@@ -42,12 +42,12 @@ RECOVERABLE: Final = frozenset(
 
 T = TypeVar('T')
 Steps = Generator[None, None, T]
-"""What drives a robot: between two commands a COMMAND_PERIOD passes."""
+"""A generator that drives a robot: between two commands a COMMAND_PERIOD passes."""
 
 
 @dataclass
 class Trip:
-    """What became of a goal: ``code`` of the error that ended it, or '' when it was reached; s, and m driven."""
+    """The result of a goal: ``code`` of the error that ended it, or '' if it was reached; s, and m driven."""
 
     goal: Pose
     code: str = ''
@@ -60,8 +60,8 @@ class Trip:
 
 
 class Navigator:
-    """Drives one robot: :meth:`navigate` until it is there; or together with others, by :meth:`start` and
-    :meth:`step`. What else is in the world moves on meanwhile."""
+    """A navigator of one robot: :meth:`navigate` drives it to a goal, or :meth:`start` and :meth:`step` together with
+    others. Everything else in the world moves on meanwhile."""
 
     def __init__(
         self,

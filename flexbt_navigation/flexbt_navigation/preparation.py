@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What numba compiles for navigation, before the first goal needs it. ``python3 -m flexbt_navigation.preparation`` has
-numba compile all loops, those of the world too, and keep them for later processes; the set-up of the workspace runs
+"""Compilation of navigation with numba, before the first goal needs it. ``python3 -m flexbt_navigation.preparation``
+has numba compile all loops, those of the world too, and keep them for later processes; the set-up of the workspace runs
 it. Without it the first processes compile them, each for itself.
 """
 

@@ -33,15 +33,16 @@ from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 from .errors import NavigationError
 
 CHECK_SECONDS: Final = 0.1
-"""From one look whether poses still come to the next, at least, s of wall time."""
+"""Minimum time between two checks that poses still arrive, s of wall time."""
 
 RETURN_SECONDS: Final = 3.0
-"""For so long at least goals wait for the pose of a robot that was gone, s of wall time: a process that takes the place
-of one that was killed may be out of reach for 2.5 s, and others know of it before (:mod:`flexbt_common.lifecycle`)."""
+"""Minimum time for which goals wait for the pose of a robot that was gone, s of wall time. A process that replaces one
+that was killed may be out of reach for 2.5 s, and others know of it before (:mod:`flexbt_common.lifecycle`)."""
 
 
 class PoseWatch:
-    """Looks whether poses still come, until there has been none for ``timeout`` seconds, or :meth:`cancel`.
+    """A watch that checks whether poses still arrive, until there has been none for ``timeout`` seconds, or
+    :meth:`cancel`.
 
     ``silence()`` is the time since the last one; ``on_lost`` gets the end of the goal that needs them, once.
     """
@@ -187,7 +188,7 @@ class RobotInterface:
 
     @property
     def silence(self) -> float:
-        """For how long nobody has sent a pose, s of ``NodeRuntime.listening_time``; infinite before the first."""
+        """Time for which nobody has sent a pose, s of ``NodeRuntime.listening_time``; infinite before the first."""
         self._demand.take()
         return self._runtime.listening_time.handled - self._pose_heard
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Carries out the faults that navigation servers have on command; the simulator tells of them."""
+"""Faults of navigation servers on command; the simulator announces them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FAULTS_DEPTH: Final = 10
 
 
 class ServerFaults:
-    """Carries out the faults of the servers of a node. On the executor thread."""
+    """An agent that carries out the faults of a node's servers. On the executor thread."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime

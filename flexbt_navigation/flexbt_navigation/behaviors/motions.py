@@ -28,7 +28,7 @@ SPIN_LIMITS: Final = TurnLimits(minimum=0.4, maximum=1.0, acceleration=3.2)
 """Nav2's min_rotational_vel, max_rotational_vel and rotational_acc_lim."""
 
 TELEOP_PROJECTION: Final = 1.0
-"""How far ahead assisted_teleop looks, s: Nav2's projection_time."""
+"""Time for which assisted_teleop looks ahead, s: Nav2's projection_time."""
 
 
 class _Timed:
@@ -57,7 +57,7 @@ def _kept_apart(apart: KeepingApart, costmap: Costmap, pose: Pose, velocity: Vel
 
 
 class SpinMotion:
-    """Turns on the spot by an angle, rad; ``turned`` so far."""
+    """A turn on the spot by an angle, rad; ``turned`` so far."""
 
     def __init__(self, target: float, allowance: float, costmap: Costmap, limits: TurnLimits = SPIN_LIMITS) -> None:
         self._target = target
@@ -94,11 +94,12 @@ class SpinMotion:
 
 
 ROLL_TIME: Final = 0.1
-"""How long, s, the robot may drive on beyond its distance: until the command to stop is there, and while it brakes."""
+"""Time for which the robot may roll on beyond its distance, s: until the command to stop arrives, and while it
+brakes."""
 
 
 class DriveMotion:
-    """Drives straight, forward or backward, for a distance."""
+    """A drive straight ahead, forward or backward, for a distance."""
 
     def __init__(self, distance: float, speed: float, allowance: float, costmap: Costmap) -> None:
         """``distance`` and ``speed`` have the same sign, negative for backward."""
@@ -129,7 +130,7 @@ class DriveMotion:
 
 
 class AssistedTeleopMotion:
-    """Drives as an operator commands, slower where that leads to a collision, until it is said to be done."""
+    """A drive commanded by an operator, slowed down where it leads to a collision, until it is reported as done."""
 
     def __init__(self, command: Callable[[], Velocity], allowance: float, costmap: Costmap) -> None:
         """``command()`` is what the operator wants just now."""

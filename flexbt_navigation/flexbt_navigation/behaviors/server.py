@@ -30,7 +30,8 @@ from .motions import AssistedTeleopMotion, DriveMotion, SpinMotion
 MOST_TURN: Final = 10_000.0
 MOST_DISTANCE: Final = 100_000.0
 MOST_SPEED: Final = 10.0
-"""Of one motion: rad, m, m/s. For each pose of the robot collisions are looked for over two seconds of driving."""
+"""Bounds of one motion: rad, m, m/s. For each pose of the robot, collisions are looked for over two seconds of
+driving."""
 
 
 class BehaviorServer:
@@ -97,7 +98,7 @@ class BehaviorServer:
 # A message on preempt_teleop says that the operator has done what was to be done: the goal succeeds.
 
 COMMAND_SECONDS: Final = 0.5
-"""For how long, of wall time, a command counts: an operator whose link is cut drives no robot any further."""
+"""Time for which a command is valid, s of wall time: an operator whose link is cut drives the robot no further."""
 
 
 class TeleopServer:

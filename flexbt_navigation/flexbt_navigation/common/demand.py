@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether messages about the robot are needed at once, or only on request."""
+"""Demand for messages about the robot: at once, or only on request."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from flexbt_common.values.limits import MESSAGE
 from flexbt_sim.intra_process import IntraProcessMessages, IntraProcessTopics
 
 LOOK_SECONDS: Final = 0.9
-"""After which a message is heard that nobody needs, s of wall time: less than from one look of the executor to the next
-(node_executor.py), so at each of them."""
+"""Time after which a message is received although nobody needs it, s of wall time. It is less than the time between two
+checks of the executor (node_executor.py), so each check receives one."""
 
 
 class Demand:
@@ -35,7 +35,7 @@ class Demand:
         self._in_process = in_process
         self._messages: list[ReceivedMessages | IntraProcessMessages] = []
         self.is_there = False
-        """Whether messages are handled at once."""
+        """True if messages are handled at once."""
         self.reasons: list[Callable[[], bool]] = []
 
     def subscribe(

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How goals of the navigation actions end, with their results, and goals whose results are computed on a
-thread of their own.
-"""
+"""Goals of the navigation actions: their ends and results, and goals whose results are computed on their own thread."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ class GoalEnd:
 
 
 class OnPathEnd(Protocol):
-    """Ends a goal, with a path when there is one."""
+    """A callback that ends a goal, with a path if there is one."""
 
     def __call__(self, end: GoalEnd, path: Path | None = None) -> None: ...
 

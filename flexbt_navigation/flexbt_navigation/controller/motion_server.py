@@ -29,7 +29,7 @@ TAKEN_OVER: Final = GoalEnd(message='a newer motion has taken over')
 
 
 class OnEnd(Protocol):
-    """Ends a goal, of a motion that has taken so many seconds."""
+    """A callback that ends a goal of a motion that has taken this many seconds."""
 
     def __call__(self, end: GoalEnd, seconds: float = 0.0) -> None: ...
 
@@ -55,7 +55,7 @@ class RunningMotion:
 
 
 class MotionArbiter:
-    """Lets one motion drive."""
+    """An arbiter that lets one motion drive."""
 
     def __init__(self, runtime: NodeRuntime, robot: RobotInterface) -> None:
         self._runtime = runtime
@@ -141,7 +141,7 @@ class MotionArbiter:
 
 
 class MotionServer:
-    """Serves one action.
+    """A server of one action.
 
     ``make(request, *poses)`` gives the motion, or raises NavigationError. ``asked(request)`` are those poses of a
     request that come in any frame, and that ``make`` gets in that of the map.

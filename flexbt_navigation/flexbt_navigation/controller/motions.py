@@ -19,18 +19,18 @@ from flexbt_sim.world.plane.geometry import Pose, drive
 # velocity whenever a new pose is known.
 
 LOOK_AHEAD: Final = 2.0
-"""How far ahead collisions are looked for, s."""
+"""Time for which collisions are looked for ahead, s."""
 
 LOOK_AHEAD_STEP: Final = 0.1
 """Time, s, from one collision check to the next, where that is less than a cell of driving."""
 
 
 LATENCY: Final = 0.05
-"""After what time, s, a command takes effect: a period of a controller. Until then the one before does."""
+"""Time until a command takes effect, s: a period of a controller. Until then the previous command does."""
 
 SIDE_GAP: Final = 0.03
 SIDE_TIME: Final = 0.4
-"""What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
+"""Minimum distance from a movable obstacle, m, and time for which it may come nearer unseen, s."""
 
 SLOWEST: Final = 0.01
 """Speed, m/s, below which nothing that rests is approached: the robot would creep for ever, and not arrive."""
@@ -39,29 +39,28 @@ PASSING: Final = 0.05
 """Speed, m/s, at which the robot passes what rests, however near the path leads to it."""
 
 AWAY: Final = 0.25
-"""From all that is near a robot that is no circle and turns moves away: for each metre that its corners swing so many
-metres."""
+"""Distance, m, by which a robot that is not a circle and turns moves away from everything near it, for each metre that
+its corners swing."""
 
 ESCAPE: Final = 0.5
-"""From what touches it the robot moves away only: for each metre driven so many metres. Cells are coarse: what seems to
-pass may be pushed."""
+"""Distance, m, by which the robot moves away from an obstacle that touches it, for each metre driven; it makes no other
+motion. Cells are coarse: an obstacle that seems to be passed may be pushed."""
 
 SAME_GAP: Final = 1e-6
 """Gaps, m, that differ by no more are the same: headings and distances are rounded."""
 
 JUMP: Final = 0.1
-"""How much farther, m, than it drives the robot comes from one step to the next if it has been localized anew: what was
-seen before says nothing then.
-"""
+"""Distance, m, beyond that driven which the robot moves from one step to the next if it has been localized anew:
+earlier observations are then void."""
 
 FASTEST: Final = 1.0
 """Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
 
 COMPANY_TIME: Final = 3.0
-"""For how long, s, after it has moved last something counts as somebody who goes about."""
+"""Time since its last motion for which something counts as a moving person or robot, s."""
 
 PERSONAL_SPACE: Final = 0.3
-"""How near to somebody who is in its way, m, a robot stays if it can get away from them."""
+"""Distance that a robot keeps from a person or robot in its way, m, if it can move away."""
 
 
 class Velocity(NamedTuple):
@@ -135,7 +134,7 @@ class Inertia:
 
 
 class CommandedDrive:
-    """What the drive of a robot makes of its commands: each takes effect after LATENCY, with limited accelerations."""
+    """A drive of a robot that carries out its commands: each takes effect after LATENCY, with limited accelerations."""
 
     def __init__(self, inertia: Inertia) -> None:
         self._inertia = inertia
@@ -152,7 +151,7 @@ class CommandedDrive:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the robot is at rest."""
+        """True if the robot is at rest."""
         return self._inertia.velocity == STOP
 
     def foreseen(self, pose: Pose) -> tuple[Pose, Inertia]:
@@ -196,7 +195,7 @@ class Sight(NamedTuple):
 
 
 class KeepingApart:
-    """Keeps a robot that moves apart from what was seen and may move; ``top_speed`` is its own, m/s.
+    """A limiter that keeps a moving robot apart from movable obstacles; ``top_speed`` is the robot's own, m/s.
 
     Look-ahead finds what is on the arc. This finds what comes from the side, between two scans.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Follows a path by regulated pure pursuit, with a goal checker and a progress checker.
+"""Path following by regulated pure pursuit, with a goal checker and a progress checker.
 
 The rules are those of Nav2's regulated pure pursuit controller, with speeds that fit a TurtleBot3.
 """
@@ -33,13 +33,13 @@ from .motions import (
 from .track import Leg, Track, drivable_legs
 
 SEARCH_DISTANCE: Final = 1.5
-"""How far along the path, m, the robot may have come from one step to the next; the path may cross itself."""
+"""Maximum distance along the path from one step to the next, m; the path may cross itself."""
 
 JOIN_DISTANCE: Final = 0.25
-"""How much nearer, m, a later part of a new path has to be for the robot to join it there."""
+"""Distance, m, by which a later part of a new path has to be nearer for the robot to join it there."""
 
 YIELD_TIME: Final = 60.0
-"""For how long, s, others are given way to before the robot is nearer to the goal."""
+"""Time for which the robot gives way to others before it is nearer to the goal, s."""
 
 HELD_UP: Final = 0.5
 """Time, s, from one check to the next that counts as driven at most, unless poses come more rarely: ten periods of a
@@ -64,7 +64,8 @@ BRAKING_TIME: Final = 1.5
 
 CLOSE: Final = 0.3
 CLOSE_TIME: Final = 0.5
-"""How far ahead on a path that it can drive a car is directed, in its turning radii, and s of driving at least."""
+"""Distance at which a car is directed ahead on a path that it can drive, in its turning radii, and s of driving at
+least."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class FollowerLimits:
 
     @property
     def steering(self) -> Steering:
-        """For the planner."""
+        """Steering of the robot, for the planner."""
         return Steering(self.turning_radius, self.reverses)
 
     @classmethod
@@ -133,7 +134,7 @@ class FollowerLimits:
 
 
 class ProgressChecker:
-    """Notices when the robot gets nowhere. It outlives a change of the path.
+    """A checker that notices when the robot makes no progress. It outlives a change of the path.
 
     What counts is the time in which the robot was driven: where time runs away from a busy machine, a controller that
     was held up for long between two checks says nothing about the robot. It was held up when it took more than twice as
@@ -175,7 +176,7 @@ class ProgressChecker:
 
 
 class CircleChecker:
-    """Notices when a robot that cannot turn on the spot drives in circles round a goal."""
+    """A checker that notices when a robot that cannot turn on the spot drives in circles around a goal."""
 
     def __init__(self, progress_distance: float) -> None:
         self._distance = progress_distance
@@ -197,8 +198,8 @@ class CircleChecker:
 
 
 class PlaceOnPath(NamedTuple):
-    """How a robot is on a path: how far to the left of it, m, its heading from that of the path, rad, the index of the
-    pose that it has passed last, and how far it is from the goal, m."""
+    """The place of a robot relative to a path: its distance to the left of it, m, its heading from that of the path,
+    rad, the index of the pose that it passed last, and its distance from the goal, m."""
 
     left: float
     turned: float
@@ -207,7 +208,7 @@ class PlaceOnPath(NamedTuple):
 
 
 class PathFollower:
-    """Follows one path to its end, and turns to the heading of its last pose."""
+    """A follower of one path to its end, which turns to the heading of its last pose."""
 
     def __init__(
         self,

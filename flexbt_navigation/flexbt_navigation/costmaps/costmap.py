@@ -31,7 +31,7 @@ _HIGHEST_INFLATED: Final = 252.0
 
 @dataclass(frozen=True)
 class Inflation:
-    """How costs fall off round obstacles.
+    """The decay of costs around obstacles.
 
     ``robot_radius`` in m: within it of an obstacle the robot's centre is in collision. ``radius`` in m: how far costs
     reach; ``scaling`` in 1/m: how fast they fall off, as exp(-scaling * distance beyond the robot's radius).
@@ -60,7 +60,7 @@ class Inflation:
 
     @cached_property
     def outer_radius(self) -> float:
-        """Of the circle round the centre that has all of the robot, m."""
+        """Radius of the circle around the centre that contains all of the robot, m."""
         return max((math.hypot(x, y) for x, y in self.corners), default=self.robot_radius)
 
 

@@ -18,9 +18,10 @@ from .costmap import CellBox, Costmap, Inflation, loops
 from .kernels import Bools
 
 KNOWN_TOLERANCE: Final = 0.05
-"""How far from an obstacle of the static map, m, a beam may end that was reflected by it: five standard deviations of
-the noise of a lidar. Of three, one beam in 700 would mark a cell in front of a wall, and robots brake for what appears
-near them. Nav2 marks such points; they would make each passage a cell narrower on both sides."""
+"""Maximum distance from an obstacle of the static map, m, of the end of a beam that was reflected by it: five standard
+deviations of the noise of a lidar. With three, one beam in 700 would mark a cell in front of a wall, and robots brake
+for obstacles that appear near them. Nav2 marks such points; they would make each passage a cell narrower on both
+sides."""
 
 LOCAL_SIZE: Final = 3.0
 ROUND_ROBOT: Final = 1.0
@@ -29,8 +30,8 @@ robot reaches, since a larger one is faster."""
 
 MARK_RANGE: Final = 2.5
 CLEAR_BEYOND: Final = 0.5
-"""How far from the lidar obstacles are marked at least, and how much farther free space is cleared, m: Nav2's
-obstacle_max_range, and what its raytrace_max_range is more."""
+"""Minimum range from the lidar within which obstacles are marked, and additional range within which free space is
+cleared, m: Nav2's obstacle_max_range, and the excess of its raytrace_max_range."""
 
 
 def local_size(inflation: Inflation) -> float:
@@ -48,7 +49,7 @@ def mark_range(inflation: Inflation) -> float:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a lidar has seen at one moment.
+    """An observation of a lidar at one moment.
 
     ``sensor`` is the pose of the lidar in the frame of the map; ``angles``, rad, are those of the beams relative to its
     heading, ``ranges``, m, their lengths: infinite where nothing is within ``range_max``, -infinite or NaN where

@@ -19,7 +19,7 @@ from flexbt_sim.world.plane.geometry import Circle, Polygon
 from .costmap import Inflation
 
 MOST_RADIUS: Final = 50.0
-"""Of a robot, m; as a world file may have it."""
+"""Maximum radius of a robot, m, as in a world file."""
 
 
 @dataclass(frozen=True)

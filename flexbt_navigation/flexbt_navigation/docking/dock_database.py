@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which docks there are: the database of Nav2's docking server, or the charging stations of a world file."""
+"""Docks: from the database of Nav2's docking server, or the charging stations of a world file."""
 
 from __future__ import annotations
 

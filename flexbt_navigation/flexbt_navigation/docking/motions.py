@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a robot gets onto a dock and off again: its motions, and the control law that they steer by. Pure."""
+"""Motions of a robot onto a dock and off again, and the control law that they steer by. Pure."""
 
 from __future__ import annotations
 
@@ -69,15 +69,15 @@ def velocity_to(target: Pose, pose: Pose, law: ControlLaw, *, backward: bool = F
 # Getting onto a dock and off again, as motions that drive the robot.
 
 BEYOND: Final = 0.25
-"""How far beyond the dock the control law is directed, m: at its very target it is arbitrary."""
+"""Distance beyond the dock at which the control law is directed, m: at its very target it is arbitrary."""
 
 FARTHEST_STAGING: Final = -10.0
-"""From a dock to its staging pose at most, m."""
+"""Farthest staging pose from its dock, m."""
 
 RETRIES: Final = 6
 WAIT_DURATION: Final = 5.0
-"""How often the way to a staging pose is planned again, and how long the robot waits before, s: number_of_retries and
-wait_duration of Nav2's default tree, by which its docking server has the robot driven there."""
+"""Number of times that the way to a staging pose is planned again, and time that the robot waits before, s:
+number_of_retries and wait_duration of Nav2's default tree, by which its docking server has the robot driven there."""
 
 STEP: Final = 0.2
 """Time from one collision check to the next, s."""
@@ -143,7 +143,7 @@ class Senses:
 
 
 class StagingMotion:
-    """Drives to the staging pose by a motion that follows a path there.
+    """A drive to the staging pose by a motion that follows a path.
 
     When that fails the robot stands for WAIT_DURATION, and ``plan_again()`` is called; :meth:`go_on` or :meth:`fail` is
     what comes of it. So it is RETRIES times.
@@ -193,7 +193,7 @@ class StagingMotion:
 
 
 class DockMotion:
-    """Gets from the staging pose onto a dock and waits for the charge; when that fails it goes back and tries again.
+    """A drive from the staging pose onto a dock, which waits for the charge. If it fails, it goes back and tries again.
 
     ``state`` and ``retries`` are what the feedback tells.
     """
@@ -299,7 +299,7 @@ class DockMotion:
 
 
 class UndockMotion:
-    """Drives back from a dock to its staging pose, as far as the robot's own pose is that of the dock."""
+    """A drive back from a dock to its staging pose, as far as the robot's own pose is that of the dock."""
 
     def __init__(
         self,

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans paths on a costmap: a cheapest path over the grid, pulled straight to any angle where that costs no more."""
+"""Path planning on a costmap: a cheapest path over the grid, pulled straight to any angle where that costs no
+more."""
 
 from __future__ import annotations
 
@@ -24,14 +25,14 @@ SPACING: Final = 0.05
 """Distance between the poses of a path, m."""
 
 END_TOLERANCE: Final = 0.3
-"""How far start and goal may be from a free cell, m: a robot that touches a wall has to get away from it."""
+"""Maximum distance of start and goal from a free cell, m: a robot that touches a wall has to get away from it."""
 
 SPARE: Final = 0.01
-"""How much farther than it has to, m, a straight line keeps from obstacles, but no more than half as much as the cells
-do that it replaces: who follows it is never on it by a hair."""
+"""Additional distance of a straight line from obstacles, m, so that small deviations of the follower do not matter. It
+is at most half of that of the cells that it replaces."""
 
 WEIGHTS: Final = numpy.where(numpy.arange(256) < INSCRIBED, NEUTRAL_COST + COST_FACTOR * numpy.arange(256), math.inf)
-"""What it costs to cross a cell, by its cost; infinite where the robot cannot be."""
+"""Cost of crossing a cell, by its cost; infinite where the robot cannot be."""
 
 Cell = tuple[int, int]
 
@@ -41,7 +42,7 @@ class PlanningStopped(NavigationError):
 
 
 class StopFlag:
-    """Ends a plan that is being made on another thread."""
+    """A flag that ends a plan that is being made on another thread."""
 
     def __init__(self) -> None:
         self.cell: Costs = numpy.zeros(1, numpy.uint8)
@@ -57,7 +58,7 @@ class StopFlag:
 
 
 class GridPlanner:
-    """Plans on one costmap."""
+    """A planner on one costmap."""
 
     def __init__(self, costmap: Costmap, tolerance: float = 0.0) -> None:
         """``tolerance`` in m: instead of a goal that is occupied, or to which there is no way, the path ends at the

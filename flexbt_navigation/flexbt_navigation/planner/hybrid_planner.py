@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans paths for a robot that steers as a car does: Hybrid A*, as Nav2's SmacPlannerHybrid."""
+"""Path planning for a robot that steers as a car does: Hybrid A*, as Nav2's SmacPlannerHybrid."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .hybrid_kernels import NEAR, PIECE, SLACK, hybrid_search
 from .outline_planner import OutlinePlanner, outline_loops, turned_round
 
 STEERING_RESERVE: Final = 1.1
-"""How much wider bends are planned than the robot can drive them: it has to get back to the path, too."""
+"""Factor by which bends are planned wider than the robot can drive them: it has to get back to the path, too."""
 
 MARGIN: Final = 0.05
 """Distance to obstacles, in turning radii, within which the way costs more: the robot may be so far beside the path."""
@@ -30,7 +30,7 @@ TIGHT: Final = -0.02
 """Slack, in cells, where the robot has no room to spare."""
 
 MOST_STATES: Final = (1_000, 4_000, 16_000, 64_000)
-"""How many are looked at from either end, by turns, until the search is given up: a second."""
+"""Maximum number of states that are looked at from either end, by turns, until the search is given up: a second."""
 
 MOST_INTERPRETED: Final = MOST_STATES[:2]
 """The same where nothing is compiled: six seconds."""
@@ -52,7 +52,7 @@ def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) ->
 
 
 class HybridPlanner(OutlinePlanner):
-    """Plans on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it.
+    """A planner on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it.
 
     :meth:`plan` gives a path that the robot can drive, with the poses of start and goal at its ends. It is searched for
     from either end by turns, since one may be hard to get away from, and from there little is left to look at. A robot

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans paths for a robot that turns on the spot and is no circle: where its outline has no room as it would come along
-the path of a circle, over places and headings, as Nav2's SmacPlannerLattice with the primitives of such a robot.
+"""Path planning for a robot that turns on the spot and is not a circle. Where its outline has no room on the path
+of a circle, it searches over places and headings, as Nav2's SmacPlannerLattice with the primitives of this robot.
 """
 
 from __future__ import annotations
@@ -24,19 +24,21 @@ from .grid_planner import WEIGHTS, Cell, GridPlanner, StopFlag
 from .hybrid_kernels import outline_search
 
 MOST_DISCS: Final = 20
-"""By which a robot is looked at first, before its outline is."""
+"""Maximum number of discs by which a robot is checked before its outline is."""
 
 MOST_OUTLINES: Final = (20_000, 150_000, 1_000_000)
-"""How many places and headings are looked at from either end, by turns, until the search is given up: five seconds."""
+"""Maximum number of places and headings that are looked at from either end, by turns, until the search is given up:
+five seconds."""
 
 USUAL_REACH: Final = 10.0
-"""How far a robot reaches, in cells, for which these are so many; for a larger one fewer, as each takes longer."""
+"""Reach of a robot, in cells, for which these numbers hold; they are lower for a larger one, as each place takes
+longer."""
 
 MOST_INTERPRETED: Final = (1_000, 4_000)
 """The same where nothing is compiled."""
 
 ROUND_OUTLINE: Final = 1.0
-"""How much more room than the robot reaches, in cells, the middle of a cell has where it can turn anywhere in it."""
+"""Room beyond the robot's reach, in cells, at the middle of a cell in which it can turn anywhere."""
 
 OUTLINE_MARGIN: Final = 0.05
 """Distance to obstacles, m, within which the way costs more."""
@@ -45,7 +47,7 @@ SAME_PLACE: Final = 1e-6
 """Distance, in cells, that leads nowhere."""
 
 ON_PATH: Final = 0.1
-"""How far from a path, m, the robot is still on it."""
+"""Maximum distance from a path at which the robot is still on it, m."""
 
 
 class OutlineLoops(NamedTuple):
@@ -69,7 +71,7 @@ def outline_loops() -> OutlineLoops:
 
 
 class OutlinePlanner(GridPlanner):
-    """Plans on one costmap for a robot whose footprint is a polygon.
+    """A planner on one costmap for a robot whose footprint is a polygon.
 
     The plan is that of a circle as large as fits into the footprint, if the outline has room all along it, where the
     robot turns and for the headings of start and goal. Otherwise it is searched for by place and heading, from either
@@ -120,7 +122,7 @@ class OutlinePlanner(GridPlanner):
 
     @property
     def _on_path(self) -> float:
-        """How far beside a path, m, the robot is still on it."""
+        """Maximum distance from a path at which the robot is still on it, m."""
         return ON_PATH
 
     def _beside(self, start: Pose, pose: Pose) -> float:
@@ -193,7 +195,7 @@ class OutlinePlanner(GridPlanner):
 
     @cached_property
     def shape(self) -> tuple[Any, ...]:
-        """Obstacles and robot as :func:`.hybrid_kernels.room` has them, in cells."""
+        """Obstacles and robot, in cells, as :func:`.hybrid_kernels.room` requires them."""
         costmap, cell = self._costmap, self._costmap.world.resolution
         corners = numpy.array(costmap.inflation.corners, numpy.float64).reshape(-1, 2) / cell
         reach = costmap.inflation.outer_radius / cell
@@ -201,7 +203,7 @@ class OutlinePlanner(GridPlanner):
 
     @property
     def shape_turned(self) -> tuple[Any, ...]:
-        """With the robot the other way round: on the way back it drives as this one does on the way there."""
+        """Shape with the robot the other way round: on the way back it drives as this one does on the way there."""
         obstacles, squares, corners, discs, reach = self.shape
         return obstacles, squares, -corners, discs * (-1.0, -1.0, 1.0), reach
 

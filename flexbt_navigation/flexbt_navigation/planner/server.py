@@ -63,7 +63,7 @@ def declare_planner_parameters(declare: ParameterDeclarer) -> PlannerParameters:
 
 
 class PlannerServer:
-    """Serves both actions, and the service. On the executor thread."""
+    """The server of both actions and the service. On the executor thread."""
 
     def __init__(
         self,

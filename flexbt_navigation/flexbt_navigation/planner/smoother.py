@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Smooths paths as Nav2's simple smoother does, without entering obstacles.
+"""Path smoothing as Nav2's simple smoother does it, without entering obstacles.
 
 That smoother moves each point towards the middle of its neighbours and back towards where it was, again and again,
 until nothing moves any more. Where that ends is the solution of a tridiagonal system of equations, which is solved here
@@ -24,7 +24,7 @@ from flexbt_sim.world.plane.geometry import Pose, wrap
 
 DATA_WEIGHT: Final = 0.2
 SMOOTH_WEIGHT: Final = 0.3
-"""How much a point is drawn to its old place, and to the middle of its neighbours: Nav2's w_data and w_smooth."""
+"""Weights that draw a point to its old place and to the middle of its neighbours: Nav2's w_data and w_smooth."""
 
 LEAST_POSES: Final = 5
 """Fewer poses between two changes of direction are left as they are."""
@@ -35,7 +35,7 @@ Flags = NDArray[numpy.bool_]
 
 @dataclass(frozen=True)
 class Smoothing:
-    """How a path is smoothed.
+    """Settings for smoothing a path.
 
     ``refinements`` is how many more times the result is smoothed. ``keeps_reversals`` tells whether places stay where
     the robot goes on in the opposite direction or turns on the spot (Nav2's enforce_path_inversion).

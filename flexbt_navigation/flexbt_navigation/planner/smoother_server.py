@@ -25,7 +25,8 @@ from flexbt_sim.world.plane.geometry import Pose
 from .smoother import Smoothing, smooth_path
 
 SMOOTHERS: Final = {'simple_smoother': Smoothing(2), 'route_smoother': Smoothing(5, keeps_reversals=False)}
-"""Those of Nav2's bringup; the second one is for routes, whose corners may go. Without a name it is the first."""
+"""Smoothers of Nav2's bringup. The second one is for routes, whose corners may be cut. Without a name the first is
+used."""
 
 
 class SmootherServer:

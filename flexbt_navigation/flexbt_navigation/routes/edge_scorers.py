@@ -37,7 +37,7 @@ class RouteRequest:
 
 
 Costs = NDArray[numpy.float64]
-"""Of the edges of a graph, in their order; infinite for one that must not be used."""
+"""Costs of the edges of a graph, in their order; infinite for one that must not be used."""
 
 
 class Scorer(Protocol):
@@ -144,7 +144,7 @@ SCORERS: Final[Mapping[str, Scorer]] = {
     'StartPoseOrientationScorer': _start_orientation,
     'GoalPoseOrientationScorer': _goal_orientation,
 }
-"""By Nav2's names; beside them there is the DynamicEdgesScorer, :class:`DynamicEdges`."""
+"""Scorers by Nav2's names. The DynamicEdgesScorer is :class:`DynamicEdges`."""
 
 
 def edge_scorer(scorers: Iterable[Scorer]) -> Scorer:

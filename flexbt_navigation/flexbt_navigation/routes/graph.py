@@ -200,7 +200,7 @@ def number(edge: RouteEdge, key: str) -> float | None:
 
 MOST_BYTES: Final = 64_000_000
 HIGHEST_ID: Final = 65535
-"""What the messages of nav2_msgs can carry."""
+"""Highest ID that the messages of nav2_msgs can carry."""
 
 TRIGGERS: Final = ('NODE', 'ON_ENTER', 'ON_EXIT')
 EDGE_GEOMETRIES: Final = ('LineString', 'MultiLineString')

@@ -19,7 +19,7 @@ from .graph import RouteEdge, RouteGraph, RouteNode
 
 @dataclass(frozen=True)
 class Route:
-    """From a node over edges; ``costs`` are those of the edges. Without edges it is the node."""
+    """A route from a node over edges; ``costs`` are those of the edges. Without edges it is the node."""
 
     start: RouteNode
     edges: tuple[RouteEdge, ...] = ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a request to a route and its path, the first time and whenever the route has to be another one."""
+"""Route planning: from a request to a route and its path, the first time and whenever the route has to change."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Ends:
 
 @dataclass(frozen=True)
 class RouteProgress:
-    """Progress of the robot when its route is planned again.
+    """The progress of the robot when its route is planned again.
 
     ``blocked`` are ids of edges that cannot be used. ``node`` was achieved last, if any was, and ``edge`` is the one
     that the robot is on, at ``pose``.
@@ -61,7 +61,7 @@ class PlannedRoute:
 
 @dataclass(frozen=True)
 class RoutePlanner:
-    """Plans on one graph. ``costmap`` is looked at where something may be in the way, when there is one."""
+    """A planner on one graph. If there is a ``costmap``, it is checked for obstacles."""
 
     graph: RouteGraph
     score: Scorer
@@ -112,12 +112,14 @@ class RoutePlanner:
 
 NEAREST_NODES: Final = 5
 MOST_CELLS: Final = 10_000
-"""How many nodes are tried for a pose, and how many cells: Nav2's num_nearest_nodes and max_nn_search_iterations."""
+"""Maximum number of nodes that are tried for a pose, and of cells: Nav2's num_nearest_nodes and
+max_nn_search_iterations."""
 
 FARTHEST_FROM_EDGE: Final = 8.0
 LEAST_FROM_START: Final = 0.10
 LEAST_FROM_GOAL: Final = 0.15
-"""When an end of a route is left out, m: max_prune_dist_from_edge, min_prune_dist_from_start and _goal."""
+"""Distances at which an end of a route is left out, m: max_prune_dist_from_edge, min_prune_dist_from_start and
+_goal."""
 
 
 def nearest_node(graph: RouteGraph, pose: Pose, costmap: Costmap | None) -> RouteNode:

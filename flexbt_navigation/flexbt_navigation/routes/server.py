@@ -43,10 +43,10 @@ from .route_planner import Ends, PlannedRoute, RoutePlanner, RouteProgress
 from .tracking import RouteOperations, RouteTracking
 
 HIGHEST_COST: Final = 1e6
-"""Of an edge, by the service."""
+"""Highest cost of an edge that the service sets."""
 
 GRAPH_TIMEOUT: Final = 5.0
-"""How long transforms of a graph are waited for, s of wall time: at the start nobody may have told them yet."""
+"""Time for which transforms of a graph are awaited, s of wall time: at the start they may not be published yet."""
 
 NO_PLACE: Final = 'INDETERMINANT_NODES_ON_GRAPH'
 

@@ -38,7 +38,7 @@ class RouteTracker:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the last node was achieved."""
+        """True if the last node was achieved."""
         return self.next_node is None
 
     def step(self, pose: Pose) -> bool:
@@ -56,7 +56,7 @@ class RouteTracker:
 
     @property
     def edges_after(self) -> tuple[RouteEdge, ...]:
-        """Edges after the present one."""
+        """Edges after the current one."""
         return self.route.edges[self._index + 1 :]
 
     def operations(self) -> list[Operation]:

@@ -34,7 +34,7 @@ from .tracker import RouteTracker, blocked_edge
 
 
 class PlanRoute(Protocol):
-    """Plans what a goal asks for: one of the two functions is called."""
+    """A callback that plans the route of a goal: one of the two functions is called."""
 
     def __call__(
         self,
@@ -46,7 +46,8 @@ class PlanRoute(Protocol):
 
 
 class RouteTracking:
-    """Begins with planning. On the executor thread; ``on_end`` is told the end and how many seconds it took."""
+    """The tracking of one route, which begins with planning. On the executor thread; ``on_end`` gets the end and its
+    duration in seconds."""
 
     def __init__(
         self,
@@ -138,7 +139,7 @@ class RouteTracking:
 # What is done while a route is tracked: the operations of Nav2's route server.
 
 NO_LIMIT: Final = 0.0
-"""What takes a limit back: NO_SPEED_LIMIT of nav2_costmap_2d."""
+"""Limit that removes a speed limit: NO_SPEED_LIMIT of nav2_costmap_2d."""
 
 
 @dataclass
