@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Building of a run: from a request to a checked machine with its inputs."""
+"""Construction of a run: from a request to a checked machine with its inputs."""
 
 from __future__ import annotations
 

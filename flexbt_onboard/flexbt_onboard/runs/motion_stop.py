@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stopping of the robot without the nodes that drive it: for a stop whose cancel nobody confirms.
+"""A stop of the robot that bypasses the nodes that drive it: for a stop whose cancel nobody confirms.
 
 The servers that move the robot are asked to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id
 nor a time means all of them), and zero velocity is commanded until the robot stands still. A server may ignore that:
