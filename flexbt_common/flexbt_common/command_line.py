@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What command-line programs share: the argument parser, the standard streams and signals."""
+"""The argument parser, standard streams and signals that command-line programs share."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CHOICE: Final = re.compile(r"invalid choice: '(.*)' \(choose from (.*)\)", re.D
 
 
 class SuggestingArgumentParser(argparse.ArgumentParser):
-    """As that of argparse; those of its sub-commands do the same."""
+    """An argparse parser that suggests similar names for misspelled arguments, also in its sub-commands."""
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> tuple[Any, list[str]]:  # type: ignore[override]
         """As in the base, but nothing may be left."""

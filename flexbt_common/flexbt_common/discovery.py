@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which processes find each other: the environment of this one before its first node, and of those that it starts."""
+"""Settings of DDS discovery: the environment of this process before its first node, and of the processes it starts."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@
 flexbt_core.errors.FlexbtError
 ├── UnknownTypeError        no installed type has that name
 ├── ValueConversionError    a value does not fit its type
-├── LimitExceededError      a message has more in it than is taken
+├── LimitExceededError      a message exceeds a limit
 ├── ResourceError           a file cannot be used
 ├── TopicTypeError          a topic has another type
 ├── TransformError          no transform between two frames is known
@@ -37,7 +37,7 @@ class ValueConversionError(FlexbtError):
 
 
 class LimitExceededError(FlexbtError):
-    """A message from another process has more in it than is taken; says in which field, and how much is."""
+    """A message from another process exceeds a limit; the text names the field and the limit."""
 
 
 class ResourceError(FlexbtError):
@@ -60,9 +60,9 @@ class TopicTypeError(FlexbtError):
 
 
 class TransformError(FlexbtError):
-    """No transform between two frames is known at a time, or what was said of one cannot be.
+    """No transform between two frames is known at a time, or a received transform is invalid.
 
-    ``is_early``: it may be known in a moment.
+    ``is_early``: the transform may be known in a moment.
     """
 
     def __init__(self, message: str, *, is_early: bool = False) -> None:

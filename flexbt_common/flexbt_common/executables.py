@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How an executable begins. It imports nothing but Python's own, so that it is there before all else is loaded."""
+"""The start of every executable. It imports only the standard library, so it runs before anything else is loaded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Final
 
 NODE_BYTES: Final = 1_100_000_000
-"""Of address space, which a node with its middleware and its threads takes; of memory, it is a tenth."""
+"""Bytes of address space that a node uses with its middleware and its threads; it uses a tenth of that as memory."""
 
 
 def load(module: str) -> ModuleType:

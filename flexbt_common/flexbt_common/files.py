@@ -32,7 +32,7 @@ MAX_NAME: Final = 4096
 """Longest name of a file, characters: PATH_MAX of Linux."""
 
 MAX_PARTS: Final = 100
-"""Directories of a name at most: each is looked at."""
+"""Maximum number of directories in a name: each is checked."""
 
 _FIND_SHARE: Final = re.compile(r'\$\(find-pkg-share\s+([^\s()]+)\s*\)')
 

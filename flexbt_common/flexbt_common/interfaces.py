@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who offers and who uses each topic, service and action of a robot: what a security policy allows, and nothing else.
+"""The topics, services and actions of a robot and their nodes: exactly what a security policy allows.
 
 The names are those of :mod:`flexbt_common.names`. A system test compares this table with the graph of a running robot.
 """
@@ -19,7 +19,7 @@ ROLES: Final[Mapping[str, tuple[str, ...]]] = {
     'operator': (CONSOLE,),
     'observer': (OBSERVER, RECORDER),
 }
-"""The nodes of each role: what moves the robot, who commands it, and who only sees what it does."""
+"""The nodes of each role: those that move the robot, those that command it, and those that only observe it."""
 
 MANAGED: Final = frozenset({BT_SERVER, ONBOARD_EXECUTIVE})
 """Nodes with a lifecycle."""
@@ -32,7 +32,7 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
 """Nodes with a lifecycle in the process, and so in the enclave, of another node: :mod:`.lifecycle.managed_part`."""
 
 SETTABLE_SERVERS: Final = ('controller_server', 'planner_server')
-"""Those of these nodes that have parameters."""
+"""Nodes of these whose parameters can be set."""
 
 
 class InterfaceKind(Enum):
@@ -117,7 +117,7 @@ OF_NODES: Final[tuple[Interface, ...]] = (
     *(interface for node, parts in PARTS.items() for interface in _managed(*parts, by=(node,))),
     *_parameters(*SETTABLE_SERVERS, by=(NAVIGATION,)),
 )
-"""What rclpy gives each node. Nobody of these roles may set parameters or change a lifecycle state."""
+"""Interfaces that rclpy creates for each node. None of these roles may set parameters or change a lifecycle state."""
 
 OF_FLEXBT: Final[tuple[Interface, ...]] = (
     # The operator link
@@ -265,6 +265,6 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),
     *(Interface(InterfaceKind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, RECORDER)),
 )
-"""What the nodes of a robot and its operators have between them."""
+"""Interfaces between the nodes of a robot and its operators."""
 
 INTERFACES: Final[tuple[Interface, ...]] = (*OF_NODES, *OF_FLEXBT)

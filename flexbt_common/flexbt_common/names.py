@@ -169,8 +169,8 @@ def costmap_services(costmap: str) -> tuple[str, str, str, str, str]:
 COMMANDER_CLEARS: Final = tuple(
     f'{COSTMAPS[1]}/clear_costmap_{what}' for what in ('except_region', 'around_robot', 'around_pose')
 )
-"""What BasicNavigator of nav2_simple_commander calls the first three of these services of the local costmap. Nav2's own
-costmaps do not have them, so there it waits for ever."""
+"""Names that BasicNavigator of nav2_simple_commander uses for the first three of these services of the local costmap.
+Nav2's own costmaps do not have them, so BasicNavigator waits forever there."""
 
 
 def of_robot(namespace: str, name: str) -> str:

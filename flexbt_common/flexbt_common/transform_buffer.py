@@ -118,16 +118,16 @@ def _slerp(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
 # is interpolated, beyond them it is not known.
 
 HISTORY: Final = 10.0
-"""How long transforms are kept, s, as in tf2."""
+"""Time for which transforms are kept, s, as in tf2."""
 
 MOST_FRAMES: Final = 2_000
-"""Frames that are kept; a broadcaster that makes up names must not fill the memory."""
+"""Maximum number of frames; a broadcaster that makes up names must not fill the memory."""
 
 MOST_SAMPLES: Final = 4_000
-"""Transforms that are kept of a frame."""
+"""Maximum number of transforms that are kept for a frame."""
 
 UNIT_TOLERANCE: Final = 0.01
-"""How far the square of the length of a quaternion may be from 1, as in tf2."""
+"""Maximum deviation of the squared length of a quaternion from 1, as in tf2."""
 
 
 class _Track:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hears ``tf`` and ``tf_static`` of a robot, for whoever needs frames other than the map's.
+"""A listener to ``tf`` and ``tf_static`` of a robot, for nodes that need frames other than the map's.
 
-Most goals are in the frame of the map, and transforms come often: a node listens from the first time that it needs
-another frame. Then it waits until the transform is there, or for so long as it says. Who has to know frames at the
-stamps of the first requests, too, asks for the listener at its start. While nobody waits, what comes stays with the
-middleware for some tenths of a second (node_executor.py).
+Most goals are in the frame of the map, and transforms arrive often, so a node listens only once it needs another
+frame. Then it waits for the transform, up to its timeout. A node that needs frames at the stamps of the first requests
+creates the listener at its start. While nothing waits, messages stay in the middleware for some tenths of a second
+(node_executor.py).
 """
 
 from __future__ import annotations
@@ -30,15 +30,14 @@ from .errors import TransformError
 from .transform_buffer import Rigid, TransformBuffer
 
 TRANSFORM_TIMEOUT: Final = 1.0
-"""How long a transform is waited for by default, s of wall time: whoever has just begun to listen has none."""
+"""Default time to wait for a transform, s of wall time: a new listener has none yet."""
 
 TRANSFORM_QUEUE: Final = 100
 REST_SECONDS: Final = 0.1
-"""While nobody waits, messages are not asked for before so long after the last ones: a thousand a second find room in
-the queue."""
+"""Minimum time between two reads of the queue while nothing waits, s: it holds a thousand messages a second."""
 
 BROADCASTERS: Final = 100
-"""Static broadcasters whose messages a late listener gets."""
+"""Maximum number of static broadcasters whose messages a late listener gets."""
 
 OnPose = Callable[[PoseStamped], object]
 OnTransform = Callable[[Rigid], object]
@@ -77,7 +76,7 @@ class TransformListener:
 
     @property
     def buffer(self) -> TransformBuffer:
-        """What is known by now."""
+        """Transforms that are known by now."""
         self._take()
         return self._buffer
 

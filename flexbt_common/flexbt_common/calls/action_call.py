@@ -1,26 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One goal sent to an action server, with deadlines and exactly one outcome, and the shared connections to servers.
 
-rclpy alone leaves a caller waiting for ever when no server is there, when the server dies, when an answer gets lost
-in an outage, or when a goal is canceled before it is accepted. Here every one of these ends with an outcome in
-bounded time, and no goal is left running without an owner:
+rclpy alone leaves a caller waiting forever if no server exists, if the server dies, if an answer is lost in an outage,
+or if a goal is canceled before it is accepted. Here each of these ends with an outcome in bounded time, and no goal is
+left running without an owner:
 
-- A goal is sent when the server is there, and given up when it does not appear.
-- The acceptance counts as well when only the server's list of goals tells it: the answer to the first goal after
-  start-up gets lost when the server does not know this client yet.
+- A goal is sent when the server is available, and given up if the server does not appear.
+- An acceptance also counts if only the server's list of goals shows it: the answer to the first goal after start-up is
+  lost when the server has not discovered this client yet.
 - A cancel before the acceptance is sent on acceptance; an acceptance after the deadline is canceled as well.
-- From the moment that the goal is sent, its server is watched. The goal is lost when the liveliness token of the
-  server's node says that its process has ended, was replaced, or is late for too long (:mod:`.links`). Of a server
-  without a token, the graph says whether it is there: when it is gone longer than an outage may last, the goal is
-  lost; when it is back, the result is asked for again, and a server that does not know the goal any more answers with
-  status 0: lost as well.
-- A server whose node hangs has not lost the goal: it may go on with it at any time. It is waited for while the node
-  is late, and is sent a cancel when it is late for too long. Where the goal was canceled without a timeout it is
-  waited for until its process is known to have ended, because who cancels so relies on the end.
-- A goal that was canceled without a timeout before the server has answered is lost, too, when the server twice does
-  not know it: its request, or the server that got it, was lost.
-- Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
-  goal, whose result may be on its way still.
+- The server is watched from the moment the goal is sent. The goal is lost when the liveliness token of the server's
+  node shows that its process has ended, was replaced, or is late for too long (:mod:`.links`). For a server without a
+  token, the graph shows whether it exists. If it is gone longer than an outage may last, the goal is lost. When it
+  returns, the result is requested again; a server that no longer knows the goal answers with status 0, and the goal
+  is lost as well.
+- A server whose node hangs has not lost the goal: it may continue at any time. The call waits while the node is late,
+  and sends a cancel when it is late for too long. If the goal was canceled without a timeout, the call waits until the
+  process of the server is known to have ended, because such a caller relies on the end.
+- A goal that was canceled without a timeout before the server answered is also lost if the server twice does not know
+  it: its request, or the server that received it, was lost.
+- Only that answer proves it: a cancel answered with "unknown" or "terminated" arrived after the end of the goal, whose
+  result may still be on its way.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ from .links import WATCH_SECONDS, ServerLink, ServerLinks, ServerNodes, Servers
 
 _APPEAR_PERIOD: Final = 0.05
 _ANSWER_LATE: Final = 0.1
-"""Seconds after which an acceptance that only the list of goals tells is believed."""
+"""Seconds after which an acceptance that only the list of goals shows is believed."""
 _RESULT_LATE: Final = 0.4
-"""Seconds after which the result of a goal that is known to have ended is asked for again."""
+"""Seconds after which the result of a goal that is known to have ended is requested again."""
 _RESULT_REPEAT: Final = (5.0, 60.0)
-"""Seconds after which it is asked for again in any case, since the server may have been replaced unnoticed: at first,
-and in the end, doubling in between. A server keeps every request until the goal has ended."""
+"""Seconds after which the result is requested again in any case, since the server may have been replaced unnoticed:
+first and last interval, doubling in between. A server keeps every request until the goal has ended."""
 _CANCEL_REPEAT: Final = (0.5, 8.0)
-"""Seconds after which a cancel is sent again: at first, and in the end, doubling in between."""
+"""Seconds after which a cancel is sent again: first and last interval, doubling in between."""
 _CANCEL_TOO_LATE: Final = frozenset(
     (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, CancelGoal.Response.ERROR_GOAL_TERMINATED)
 )
-"""Answers to the cancel of a goal that has ended: a server may forget a goal before its result is heard of."""
+"""Answers to the cancel of a goal that has ended: a server may forget a goal before its result arrives."""
 _ENDED: Final = frozenset((RosGoalStatus.STATUS_SUCCEEDED, RosGoalStatus.STATUS_CANCELED, RosGoalStatus.STATUS_ABORTED))
 
 
@@ -89,7 +89,7 @@ class GoalOutcome:
 
 
 class ActionCall:
-    """A goal on its way. Thread-safe; may be made on any thread."""
+    """A goal that was sent to a server. Thread-safe; may be made on any thread."""
 
     def __init__(
         self,
@@ -139,27 +139,27 @@ class ActionCall:
 
     @property
     def goal_id(self) -> bytes:
-        """By which the server knows the goal; 16 bytes."""
+        """Identifier of the goal on the server; 16 bytes."""
         return bytes(self._goal_id.uuid)
 
     @property
     def done(self) -> bool:
-        """Whether the outcome is known."""
+        """True if the outcome is known."""
         return self._outcome is not None
 
     @property
     def outcome(self) -> GoalOutcome | None:
-        """How the goal ended; None while it has not."""
+        """Outcome of the goal; None until it has ended."""
         return self._outcome
 
     @property
     def accepted(self) -> bool:
-        """Whether the server has accepted the goal."""
+        """True if the server has accepted the goal."""
         return self._accepted
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether :meth:`cancel` was called."""
+        """True if :meth:`cancel` was called."""
         return self._cancel_requested
 
     def cancel(self, timeout: float | None = 2.0) -> None:
@@ -436,18 +436,18 @@ class ActionCall:
 
 @dataclass(frozen=True)
 class GoalListener:
-    """Who is told of a goal: its status, whenever the server publishes its goals, and its feedback."""
+    """A listener to one goal: it gets the feedback, and the status whenever the server publishes its goals."""
 
     on_status: Callable[[int], None]
     on_feedback: Callable[[Any], None]
 
 
 class ActionServerLink(ServerLink):
-    """The connection of this node to one action server. Made by :class:`ActionLinks`, on the executor thread, where it
-    is used. ``name`` is the server's name as it was asked for.
+    """The connection of this node to one action server. :class:`ActionLinks` makes it on the executor thread, where it
+    is used. ``name`` is the server's name as the caller wrote it.
 
-    An action is three services and two topics, which are used as such: a client of rclpy has no way to ask for what
-    became of a goal whose acceptance it does not know. The topics are read while a goal is on its way.
+    An action is three services and two topics, which are used directly: a client of rclpy cannot ask for the result of
+    a goal whose acceptance it does not know. The topics are read while a goal is active.
     """
 
     def __init__(self, runtime: Runtime, action_type: Any, name: str, nodes: ServerNodes) -> None:

@@ -23,9 +23,10 @@ from flexbt_core.values.text import sanitize_for_message
 
 
 class GoalAdmission:
-    """One for all goals of ``subject``, such as 'the server'. ``refusal``: why none is admitted; '' when all are.
+    """An admission policy for all goals of ``subject``, such as 'the server'.
 
-    A server that is given one rejects the goals that are not admitted, as the lifecycle servers of ROS do.
+    ``refusal`` is the reason why no goal is admitted; '' if all are. A server with an admission policy rejects the
+    goals that are not admitted, as the lifecycle servers of ROS do.
     """
 
     def __init__(self, subject: str, why: str = '') -> None:
@@ -57,31 +58,31 @@ class GoalAdmission:
 
 MOST_RESULTS: Final = 1000
 RESULTS_LENGTH: Final = 64_000_000
-"""How many results are kept, and how many characters, bytes and elements they have together; the oldest go first."""
+"""Number of results that are kept, and their total characters, bytes and elements; the oldest are dropped first."""
 
 MOST_GOALS: Final = 1000
-"""Goals that a server works on at a time, unless it says otherwise: as many as requests that can wait for it."""
+"""Default limit of goals that a server works on at a time: the number of requests that can wait for it."""
 
 _COMPLAINT_SECONDS: Final = 1.0
-"""Between two lines of the log about goals that are rejected, s."""
+"""Minimum time between two log lines about rejected goals, s."""
 
 _FAULT_LIMIT: Final = 1000
-"""Characters of what a client is told of a fault: the error may show any value."""
+"""Maximum number of characters of a fault in the result for a client: the error may show any value."""
 
 RESULT_SECONDS: Final = 30.0
-"""How long the result of a goal can be asked for again, after an outage of the link."""
+"""Time for which the result of a goal can be requested again after an outage of the link, s."""
 
 _LIST_AFTER_SECONDS: Final = 0.02
-"""How much later than a change the list of goals is sent: who waits for a result need not unpack a list meanwhile."""
+"""Delay from a change to sending the list of goals, s: a client waiting for a result need not unpack a list first."""
 
 _LISTED_SECONDS: Final = 0.25
-"""How long the list of goals tells of a goal that has ended."""
+"""Time for which the list of goals shows a goal that has ended, s."""
 
 
 @dataclass(frozen=True)
 class GoalFault:
-    """What is wrong with a server on command, so that it is seen how its clients bear it. All goals are concerned,
-    those that it works on too, except by a refusal.
+    """A fault that is injected into a server, to test how its clients handle it. It affects all goals, active ones too;
+    a refusal affects only new ones.
 
     ``refusal``: why goals are rejected; '' when they are not. ``failure``: the result with which goals are aborted.
     ``hangs``: goals are accepted and not begun, those that had been are withdrawn, and cancels are not answered. Goals
@@ -95,7 +96,7 @@ class GoalFault:
 
 @dataclass(eq=False)
 class _Goal:
-    """A goal as its clients see it. ``askers``: the requests for its result that wait for it."""
+    """A goal as its clients see it. ``askers`` are the pending requests for its result."""
 
     info: GoalInfo
     request: Any
@@ -128,12 +129,12 @@ class ServedGoal:
 
     @property
     def active(self) -> bool:
-        """Whether the goal has not been ended."""
+        """True until the goal is ended."""
         return self._active
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether the client has asked for the goal to be canceled, and it has not ended yet; or it is withdrawn."""
+        """True if the goal is active and the client asked to cancel it, or if the goal is withdrawn."""
         return self._withdrawn or (self._active and self._goal.status == GoalStatus.STATUS_CANCELING)
 
     def on_cancel(self, fn: Callable[[], None]) -> None:
@@ -178,18 +179,18 @@ class ServedGoal:
 
 
 class GoalServer:
-    """Serves one action. Made and used on the executor thread; closed with the runtime, unless it was before.
+    """A server of one action. Made and used on the executor thread; closed with the runtime at the latest.
 
-    ``on_goal(goal)`` is called with each goal, which is accepted and shown as executing; it, or what it sets going, has
-    to end the goal. When it raises, the fault is reported and the goal aborted. That the client wants the goal canceled
-    shows in ``cancel_requested``, and is told to :meth:`ServedGoal.on_cancel` and to ``on_cancel(goal)``; the goal may
-    end at once, later, or otherwise. Of a server that is not ``cancelable`` cancels are rejected.
+    ``on_goal(goal)`` is called with each goal, which is accepted and shown as executing; it, or the work it starts,
+    has to end the goal. If it raises, the fault is reported and the goal aborted. When the client cancels the goal,
+    ``cancel_requested`` becomes true, and :meth:`ServedGoal.on_cancel` and ``on_cancel(goal)`` are called; the goal may
+    end at once, later, or with another status. A server that is not ``cancelable`` rejects cancels.
 
-    Goals with more in them than :mod:`flexbt_common.values.limits` allows, and more than ``most`` at a time, never get
-    there: they are aborted with ``refused(why)``, the result for a reason. Those that ``admission`` does not admit are
-    rejected; ROS has no way to tell the client why, so the log of the node does. It may be replaced.
+    Goals that exceed :mod:`flexbt_common.values.limits`, and more than ``most`` at a time, are aborted with
+    ``refused(why)``, the result for a reason, without a call of ``on_goal``. Goals not admitted by ``admission`` are
+    rejected; ROS cannot return a reason to the client, so the node logs it. ``admission`` may be replaced.
 
-    It ends with the node, or the :class:`NodeScope`, that it is made on, if not before.
+    The server ends with the node or :class:`NodeScope` that it is made on, if not before.
     """
 
     def __init__(
@@ -246,7 +247,7 @@ class GoalServer:
 
     @property
     def fault(self) -> GoalFault:
-        """What is wrong with the server on command."""
+        """Fault that is injected into the server."""
         return self._fault
 
     @fault.setter
@@ -266,7 +267,7 @@ class GoalServer:
 
     @property
     def busy(self) -> bool:
-        """Whether a goal has not ended."""
+        """True if a goal is active."""
         return bool(self._goals)
 
     def end_all(self, end: Callable[[ServedGoal, Any], None]) -> None:

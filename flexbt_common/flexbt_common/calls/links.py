@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Connections of a node to servers, shared by all who call them: discovery is paid once for each server.
+"""Connections of a node to servers, shared by all callers, so that each server is discovered once.
 
-The middleware goes on showing the servers of a process that was killed until the lease of its participant is over,
-20 s with our profiles. Nodes of FlexBT hold a liveliness token (:mod:`flexbt_common.lifecycle`): of their servers it is
-known within a second that they are gone, and that another process has taken their place. Of servers without a token,
-such as Nav2's own, it is known what the middleware shows.
+The middleware still shows the servers of a killed process until the lease of its participant expires, 20 s with our
+profiles. Nodes of FlexBT hold a liveliness token (:mod:`flexbt_common.lifecycle`), which shows within a second that
+their servers are gone or were replaced by another process. For servers without a token, such as Nav2's own, only the
+middleware's view is known.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
 
 SETTLE_SECONDS: Final = 0.1
-"""From the discovery of a server to the first message to it, where this may be lost: the other side does not know this
-node yet."""
+"""Time from the discovery of a server to the first message to it, s, where that message may be lost because the other
+side has not discovered this node yet."""
 
 NAME_SECONDS: Final = 1.0
-"""How long the name of the node of a server is waited for: it comes later than the server, and for some never."""
+"""Time to wait for the name of a server's node, s: it arrives later than the server, and for some servers never."""
 
 MOST_LINKS: Final = 100
-"""Links of one kind that a node keeps while nobody uses them."""
+"""Maximum number of unused links of one kind that a node keeps."""
 
 WATCH_SECONDS: Final = 0.2
-"""From one look at whether the servers of a call are gone to the next."""
+"""Period of the check whether the servers of a call are gone, s."""
 
 _MOST_NODES: Final = 100
-"""Nodes whose tokens are watched for the calls of one node, at most: their names are what others say."""
+"""Maximum number of nodes whose tokens are watched for the calls of one node: their names come from other processes."""
 
 
 class ServerEnd(NamedTuple):
-    """One of what serves a name: its node, '' while that is not known, and the writer of its answers."""
+    """One server of a name: its node, '' while that is not known, and the writer of its answers."""
 
     node: str
     writer: bytes
 
 
 class ServerNodes:
-    """The nodes whose servers a node calls, as far as they hold liveliness tokens. For the executor thread.
+    """The nodes with liveliness tokens whose servers a node calls. For the executor thread.
 
-    ``timeout``: how long one may be late before it is taken for gone, s of wall time.
+    ``timeout`` is the time for which a node may be late before it counts as gone, s of wall time.
     """
 
     def __init__(self, runtime: Runtime, timeout: float) -> None:
@@ -77,7 +77,7 @@ class ServerNodes:
 
 
 class Servers:
-    """Those who serve a name at some moment, and what becomes of them. For the executor thread."""
+    """The servers of a name at one moment, and their state since then. For the executor thread."""
 
     def __init__(self, nodes: ServerNodes, ends: frozenset[ServerEnd]) -> None:
         self.ends = ends
@@ -85,17 +85,17 @@ class Servers:
 
     @property
     def are_gone(self) -> bool:
-        """Whether all of them, and there are some, are known to be gone: ended, replaced, or late for too long."""
+        """True if there are servers and all are known to be gone: ended, replaced, or late for too long."""
         return bool(self.ends) and all(self.is_gone(end) for end in self.ends)
 
     @property
     def are_late(self) -> bool:
-        """Return whether the node of one of them is late: a server that cannot be reached may only hang."""
+        """True if the node of a server is late: an unreachable server may only hang."""
         return any(watch.late for watch in self._watches())
 
     @property
     def are_silent(self) -> bool:
-        """Return whether one of them is not heard, late or gone, and is not known to have ended: it may come back."""
+        """True if a server is late or gone but not known to have ended: it may come back."""
         return any(self.is_silent(end) for end in self.ends)
 
     def is_gone(self, end: ServerEnd) -> bool:
@@ -117,10 +117,10 @@ class ServerLink:
     """The connection of a node to the server ``name``; made on the executor thread, and for use there."""
 
     asks_silent: ClassVar[bool] = False
-    """Whether one that hangs for too long is asked all the same: it answers, or obeys, when it goes on."""
+    """True if requests are also sent to a server that hangs for too long: it answers, or obeys, when it continues."""
 
     entities: tuple[Any, ...]
-    """Clients and subscriptions of rclpy, for the executor thread; they are destroyed when nobody holds the link."""
+    """Clients and subscriptions of rclpy, for the executor thread; destroyed when the link is no longer held."""
 
     def __init__(self, runtime: Runtime, name: str, nodes: ServerNodes, answer_topic: str) -> None:
         """``answer_topic``: a topic on which the server answers, as DDS has it."""
@@ -176,9 +176,9 @@ LinkT = TypeVar('LinkT', bound=ServerLink)
 class ServerLinks(Generic[LinkT]):
     """The links of one node, one for each type and name. From any thread.
 
-    One is there as long as somebody holds it, such as a call that is on its way, and those that were asked for last as
-    long as these links: the names of servers may come from others. The executor of the runtime destroys, at its end,
-    what is left on its node.
+    A link exists as long as something holds it, such as an active call. The most recently requested links are kept as
+    long as this object; their number is limited, since the names of servers may come from other processes. The executor
+    of the runtime destroys the remaining entities of its node when it ends.
     """
 
     link_class: ClassVar[type[Any]]

@@ -17,7 +17,7 @@ from .links import SETTLE_SECONDS, WATCH_SECONDS, ServerLink, ServerLinks, Serve
 _APPEAR_PERIOD: Final = 0.05
 
 _LATE: Final = 1.0
-"""Seconds by which the executor may be late to say that there is no response."""
+"""Seconds by which the executor may be late to report that there is no response."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class ServiceOutcome:
 
     @property
     def ok(self) -> bool:
-        """Whether there is a response. What it says is another question."""
+        """True if there is a response, whatever it contains."""
         return self.response is not None
 
 
@@ -81,7 +81,7 @@ class ServiceLinks(ServerLinks[ServiceLink]):
 
 
 class ServiceCall:
-    """A request on its way. Thread-safe; may be made on any thread."""
+    """A request that was sent to a server. Thread-safe; may be made on any thread."""
 
     def __init__(
         self,
@@ -112,12 +112,12 @@ class ServiceCall:
 
     @property
     def done(self) -> bool:
-        """Whether the outcome is known."""
+        """True if the outcome is known."""
         return self._outcome is not None
 
     @property
     def outcome(self) -> ServiceOutcome | None:
-        """How the request ended; None while it has not."""
+        """Outcome of the request; None until it has ended."""
         return self._outcome
 
     def cancel(self) -> None:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Managed nodes, and whether other nodes and operators are alive and present."""
+"""Managed nodes, and detection of nodes that are alive and operators that are present."""

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A part of a process that is known as a managed node of a name of its own.
+"""A part of a process that appears as a managed node with its own name.
 
 Lifecycle managers, ``ros2 lifecycle``, ``ros2 param`` and Nav2's ``BasicNavigator`` look for the node ``amcl`` and its
-services; the process that tells where the robot is may be called otherwise. Such a part is a node with a lifecycle in
-that process, and is told when it is to work. It begins as active.
+services; the process that localizes the robot may have another name. Such a part is a node with a lifecycle in that
+process. It is notified when it becomes active or inactive, and it begins as active.
 
-The services of all parts of a process are called on a thread of their own, which sleeps until somebody asks: the
-executor of the process is woken some dozens of times a second, and would look for requests to each of them each time.
+A separate thread serves the requests to all parts of a process, and sleeps until one arrives. The executor of the
+process wakes dozens of times a second, and would check for requests to each part every time.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ _USE_SIM_TIME: Final = 'use_sim_time'
 class LifecycleSubnode:
     """The managed node ``name`` of a process. Made and closed on the executor thread; it ends with ``runtime``.
 
-    ``on_change`` is called with :attr:`is_active` after each transition that changes it. While it is active and
-    ``is_ready`` gives False, those who ask are told that it is activating. The name is relative to the namespace of the
-    node of ``runtime``, which has the log, and the parameters that are read when the process starts. What
-    ``has_parameters`` may :meth:`declare` others; the six services for them cost a node at rest something.
+    ``on_change`` is called with :attr:`is_active` after each transition that changes it. While the node is active and
+    ``is_ready`` returns False, it reports the state "activating". The name is relative to the namespace of the node of
+    ``runtime``, which has the log, and the parameters that are read when the process starts. A node that
+    ``has_parameters`` may :meth:`declare` others; the six services for them cost an idle node some processor time.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class LifecycleSubnode:
 
     @property
     def is_active(self) -> bool:
-        """Whether it is to work; on any thread."""
+        """True if the node is active; on any thread."""
         return self._node.is_active
 
     def declare(self, name: str, value: Any, descriptor: ParameterDescriptor, on_set: Callable[[Any], object]) -> None:
@@ -102,7 +102,7 @@ class LifecycleSubnode:
 
 
 class _SubnodesThread:
-    """Calls the services of the parts of a process. Made, and told of them, on the executor thread."""
+    """A thread that serves the parts of a process. It is made, and parts are added, on the executor thread."""
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime

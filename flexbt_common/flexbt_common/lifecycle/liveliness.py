@@ -2,8 +2,8 @@
 """Liveliness of nodes: a token that a node holds while it works, and a watch that notices its loss within a second.
 
 A node holds a token: a publisher on ``<name>/alive``, which it asserts some times a second, as long as all its
-threads answer (see :class:`Health`). The middleware of a watcher takes the assertions, without waking Python, and
-tells when they stop: at once when the node ends in order, after the lease when the process is killed, or when a part
+threads answer (see :class:`Health`). The middleware of a watcher receives the assertions without waking Python, and
+reports when they stop: at once when the node ends normally, after the lease when the process is killed, or when a part
 of it hangs. (A participant's own lease, on which the action clients' ``server_is_ready`` depends, is seconds.)
 
 A watcher knows three stages:
@@ -63,51 +63,51 @@ from flexbt_core.clock.clock import Timer
 from flexbt_core.values.text import one_line, sanitize_for_message
 
 LEASE_SECONDS: Final = 0.5
-"""A watcher notices after this time that the token is not asserted any more."""
+"""Time after which a watcher notices that the token is no longer asserted, s."""
 
 REPEAT_SECONDS: Final = 1.0
-"""A token also says its status as often as this, s: where the middleware has not told of an assertion, there is no
-silence all the same. (Fast DDS loses some of these events on a busy machine: measured.)
+"""Period at which a token also publishes its status, s: it shows that the node is alive where the middleware has not
+reported an assertion. (Fast DDS loses some of these events on a busy machine: measured.)
 
-For as long after a watcher was found it is said with each assertion: what was said before reaches one in two of them
-only when it is said again (measured; Fast DDS over shared memory)."""
+For this long after a watcher is discovered, the status is published with each assertion: an earlier status reaches
+every second watcher only when it is repeated (measured; Fast DDS over shared memory)."""
 
 PEER_TIMEOUT: Final = 5.0
-"""After this time a node that is late is taken for gone, s of wall time; unless the watcher sets another one."""
+"""Time after which a late node counts as gone, s of wall time, unless the watcher sets another one."""
 
 PEER_TIMEOUT_TEXT: Final = 'time without a sign of life after which a node counts as gone, s of wall time'
 """Description of the parameter ``peer_timeout`` of nodes that watch others."""
 
 START_SECONDS: Final = 5.0
-"""In this time of its own life, a process waits for the first assertion of a token: when it takes the place of one that
-was killed, the middleware of the others does not reach it for up to 2.5 s (measured; Fast DDS over shared memory)."""
+"""Age of a process up to which it waits for the first assertion of a token, s: when it replaces a killed process, the
+middleware of the others does not reach it for up to 2.5 s (measured; Fast DDS over shared memory)."""
 
 STARTED: Final = time.monotonic()
-"""When this process was new: this module is loaded then."""
+"""Time at which this process started, s: this module is loaded early."""
 
 _LOOK_SECONDS: Final = 0.2
-"""From one look at whether the process of a node that is late exists, to the next."""
+"""Period of the check whether the process of a late node exists, s."""
 
 _STATUS_BYTES: Final = 10_000
-"""Bytes of what a token says, at most; more is left aside."""
+"""Maximum size of a token's message, bytes; larger ones are dropped."""
 
 _PROBLEM_CHARACTERS: Final = 1_000
-"""Of what is wrong, at most: a failure may be told with its whole trace."""
+"""Maximum number of characters of a problem: a failure may include its whole trace."""
 
 _STATUS_RATE: Final = 50.0
 _STATUS_BURST: Final = 100
-"""How often a participant may say it: a second, and at once."""
+"""Messages that a participant may send: per second, and at once."""
 
 _WORDLESS_SECONDS: Final = 3.0 * REPEAT_SECONDS
-"""For so long an assertion stands for a word, s: where the middleware has not told that they stopped."""
+"""Time for which an assertion counts as a message, s, where the middleware has not reported that assertions stopped."""
 
 _PROCESSES: Final = 16
-"""Of the processes that have held a token, so many are known."""
+"""Number of processes that have held a token and are remembered."""
 
 _PID: Final = 'pid'
 _BEGAN: Final = 'began'
 _CLOCK: Final = 'clock'
-"""The part of a node that is not ready while nobody publishes the time that it waits for."""
+"""The part of a node that is not ready while the time that it waits for is not published."""
 
 
 def _qos() -> QoSProfile:
@@ -142,9 +142,9 @@ def _check_profile() -> None:
 
 
 class LivelinessToken:
-    """Says that this process is alive, as long as it has the node, and all its threads answer.
+    """A token that shows that this process is alive, as long as the node exists and all its threads answer.
 
-    Whatever part of a node wants a token: it is one for the whole node, and stays when that part has ended.
+    There is one token for the whole node, whichever part requests it; it stays when that part has ended.
     """
 
     def __init__(self, runtime: Runtime) -> None:
@@ -256,14 +256,14 @@ class _HeldToken:
 
 
 class LivelinessWatch:
-    """Watches the token of the node ``node_name`` (relative to this node's namespace, or fully qualified).
+    """A watch on the token of the node ``node_name`` (relative to this node's namespace, or fully qualified).
 
     ``on_change`` is called on the executor thread with the new value of :attr:`alive`, ``on_ready`` with that of
     :attr:`ready`, ``on_late`` with that of :attr:`late`. A node that is gone is not late any more, and one that comes
     back was gone before: ``on_late(False)`` comes before ``on_change(False)``, and ``on_change(True)`` before all else,
     but for a node that was found and is not heard: it is late, and gone, without having been alive.
 
-    ``timeout``: for how long the node may be late before it is taken for gone, s of wall time.
+    ``timeout`` is the time for which the node may be late before it counts as gone, s of wall time.
     """
 
     def __init__(
@@ -304,23 +304,23 @@ class LivelinessWatch:
 
     @property
     def late(self) -> bool:
-        """Whether nothing was heard for longer than the lease of a node that is alive or found, or a part hangs."""
+        """True if a node that is alive or discovered was silent for longer than the lease, or if a part of it hangs."""
         return self._token.late_since is not None and not self._timed_out
 
     @property
     def silent(self) -> bool:
-        """Whether nothing is heard of a node that is not known to have ended: it is late, or was so for too long."""
+        """True if the node is silent and not known to have ended: it is late, or was late for too long."""
         return self._token.late_since is not None
 
     @property
     def age(self) -> float:
-        """For how long nothing was heard of a node that is late, s of wall time; 0.0 of one that is not."""
+        """Time for which a late node has been silent, s of wall time; 0.0 if it is not late."""
         since = self._token.late_since
         return self._runtime.steady.now() - since if self.late and since is not None else 0.0
 
     @property
     def problem(self) -> str:
-        """What is wrong with a node that is alive, or was late for too long, for people; '' when it is ready, or when
+        """Problem of a node that is alive, or was late for too long, as text for people; '' if it is ready, or if
         nothing is known."""
         if self._timed_out:
             return self._token.problem
@@ -332,7 +332,7 @@ class LivelinessWatch:
 
     @property
     def ready(self) -> bool:
-        """Whether the node is alive and not late, and has said that it is ready."""
+        """True if the node is alive, not late, and has reported that it is ready."""
         return self.alive is True and not self.late and self._token.says_ready
 
     def has_ended(self, writer: bytes) -> bool:
@@ -401,8 +401,8 @@ class LivelinessWatch:
 class _SeenToken:
     """A token as its watchers on one node see it.
 
-    There is one subscription for all of them, which stays as long as there are watchers, and as long as the token is
-    alive: to a later one Fast DDS does not tell that the token is asserted already, and its counts are wrong from then
+    All watchers share one subscription. It stays as long as there are watchers and as long as the token is alive: Fast
+    DDS does not report to a later subscription that the token is already asserted, and its counts are wrong from then
     on.
     """
 
@@ -436,7 +436,7 @@ class _SeenToken:
 
     @property
     def is_there(self) -> bool:
-        """Whether it is alive, or was found."""
+        """True if the token is alive or was discovered."""
         return self.alive is True or self._unheard
 
     def has_ended(self, writer: bytes) -> bool:
@@ -611,8 +611,8 @@ _STATE, _START_TIME = 0, 19  # fields 3 and 22 of proc_pid_stat(5), counted afte
 
 @dataclass(frozen=True)
 class ProcessIdentity:
-    """``host`` is the computer, since it was switched on, and the namespace in which ``pid`` is valid; '' when that is
-    not known. ``began`` tells the process from others that had or will have its number.
+    """The identity of a process. ``host`` identifies the computer, its boot, and the namespace in which ``pid`` is
+    valid; '' if that is not known. ``began`` distinguishes the process from others with the same number.
     """
 
     host: str
@@ -630,7 +630,7 @@ class ProcessIdentity:
 
     @property
     def is_here(self) -> bool:
-        """Whether it can be told if this process has ended: it is of this computer."""
+        """True if the process is on this computer, so that its end can be detected."""
         return bool(self.host) and self.host == ProcessIdentity.own().host
 
     def has_ended(self) -> bool:

@@ -90,10 +90,10 @@ class ExtendedLifecycleNode(LargeQueueNode, LifecycleNode):
 
 DEACTIVATED: Final = 'was deactivated'
 SHUTTING_DOWN: Final = 'is shutting down'
-"""Why something was stopped; they follow a subject."""
+"""Reasons why something was stopped; each follows a subject."""
 
 STOP_SECONDS: Final = 10.0
-"""How long a node that is deactivated waits for what runs to come to rest."""
+"""Time that a node being deactivated waits for running work to stop, s."""
 
 _AUTOSTART: Final = ParameterDescriptor(
     description='whether the node configures and activates itself; if not, a lifecycle manager has to',
@@ -119,8 +119,8 @@ class Managed(Protocol):
 
 
 Maker = Callable[[Runtime, str], Managed]
-"""Gets a runtime that ends with the configured node, and why the node refuses to work until it is activated: ''
-when it is going to be activated at once, so that nobody who meets it meanwhile is refused."""
+"""A function that makes the configured node. It gets a runtime that ends with that node, and the reason why the node
+refuses work until it is activated: '' if it will be activated at once, so that early requests are not refused."""
 
 Waiting = Callable[[Runtime], object]
 Declare = Callable[[Node], object]
@@ -140,7 +140,7 @@ def unconfigured(node: Node) -> str:
 
 
 class ManagedNode(ExtendedLifecycleNode):
-    """The node of a :class:`NodeRuntime`; :meth:`manage` says of what."""
+    """The managed node of a :class:`NodeRuntime`; :meth:`manage` sets what it manages."""
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
@@ -344,9 +344,9 @@ T = TypeVar('T')
 class NodeScope:
     """A :class:`Runtime` within that of a node, its host: it ends before the host, and another may follow.
 
-    All that has been made on the node since the scope began goes when it ends, so nobody has to keep account of it:
-    what it registered with :meth:`on_close` is called, what it posted is dropped, and every entity is destroyed.
-    Scopes of one node follow each other; they do not overlap. All else is the host's.
+    Everything made on the node since the scope began is removed when the scope ends, without further bookkeeping:
+    callbacks registered with :meth:`on_close` are called, posted work is dropped, and every entity is destroyed.
+    Scopes of one node follow each other and do not overlap. Everything else belongs to the host.
     """
 
     def __init__(self, host: NodeRuntime) -> None:
@@ -372,12 +372,12 @@ class NodeScope:
 
     @property
     def on_executor_thread(self) -> bool:
-        """Whether the caller is on the executor thread."""
+        """True if the caller is on the executor thread."""
         return self._host.on_executor_thread
 
     @property
     def closed(self) -> bool:
-        """Whether the scope has ended; what is posted now is dropped."""
+        """True if the scope has ended; work that is posted now is dropped."""
         return self._closed.is_set()
 
     def post(self, fn: Callable[[], object]) -> None:
@@ -489,9 +489,9 @@ DIAGNOSTICS_PERIOD: Final = 1.0
 
 
 class DiagnosticsPublisher:
-    """Publishes what ``entries`` gives; it is called on the executor thread. Made there, too.
+    """A publisher of the diagnostics that ``entries`` returns; both are used on the executor thread.
 
-    Where time is simulated, an entry says how that goes.
+    If time is simulated, an entry reports the state of the clock.
     """
 
     def __init__(self, runtime: Runtime, entries: Callable[[], Sequence[DiagnosticStatus]]) -> None:

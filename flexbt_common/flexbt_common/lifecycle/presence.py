@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who is there at the other end of a link that may be bad, known within some seconds.
+"""Presence of participants across an unreliable link, detected within a few seconds.
 
-A token says a word a second under a name: on one topic for all, neither acknowledged nor sent again. So it costs
-little, a lost word is no harm, nothing has to be discovered for one more name, and the middleware may do without its
-own messages about liveliness across the link. A process that has died is missed after the lease; one that ends in
-order says so. What has to be noticed sooner, between the nodes of a robot, is for
-:mod:`flexbt_common.lifecycle.liveliness`.
+A token publishes one message a second under its name, on one topic for all, best effort. So it costs little, a lost
+message does no harm, another name needs no discovery, and the middleware needs no liveliness messages across the link.
+A process that has died is missed after the lease; one that ends normally announces it. Use
+:mod:`flexbt_common.lifecycle.liveliness` between the nodes of a robot, where a loss has to be noticed sooner.
 """
 
 from __future__ import annotations
@@ -28,31 +27,31 @@ from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import PeerStatus
 
 WORD_SECONDS: Final = 1.0
-"""From one word of a token to the next."""
+"""Time from one message of a token to the next, s."""
 
 PRESENCE_LEASE_SECONDS: Final = 5.0
-"""How long a watcher waits for a word. Of a link that loses 30 % of its packets, one in 400 silences is so long."""
+"""Time that a watcher waits for a message, s. If a link loses 30 % of its packets, one silence in 400 is longer."""
 
 
 WORD_BYTES: Final = 4000
-"""Bytes of a word, at most; a longer one is not heard."""
+"""Maximum size of a message, bytes; longer ones are dropped."""
 
 WORD_RATE: Final = 50.0
 WORD_BURST: Final = 100
-"""Words of one participant that are heard: a second, and at once."""
+"""Messages of one participant that are received: per second, and at once."""
 
 WORD_DEPTH: Final = 200
-"""Words that wait until they are heard, at most: what floods the topic must not drive those of the others out."""
+"""Maximum number of queued messages: a flood on the topic must not drop the messages of the others."""
 
 TOKENS_OF_PARTICIPANT: Final = 16
 MOST_TOKENS: Final = 512
-"""Tokens of one participant, and of all, that are heard at a time."""
+"""Maximum number of tokens of one participant, and of all together, that are tracked at a time."""
 
 
 class PresenceToken:
-    """Says that ``name`` is there until it or the runtime is closed. Any number of tokens may have the same name.
+    """A token that announces ``name`` until it or the runtime is closed. Any number of tokens may have the same name.
 
-    ``namespace`` is that of the robot which is told, by default the node's own.
+    ``namespace`` is that of the robot that receives it, by default the node's own.
     """
 
     def __init__(self, runtime: Runtime, name: str, namespace: str = '') -> None:
@@ -98,10 +97,10 @@ class _Token(NamedTuple):
 
 
 class PresenceWatch:
-    """Watches who is there. Used on the executor thread only.
+    """A watch on the tokens of others. Used on the executor thread only.
 
-    ``present`` are the names under which a token has been heard lately. Of the tokens of one participant, and of all,
-    only so many are heard.
+    ``present`` are the names of the tokens that were heard recently. At most :data:`MOST_TOKENS` are tracked for one
+    participant, and in all.
     """
 
     def __init__(self, runtime: Runtime, on_ignored: Callable[[str], object] | None = None) -> None:
@@ -126,7 +125,7 @@ class PresenceWatch:
 
     @property
     def tokens(self) -> int:
-        """How many tokens have been heard lately."""
+        """Number of tokens that were heard recently."""
         return len(self._heard)
 
     def add_listener(self, on_change: Callable[[], None]) -> None:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a node stands on: rclpy's private parts, Fast DDS, messages from any participant, and the default context."""
+"""The layer below the nodes: rclpy's private parts, Fast DDS, messages from any participant, the default context."""

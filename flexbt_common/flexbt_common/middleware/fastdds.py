@@ -148,7 +148,7 @@ _MMAP_THRESHOLD: Final = -3
 _LARGE: Final = 2_000_000
 _HEEDS: Final = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 _SIDES: Final = ({'data_writer', 'publisher'}, {'data_reader', 'subscriber'})
-"""What the profiles of the two sides may be called."""
+"""Possible element names of the profiles of each side."""
 
 _lock: Final = threading.Lock()
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Publishers and subscriptions of a topic that exchange no message, since their qualities of service do not fit.
 
-The middleware tells each end that another one does not fit, and by which policy. Here the graph is asked who that is
-and what it offers or wants, so that people read what to change, where they see only that nothing comes.
+The middleware reports to each end that another one is incompatible, and by which policy. This module looks up in the
+graph which endpoint that is and what it offers or requests, so that users read what to change instead of only seeing
+that no messages arrive.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from flexbt_core.values.text import one_line
 from .received_messages import COMPLAINT_SECONDS, UNKNOWN_NODE
 
 _MOST_SHOWN: Final = 3
-"""Endpoints of a topic that are named: there may be any number."""
+"""Maximum number of endpoints of a topic that a report lists."""
 
 _NAME_CHARACTERS: Final = 100
 
@@ -38,7 +39,7 @@ Events = TypeVar('Events', PublisherEventCallbacks, SubscriptionEventCallbacks)
 
 
 class QosMisfits:
-    """Those of one node, by topic (resolved name). Used on the executor thread, but for :meth:`of`."""
+    """The QoS mismatches of one node, by topic (resolved name). Used on the executor thread, except for :meth:`of`."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""All that this code uses of rclpy's private parts, and what stands for them where rclpy has changed.
+"""The private parts of rclpy that this code uses, and their replacements where rclpy has changed.
 
 rclpy (7.1, ROS 2 Jazzy) can be used without them, and everything works then: each use of private parts below only makes
 something faster, or mends something that rclpy leaves undone. Once in a process, before the first node is made, it is
@@ -53,7 +53,7 @@ class PrivatePart:
 
 @dataclass(frozen=True)
 class PrivateUse:
-    """Something for which private parts are used. ``loss``: what is slower or missing without; follows a colon."""
+    """A use of private parts. ``loss`` is what is slower or missing without them; it follows a colon."""
 
     parts: tuple[PrivatePart, ...]
     loss: str
@@ -131,7 +131,7 @@ def warnings() -> Iterator[str]:
 # --------------------------------------------------------------------------------------------------------- executor
 
 Take = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
-"""Takes what has come for an entity; gives the call of its callback, if there is one to be made."""
+"""A function that takes the data of an entity and returns the call of its callback, or None."""
 
 
 class ExtendedExecutor(Executor):

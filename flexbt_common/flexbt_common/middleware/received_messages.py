@@ -34,24 +34,23 @@ from .fastdds import ignore_participant, loaded_function
 from .rclpy_private import EXECUTOR, is_usable
 
 COMPLAINT_SECONDS: Final = 5.0
-"""From one line of the log about messages that cannot be used to the next, s: they may come at any rate."""
+"""Minimum time between log lines about unusable messages, s: they may arrive at any rate."""
 
 UNKNOWN_NODE: Final = '_NODE_NAME_UNKNOWN_'
-"""What rmw calls the node of an endpoint that it has just discovered."""
+"""Name that rmw reports for the node of an endpoint that it has just discovered."""
 
 UNKNOWN_WRITER: Final = b''
-"""Instead of a writer that the middleware, or rclpy as it is (``FLEXBT_STOCK_RCLPY``), does not tell."""
+"""Stands for a writer that the middleware, or stock rclpy (``FLEXBT_STOCK_RCLPY``), does not report."""
 
 EXCESS_MESSAGES: Final = 500
 EXCESS_BYTES: Final = 20_000_000
-"""Messages that are too many, and bytes of messages that are too large, after which the participants of a process are
-ignored."""
+"""Number of excess messages, and bytes of oversized messages, after which the participants of a process are ignored."""
 
 _PROCESSES: Final = 256
-"""Of which this is remembered: those that were blamed last."""
+"""Number of processes of which this is remembered: those that were blamed last."""
 
 _TURN_SECONDS: Final = 0.02
-"""After this time the other callbacks of the node come first."""
+"""Time after which the other callbacks of the node come first, s."""
 
 _GID_SIZE: Final = 16  # RMW_GID_STORAGE_SIZE
 _OK: Final = 0
@@ -73,14 +72,14 @@ class Received:
 
     @property
     def participant(self) -> bytes:
-        """Identifies the participant of the domain that the writer belongs to, so the process or a part of it."""
+        """Identifier of the writer's participant in the domain, so of the process or a part of it."""
         return guid_prefix_of(self.writer)
 
     @property
     def process(self) -> bytes:
-        """Identifies the process that the writer belongs to, whose participants share what one may send: Fast DDS
-        begins their identifiers with the vendor, the host and the process. With a middleware that does it in another
-        way, and with DDS security, which changes them, it is one participant."""
+        """Identifier of the writer's process, whose participants share one allowance: Fast DDS begins their identifiers
+        with the vendor, the host and the process. With another middleware, and with DDS security, which changes the
+        identifiers, it is that of one participant."""
         return self.writer[:8]
 
     def unpack(self, message_type: type[Any]) -> Any:
@@ -98,12 +97,12 @@ class Received:
 
 
 class ReceivedMessages:
-    """Takes what comes on a topic. To be made on the executor thread, where ``on_message`` is called for each message.
+    """A subscription to all messages of a topic. Made on the executor thread, where ``on_message`` gets each message.
 
-    Messages of more than ``limit`` bytes come without their data. Of a process that goes on sending such, or what
-    the receiver blames it for, nothing more is heard, where the middleware can do that; ``on_ignored`` gets a line
-    about it, by default the node's log does. While ``is_awaited`` says no, messages stay with the middleware,
-    as many as the queue takes; with stock rclpy they come all the same.
+    Messages of more than ``limit`` bytes arrive without their data. A process that keeps sending them, or messages that
+    the receiver blames it for, is ignored if the middleware supports that; ``on_ignored`` gets a line about it, by
+    default the node's log does. While ``is_awaited`` returns False, messages stay in the queue of the middleware;
+    stock rclpy delivers them anyway.
     """
 
     def __init__(
@@ -250,7 +249,7 @@ class _Bytes(ctypes.Structure):
 
 
 class _Taker:
-    """Takes messages by functions of rcl and rcutils (ROS 2 Jazzy), whose headers the structures above are from."""
+    """A reader that calls functions of rcl and rcutils (ROS 2 Jazzy); the structures above are from their headers."""
 
     def __init__(self) -> None:
         pointer = ctypes.POINTER
@@ -297,15 +296,15 @@ class _Taker:
 # The newest message of a topic, for whoever reads it far more rarely than it comes.
 
 MOST_BYTES: Final[Mapping[type[Any], int]] = {PoseStamped: 2_000}
-"""Of types whose messages are handed on again and again; of others, as many as a message may have at all."""
+"""Size limit for types whose messages are forwarded repeatedly, bytes; other types have the general limit."""
 
 
 class LatestMessage:
-    """Keeps the newest message of a topic as bytes, from which it is made when somebody asks for it.
+    """The newest message of a topic, kept as bytes and deserialized on request.
 
-    Made and closed on the executor thread. While ``is_awaited()``, by default never, the executor takes what comes and
-    calls ``on_message``; otherwise a message stays with the middleware until somebody asks. One of more bytes than
-    MOST_BYTES says is left aside.
+    Made and closed on the executor thread. While ``is_awaited()``, by default never, the executor takes each message
+    and calls ``on_message``; otherwise a message stays in the middleware until it is requested. Messages larger than
+    MOST_BYTES are dropped.
     """
 
     def __init__(

@@ -85,7 +85,7 @@ class MachineBox:
 
     @property
     def title(self) -> str:
-        """Its label, and what kind of container it is when it is no plain machine."""
+        """The label, with the kind of container unless it is a plain machine."""
         return self.state.label + (f' ({self.state.kind})' if self.state.kind != 'machine' else '')
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the pictures share: text in both languages, colours, the legend, and Graphviz, which makes SVG."""
+"""Parts that the pictures share: text in both languages, colours, the legend, and the Graphviz call that makes SVG."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ MERMAID_HEAD: Final = (
 )
 
 _PLAIN: Final = (' _-.,:/()=→↔{}', '_({')
-"""What else stands for itself in a label of Mermaid: within a line, and at its beginning."""
+"""Other characters that need no escape in a label of Mermaid: within a line, and at its beginning."""
 
 _LEGEND_ROW: Final = 18
 _LEGEND_WIDTH: Final = 340
@@ -160,7 +160,7 @@ def finished(picture: str, style: str = STYLE) -> str:
 
 
 _LONGEST_SIDE: Final = 1600
-"""Points: what is larger is shown smaller, as a whole, and readers zoom in."""
+"""Longest side of a picture, points: a larger one is scaled down, and readers zoom in."""
 
 
 def fitted(picture: str) -> str:
@@ -195,7 +195,7 @@ def _box(x: float, y: float) -> str:
 # SVG of what is written in Graphviz's language.
 
 LAYOUT_SECONDS: Final = 120.0
-"""A picture that takes longer is given up."""
+"""Time after which a picture is given up, s."""
 
 _WHEEL: Final = 'flexbt_common.pictures.graphviz_wheel'
 

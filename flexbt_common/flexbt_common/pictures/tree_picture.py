@@ -12,11 +12,11 @@ from typing import Final
 from .markup import DOT_HEAD, MARK_STYLES, MERMAID_HEAD, dot_text, mermaid_text
 
 MOST_CHARACTERS: Final = 40
-"""Of a line of a label; a longer one is folded."""
+"""Maximum number of characters of a line of a label; a longer one is folded."""
 
 MOST_ABREAST: Final = 40
-"""Leaves of a tree that is drawn top-down; one with more grows to the right, its leaves below each other: else it is
-many times wider than high, and read nowhere."""
+"""Maximum number of leaves of a tree that is drawn top-down. A tree with more grows to the right, its leaves below each
+other; otherwise it would be many times wider than high, and unreadable."""
 
 
 class NodeShape(Enum):
@@ -28,7 +28,7 @@ class NodeShape(Enum):
     ACTION = 'Action'
     CONDITION = 'Condition'
     UNKNOWN = 'Unknown'
-    """A leaf of which nobody says whether it is an action or a condition."""
+    """A leaf that is not known to be an action or a condition."""
 
 
 # Shape in Graphviz; brackets of the shape in Mermaid.
@@ -73,7 +73,7 @@ class DrawnNode:
 
 
 _JOINTS: Final = tuple(map(re.compile, (' ', r'[→=](?=.)|.(?={)', r'[/_.,:;-](?=.)|[a-z](?=[A-Z])')))
-"""Where a line is broken, the best places first."""
+"""Places at which a line may be broken, the best first."""
 
 
 def _folded(text: str) -> list[str]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether the simulated time of a node goes on as it should; the one place that knows.
+"""The check of a node's simulated time, for all parts that report it.
 
-A node under ``use_sim_time`` waits for ever where nobody publishes ``/clock``, and its waits end at any time where two
-do. All that it shows meanwhile looks as if it worked, so what is wrong with its time is told by all that it says of
-itself: log, liveliness token, diagnostics, feedback, the status of the executive.
+A node under ``use_sim_time`` waits forever if nothing publishes ``/clock``, and its waits end at random times if two
+nodes do. Otherwise it looks as if it worked, so it reports problems of its time everywhere: in its log, liveliness
+token, diagnostics, feedback, and the status of the executive.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from .node_runtime import NodeRuntime, Runtime
 from .ros_clock import watch_clock_publishers
 
 STILL_SECONDS: Final = 3.0
-"""Simulated time that has not gone on for so long stands still, s of wall time."""
+"""Time without progress after which simulated time counts as stopped, s of wall time."""
 
 SHOWN_SECONDS: Final = 10.0
-"""For so long a jump, or a time that is none, is shown, s of wall time; and what comes and goes is logged once."""
+"""Time for which a jump or an invalid time is shown, s of wall time; within it, a recurring problem is logged once."""
 
 SLOW: Final = 0.05
-"""Simulated time that goes on by less than this share of wall time is slow."""
+"""Share of wall time below which simulated time is slow."""
 
 LISTEN_SECONDS: Final = 2.0
-"""For so long it is listened who publishes, s: one that was killed is in the graph for longer, and sends nothing."""
+"""Time spent listening for the publishers, s: a killed one stays in the graph for longer, and sends nothing."""
 
 PAUSE_SECONDS: Final = 3.0
-"""From there to the next time, while there are several, s."""
+"""Pause until the next check while there are several publishers, s."""
 
 GOES_ON: Final = 'the clock of this node works as it should'
-"""What is reported when nothing is wrong, or nothing any more."""
+"""Report when the clock works, or works again."""
 
 _LOOK_SECONDS: Final = 1.0
 _LOOK_TOLERANCE: Final = 0.25
@@ -55,10 +55,10 @@ def clock_health(runtime: Runtime) -> ClockHealth:
 
 
 class ClockHealth:
-    """What is wrong with the simulated time of a node. Used on the executor thread.
+    """The health of a node's simulated time. Used on the executor thread.
 
-    ``problem`` says it, and what to do, for people; '' while there is nothing, or time is not simulated.
-    ``is_missing``: nobody publishes it, and nobody has.
+    ``problem`` describes what is wrong and what to do; '' if nothing is wrong, or if time is not simulated.
+    ``is_missing``: no node publishes the time, and none has.
     """
 
     def __init__(self, runtime: NodeRuntime) -> None:

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether the threads of a process answer, as a condition for calling it alive.
+"""A check that the threads of a process answer, as a condition for reporting it alive.
 
-What a process has to keep answering is registered: its executor, the thread of a run, the loop of a simulation. Every
-:data:`PERIOD` the clock's thread asks all of them, and when the last one has answered, that is a *beat*. Whoever tells
-others that the process is alive does so on beats, and so nobody does while any one of those threads hangs, or the
-clock's own; there is no state in which a part of a process is stuck and the whole is shown as alive. After a hang
-there is no beat for :data:`SETTLE_SECONDS`, in which what has waited for the thread is handled; what takes longer than
-that is not waited for.
+Each part that has to keep answering is registered: the executor, the thread of a run, the loop of a simulation. Every
+:data:`PERIOD` the clock's thread pings all of them; when the last one has answered, that is a *beat*. The process
+reports that it is alive only on beats, so not while one of these threads or the clock's own hangs: a process with a
+stuck part is never shown as alive. After a hang there is no beat for :data:`SETTLE_SECONDS`, so that pending work of
+the thread is handled; work that takes longer than that is not waited for.
 
-A hang is told once, with the stack of the thread that does not answer, and so is its end. That nothing of the process
-ran for a while is told before a thread goes on that has checked (:meth:`Health.check_pause`).
+A hang is reported once, with the stack of the thread that does not answer, and so is its end. A pause of the whole
+process is reported before a thread that calls :meth:`Health.check_pause` continues.
 """
 
 from __future__ import annotations
@@ -28,23 +27,23 @@ from typing import Final
 from flexbt_core.clock.clock import Clock
 
 PERIOD: Final = 0.15
-"""From one ping to the next, s of wall time."""
+"""Time from one ping to the next, s of wall time."""
 
 LATE_SECONDS: Final = 0.3
-"""A thread that has not answered for so long is late, s. With :data:`PERIOD` that is less than the lease of the
-liveliness token, so that others are told the reason before they miss the process."""
+"""Time without an answer after which a thread is late, s. With :data:`PERIOD` that is less than the lease of the
+liveliness token, so that others get the reason before they miss the process."""
 
 HANG_SECONDS: Final = 1.0
-"""A thread that has not answered for so long hangs: it is logged, with its stack, s."""
+"""Time without an answer after which a thread hangs, s: it is logged with its stack."""
 
 OUT_OF_REACH_SECONDS: Final = 2.0
-"""A process of which nothing ran for so long may have been given up by others, and by their middleware (after the lease
-of a participant); what was sent to it meanwhile, a cancel too, may be lost, s."""
+"""Pause of the whole process after which others, and their middleware (after the lease of a participant), may have
+given it up, s; messages sent to it meanwhile, cancels too, may be lost."""
 
 SETTLE_SECONDS: Final = 0.3
-"""After a hang, or a stop of the whole process, nothing is called alive for so long, s of wall time: a cancel that has
-waited meanwhile goes through the threads of the process, and on to others, before they let go on what it ends. It
-takes a tenth of a second where no other work has waited as well: this is a time, no promise that all is handled."""
+"""Time after a hang, or a stop of the whole process, in which it is not reported alive, s of wall time. A cancel that
+was pending passes through the threads of the process, and on to others, before the work that it ends can continue. That
+takes a tenth of a second if no other work was pending; the time does not guarantee that everything is handled."""
 
 Ping = Callable[[Callable[[], None]], object]
 """Called on the clock's thread with ``answer``, which the thread that is watched has to call, soon. It must not block,
@@ -72,7 +71,7 @@ class Hang:
 
 
 class WatchedThread:
-    """One thread that has to answer; until :meth:`close`, from any thread."""
+    """A thread that has to answer, until :meth:`close`, from any thread."""
 
     def __init__(
         self, health: Health, name: str, ping: Ping, thread: threading.Thread | None, where: Callable[[], str] | None
@@ -153,9 +152,9 @@ class WatchedLoop:
 
 
 class Health:
-    """What has to answer, and who is told. Everything from any thread.
+    """The threads that have to answer, and the listeners to their state. Everything from any thread.
 
-    Those who are told must not block: they are called on the clock's thread, that of an answer, or one that looks.
+    Listeners must not block: they are called on the clock's thread, that of an answer, or one that checks.
     """
 
     def __init__(self, steady: Clock) -> None:
@@ -238,7 +237,7 @@ class Health:
 
     @property
     def failure(self) -> str:
-        """Why the process cannot do its work; '' while it can."""
+        """Reason why the process cannot do its work; '' while it can."""
         return self._failure
 
     def check_pause(self) -> None:

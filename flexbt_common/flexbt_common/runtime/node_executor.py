@@ -52,7 +52,7 @@ from .ros_clock import LONGEST_WAIT, HandledTime, SimulatedTime, is_clock_subscr
 
 _CHECK_SECONDS: Final = 1.0
 _CHECK_TOLERANCE: Final = 0.1
-"""From one check of what nobody waits for to the next, s: about so long, whenever the executor is awake anyway."""
+"""Approximate period of the check of entities that nothing waits for, s; it runs when the executor is awake anyway."""
 
 _MISFITS: Final = frozenset(
     (type(event), event)  # events of different types compare equal by their numbers
@@ -65,10 +65,10 @@ _MISFITS: Final = frozenset(
 )
 
 Later = Callable[[float, Callable[[], object]], object]
-"""Calls a function after a delay in seconds of wall time, on the executor thread."""
+"""A function that calls another one after a delay in seconds of wall time, on the executor thread."""
 
 BORROW_SECONDS: Final = 0.001
-"""For so long another thread waits for the turn, s: an executor that has just answered it is about to wait again."""
+"""Time that another thread waits for the turn, s: an executor that has just answered it is about to wait again."""
 
 _AWAITING_TURN: Final = 0.02
 """Longest turn of rclpy's own loop, s: it may go on waiting although work was brought in meanwhile."""
@@ -97,7 +97,7 @@ def make_executor(
 
 
 class StockNodeExecutor(SingleThreadedExecutor):
-    """Runs the callbacks of its nodes by rclpy's own loop, on the thread that calls :meth:`turn`."""
+    """An executor that runs the callbacks of its nodes by rclpy's own loop, on the thread that calls :meth:`turn`."""
 
     def __init__(
         self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object], later: Later
@@ -135,7 +135,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
 
 
 class NodeExecutor(ExtendedExecutor):
-    """Runs the callbacks of its nodes, on the thread that calls :meth:`turn`."""
+    """An executor that runs the callbacks of its nodes on the thread that calls :meth:`turn`."""
 
     def __init__(
         self,
@@ -197,7 +197,7 @@ class NodeExecutor(ExtendedExecutor):
 
     @property
     def is_lent(self) -> bool:
-        """Whether this thread is in :meth:`run_here`."""
+        """True if this thread is in :meth:`run_here`."""
         return self._lent_to == get_ident()
 
     def add_node(self, node: Node) -> bool:
@@ -399,7 +399,7 @@ def _rest(called: Coroutine[Any, Any, None], awaited: Any) -> Any:
 
 
 class _Turn:
-    """Who may call callbacks: the thread of the executor, unless it waits and another thread has borrowed the turn."""
+    """The right to call callbacks: the executor's thread has it, unless it waits and another thread has borrowed it."""
 
     def __init__(self) -> None:
         self._lock = Lock()

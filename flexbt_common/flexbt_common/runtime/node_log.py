@@ -37,11 +37,11 @@ from flexbt_common.middleware.rclpy_private import ExtendedLogger, log_for_calle
 from flexbt_core.values.text import escape_lines, pluralize
 
 LINES: Final = 200
-"""Lines of one message, at most: a trace may be long."""
+"""Maximum number of lines of one message: a trace may be long."""
 
 LOG_BURST: Final = 4_000_000
 LOG_RATE: Final = 2_000
-"""Characters that a node logs, at once and a second, at most; counted apart for errors and for the rest."""
+"""Maximum number of characters that a node logs, at once and per second; errors and the rest are counted separately."""
 
 _KINDS: Final = 100
 
@@ -51,7 +51,7 @@ log_for_callers_of(__file__)
 class _Allowance:
     """The characters that may be logged now.
 
-    When they are used up, nothing is logged until a tenth of the burst is there again.
+    When they are used up, nothing is logged until a tenth of the burst is available again.
     """
 
     def __init__(self, burst: float, rate: float) -> None:
@@ -88,7 +88,7 @@ class NodeLogger(ExtendedLogger):
     """The logger of a node, as rclpy's, whose messages are escaped and bounded.
 
     A message of several lines has the further ones indented, so that none of them looks like a message of its own.
-    Debug messages are not bounded: they are off unless somebody asks for them.
+    Debug messages are not bounded: they are off by default.
     """
 
     def __init__(self, name: str, burst: float = LOG_BURST, rate: float = LOG_RATE) -> None:
@@ -139,7 +139,7 @@ class NodeLogger(ExtendedLogger):
 
 
 class RepeatedReports:
-    """Lets a report of each kind pass once in ``seconds``, and counts those between. From any thread.
+    """A filter that lets a report of each kind pass once in ``seconds``, and counts those between. From any thread.
 
     ``now`` is in seconds. Only the newest hundred kinds are remembered.
     """
@@ -170,14 +170,14 @@ class RepeatedReports:
 _NO_ROOM: Final = 'nobody read this output'
 
 _PIPE_BYTES: Final = 1 << 20
-"""Room that a pipe for the output is given, if the system allows it: a long message is not cut while it is read."""
+"""Buffer size of a pipe for the output, bytes, if the system allows it: a long message is not cut while it is read."""
 
 _LAST_SECONDS: Final = 0.2
-"""How long the end of a process waits for a slow reader of its last lines."""
+"""Time that the end of a process waits for a slow reader of its last lines, s."""
 
 _FILENO: Final = 14 * ctypes.sizeof(ctypes.c_void_p)
-"""Where a ``FILE`` of glibc has its descriptor (``_fileno`` of ``struct_FILE.h``, which is part of its binary
-interface); :meth:`_CStream.move` asks ``fileno`` whether it is so."""
+"""Offset of the descriptor in a ``FILE`` of glibc (``_fileno`` of ``struct_FILE.h``, part of its binary interface);
+:meth:`_CStream.move` checks it with ``fileno``."""
 
 
 class _CStream:
@@ -294,7 +294,7 @@ class StandardStreams:
 
 
 class _Output(io.RawIOBase):
-    """Writes what the reader of a descriptor takes at once, and counts the lines for which there is no room.
+    """An output that writes what the reader of a descriptor takes at once, and counts the lines that do not fit.
 
     A line that is begun is ended before the next one.
     """

@@ -91,15 +91,15 @@ usage: {name} [--ros-args -p PARAMETER:=VALUE ... -r __ns:=/NAMESPACE ...]
 The parameters are in docs/reference/executables.md; ros2 param describe tells them of a node that runs."""
 
 CALL_SECONDS = 30.0
-"""An executor that does not get to something in this time never will. To make the entities of a node can take many
-seconds when a whole fleet starts on one machine."""
+"""Time after which a call to the executor thread is given up, s. Making the entities of a node can take many seconds
+when a whole fleet starts on one machine."""
 
 _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
 
 
 UNSENT_SECONDS: Final = 0.09
-"""Sending an answer takes longer than this, s, if it stays unsent: rmw_fastrtps waits 0.1 s for its reader."""
+"""Time that sending an answer takes at least if it stays unsent, s: rmw_fastrtps waits 0.1 s for its reader."""
 
 AGAIN_SECONDS: Final = (0.2, 0.5, 1.0, 3.0)
 """Delays after which an unsent answer is sent again, s of wall time. A client ignores an answer that it has."""
@@ -109,11 +109,11 @@ MOST_UNSENT: Final = 4
 
 
 class AnswerResender:
-    """Sends the answers of a service until there is somebody to get them.
+    """A sender that repeats the answers of a service until a reader exists.
 
     A request may come before its client has been discovered as a reader of answers, on a busy computer above all. The
-    middleware then leaves the answer unsent, rclpy tells it by a warning of Python, and clients such as BasicNavigator
-    of nav2_simple_commander wait for ever.
+    middleware then leaves the answer unsent, rclpy issues a Python warning, and clients such as BasicNavigator of
+    nav2_simple_commander wait forever.
     """
 
     def __init__(self, service: Service, later: Later) -> None:
@@ -327,7 +327,7 @@ class NodeRuntime:
     """One node, one executor thread, two clocks.
 
     ``node`` is the rclpy node, ``clock`` its clock (simulated time under ``use_sim_time``), ``steady`` the machine's
-    monotonic clock, for deadlines of communication; ``heard`` tells for how long others have been silent.
+    monotonic clock, for deadlines of communication; ``heard`` measures how long others have been silent.
     ``health`` has what must answer while the node is called alive: the executor, and what others register.
     """
 
@@ -417,12 +417,12 @@ class NodeRuntime:
 
     @property
     def on_executor_thread(self) -> bool:
-        """Whether the caller is on the executor thread."""
+        """True if the caller is on the executor thread."""
         return threading.current_thread() is self._thread
 
     @property
     def closed(self) -> bool:
-        """Whether the end has begun for the executor; what is posted now is dropped."""
+        """True if the executor has begun to end; work that is posted now is dropped."""
         return self._closed.is_set()
 
     def post(self, fn: Callable[[], object]) -> None:
@@ -719,7 +719,7 @@ def qos_misfit(runtime: Runtime, topic: str) -> str:
 
 
 class _LibraryLog(logging.Handler):
-    """Gives what Python's own logging is told, by libraries for example, to the logger of a node."""
+    """A handler that forwards records of Python's logging, from libraries for example, to the logger of a node."""
 
     def __init__(self, logger: NodeLogger) -> None:
         super().__init__(logging.WARNING)

@@ -35,7 +35,7 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_core.values.yaml_data import YamlError, load_yaml
 
 READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set while it is unconfigured'
-"""Said by the descriptors of the parameters of managed nodes."""
+"""Note in the descriptors of the parameters of managed nodes."""
 
 ALLOWED_DIRECTORIES_TEXT: Final = (
     'directories, beside the package shares and those of the files that parameters name, from which services load files'
@@ -43,7 +43,7 @@ ALLOWED_DIRECTORIES_TEXT: Final = (
 """Description of the parameter ``allowed_directories`` of a node whose services get the names of files."""
 
 MOST_PARAMETERS: Final = 1_000
-"""Parameters, or names or prefixes of such, in one request."""
+"""Maximum number of parameters, names or prefixes in one request."""
 
 _ASKED_FOR: Final = {
     DescribeParameters: 'names',
@@ -69,21 +69,21 @@ _SAMPLES: Final[Mapping[Parameter.Type, Any]] = {
     Parameter.Type.DOUBLE: 1.0,
     Parameter.Type.STRING: 'text',
 }
-"""Shown where neither the value that was given nor a default is of use."""
+"""Sample values, shown if neither the given value nor a default helps."""
 
 _NUMBER_CHARACTERS: Final = 30
 
 _OF_QOS: Final = 'qos_overrides.'
-"""What the names of those begin with that are declared with a publisher or subscription."""
+"""Prefix of the names of parameters that are declared with a publisher or subscription."""
 
 
 class ParameterDeclarer:
-    """Declares parameters on a node, unless that was done, and gives their values; each with a description and bounds.
+    """A helper that declares parameters on a node once and returns their values; each has a description and bounds.
 
     A parameter is read-only, unless said otherwise, except on a managed node, where :func:`refuse_while_configured`
     decides about those that are not :attr:`fixed`.
 
-    Every method raises UnfitParameterError where there is no value that the type and the bounds allow.
+    Every method raises UnfitParameterError if no value fits the type and the bounds.
     """
 
     def __init__(self, node: Node, *, is_fixed: bool = False) -> None:
@@ -92,8 +92,8 @@ class ParameterDeclarer:
 
     @property
     def fixed(self) -> ParameterDeclarer:
-        """Declares parameters that are as the node was started with, on a managed node, too: what decides over files,
-        addresses and limits. The services that set parameters are open to every program of the domain.
+        """Declarer of parameters that keep their start values on a managed node, too: those for files, addresses and
+        limits. Every program of the domain can call the services that set parameters.
         """
         return ParameterDeclarer(self._node, is_fixed=True)
 

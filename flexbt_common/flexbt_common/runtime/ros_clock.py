@@ -25,20 +25,20 @@ from flexbt_core.clock.clock import Clock, Timer, TimerQueue
 
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
-"""Seconds; a timer that is farther away is checked again then. rcl counts nanoseconds in 64 bits."""
+"""Seconds after which a timer farther away is checked again. rcl counts nanoseconds in 64 bits."""
 _LONGEST_STEP = 86_400 * _NANOSECONDS
-"""What simulated time may go on from one message to the next; more is a jump."""
+"""Maximum progress of simulated time from one message to the next, ns; more is a jump."""
 
 
 class ClockHost(Protocol):
-    """What the clock needs of a :class:`NodeRuntime`."""
+    """The part of a :class:`NodeRuntime` that the clock uses."""
 
     node: Any
     simulated_time: SimulatedTime
 
     @property
     def on_executor_thread(self) -> bool:
-        """Whether the caller is on the executor thread."""
+        """True if the caller is on the executor thread."""
 
     def post(self, fn: Callable[[], object]) -> None:
         """Run ``fn`` on the executor thread soon."""
@@ -195,15 +195,15 @@ class RosClock:
 # And how much of the time, simulated or not, a node was there to hear what others say.
 
 LONGEST_WAIT: Final = 0.2
-"""For so long at most the executor waits under simulated time, s of wall time: no more is the time old by which rclpy's
-own clock goes, when it is read without a :class:`RosClock`. Longer than the period by which a
-node at rest is asked whether it answers (health.py), which wakes it anyway."""
+"""Longest wait of the executor under simulated time, s of wall time. It bounds the age of the time that rclpy's own
+clock shows when it is read without a :class:`RosClock`. It is longer than the ping period of an idle node (health.py),
+which wakes it anyway."""
 
 _NANOSECONDS_OF_SECOND: Final = 1_000_000_000
 
 
 class SimulatedTime:
-    """Brings the newest message of /clock to rclpy's clocks. From any thread.
+    """The source of rclpy's clocks: the newest message of /clock. From any thread.
 
     ``subscription`` is rclpy's own one, which the executor finds; None while nobody but the executor is to take from
     it, or time is not simulated. ``post_fault`` gets what a callback of a jump of time lets escape: on the thread of
@@ -263,11 +263,11 @@ class SimulatedTime:
 
 
 class HandledTime:
-    """For how long a node has been there to hear what others say, s, on the executor thread.
+    """The time for which a node has been able to receive messages, s, on the executor thread.
 
     Time counts as far as both the wall's clock and that of the node have gone on from one look of the executor to the
-    next. Whoever misses a message takes the difference of two such times: others have not been silent in a simulation
-    that was paused, nor in one that is fast on a busy machine, nor to a node that was held up itself.
+    next. To detect a missing message, take the difference of two such times: others do not count as silent while a
+    simulation is paused, while it runs fast on a busy machine, or while the node itself was held up.
     """
 
     def __init__(self, steady: Clock, ros_clock: ROSClock) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much each sender may send: so that a flood of one is no harm to the others."""
+"""Rate limits for each sender, so that a flood of one does not harm the others."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _SENDERS: Final = 256
 
 
 class SenderRates:
-    """Allows each sender ``rate`` messages a second on average, and ``burst`` at once after a quiet time.
+    """A limit for each sender: ``rate`` messages a second on average, and ``burst`` at once after a quiet time.
 
-    ``now`` is in seconds. Of the senders that were heard last, only so many are remembered.
+    ``now`` is in seconds. Only a limited number of the most recent senders is remembered.
     """
 
     def __init__(self, rate: float, burst: int, now: Callable[[], float]) -> None:
@@ -39,17 +39,17 @@ class SenderRates:
 
 
 class Pace:
-    """Keeps what is done in :meth:`work` to a quarter of the executor's time. On the executor thread.
+    """A pace that limits the work in :meth:`work` to a quarter of the executor's time. On the executor thread.
 
-    What is behind that is for subscriptions: :meth:`is_over` says whether they may go on, see ``is_awaited`` of
-    :class:`.received_messages.ReceivedMessages`. Meanwhile the middleware keeps the newest of what comes.
+    Subscriptions use it: :meth:`is_over` returns whether they may continue, see ``is_awaited`` of
+    :class:`.received_messages.ReceivedMessages`. Meanwhile the middleware keeps the newest messages.
     """
 
     RESTS: Final = 3.0
     """Seconds of rest for each second of work."""
 
     BURST_SECONDS: Final = 0.1
-    """Rest that may be owed before it is taken: what comes now and then is not delayed."""
+    """Rest that may be owed before it is taken, s: occasional messages are not delayed."""
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime

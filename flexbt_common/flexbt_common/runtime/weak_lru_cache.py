@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Things by name that are made when they are needed, and of which there must not be ever more."""
+"""A bounded cache of objects that are made on first use, by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Thing = TypeVar('Thing')
 
 
 class WeakLruCache(Generic[Key, Thing]):
-    """Each stays while somebody holds it, and of the others the ``most`` that were asked for last. From any thread."""
+    """A cache that keeps each object that is in use, and the ``most`` recently used of the others. From any thread."""
 
     def __init__(self, most: int) -> None:
         self._most = most

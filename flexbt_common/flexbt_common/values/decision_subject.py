@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a decision is about, as a message: the values that an operator has to see, within bounds for a slow link."""
+"""The subject of a decision as a message: the values that an operator has to see, within bounds for a slow link."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from .limits import length_of
 from .message_fields import fewer_poses
 
 MOST_KEYS: Final = 20
-"""Values of one decision that are shown; the others are named."""
+"""Maximum number of values of one decision that are shown; the others are only listed by name."""
 
 MOST_POSES: Final = 500
-"""Poses of a path: as many as a map on a screen has room for."""
+"""Maximum number of poses of a path: as many as a map on a screen can show."""
 
 MOST_BYTES: Final = 64_000
-"""Of a path, or another list of poses."""
+"""Maximum size of a path or another list of poses, bytes."""
 
 MOST_CHARACTERS: Final = 2_000
-"""Of any other value as text."""
+"""Maximum number of characters of any other value as text."""
 
 _MOST_PARTS: Final = 20_000
-"""Elements and characters of a value that are looked at, so that a large one does not hold up the run."""
+"""Maximum number of elements and characters of a value that are read, so that a large one does not hold up the run."""
 
 
 def subject_message(id: str, number: int, values: Mapping[str, Any], missing: Sequence[str] = ()) -> DecisionSubject:

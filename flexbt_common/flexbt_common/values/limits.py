@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much may be in a message from another process. The middleware carries texts and lists of any length.
+"""Size limits of messages from other processes. The middleware carries texts and lists of any length.
 
 Every text and list of every message has a bound: that of :data:`LIMITS`, or else TEXT and LIST. So a field that is
 added later has one too.
@@ -22,16 +22,16 @@ from .value_types import class_of_slot
 TEXT: Final = 1_000
 """Characters of a text that :data:`LIMITS` does not name: of a name, a key, a frame, an identifier."""
 _TOLD: Final = 60
-"""Characters that may tell in a text how much of it is left out; see :func:`sanitize_for_message`."""
+"""Maximum number of characters of the note how much of a text is left out; see :func:`sanitize_for_message`."""
 LIST: Final = 1_000
 """Elements of a list that it does not name."""
 LONG_TEXT: Final = 50_000
-"""Characters of a text for people that an executive sends, such as a trace or why a machine is wrong; the middle of a
-longer one is left out, and what is told of that may make it a little longer."""
+"""Characters of a text for people that an executive sends, such as a trace or the problems of a machine; the middle of
+a longer one is left out, and the note about that may make it a little longer."""
 MACHINE_TEXT: Final = 20_000
 """Characters of a synthesized machine that an executive shows to operators; it keeps 100 of them, and shows all."""
 MESSAGE: Final = 17_000_000
-"""Characters, bytes and elements of one message together: of the largest map, and what is told of it."""
+"""Characters, bytes and elements of one message together: of the largest map with its metadata."""
 
 LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BlackboardEntry.text': 1_000_000,
@@ -115,7 +115,7 @@ LIMITS: Final[Mapping[str, int]] = {
 """The bounds that differ, by type and field; of a list of texts, ``field[]`` is that of each text."""
 
 _Check = Callable[[Any, str], int]
-"""Checks a value, whose path it is given for the error; gives its length."""
+"""A function that checks a value and returns its length; the path is for the error."""
 
 
 def check_limits(message: Any) -> None:

@@ -214,7 +214,7 @@ _NAMED_FLOATS = {'nan': math.nan, '.nan': math.nan, 'inf': math.inf, '.inf': mat
 
 
 MAX_YAML: Final = 100_000
-"""Characters of YAML that are read: it takes more than a second for so many, a hundred times as long as JSON."""
+"""Maximum number of characters of YAML that are read: they take more than a second, a hundred times as long as JSON."""
 
 
 class FieldError(ValueError):
