@@ -32,12 +32,12 @@ from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator.parameters import built_in_map
 from flexbt_sim.world import (
     MODELS,
+    Beams,
     Circle,
     ObstacleModel,
     OccupancyMap,
     Pose,
     RayCaster,
-    Sensor,
     WalkModel,
     World,
     load_map,
@@ -142,7 +142,7 @@ def scans() -> dict[str, float]:
     """Least cost of a scan, us, with numba and without."""
     grid = load_map(built_in_map())
     caster = RayCaster(grid)
-    sensors = [Sensor(pose, 0.0, numpy.pi / 180.0, 360, 3.5, -1) for pose in places(grid, 40)]
+    sensors = [Beams(pose, 0.0, numpy.pi / 180.0, 360, 3.5, -1) for pose in places(grid, 40)]
     nothing = outlines([])
     found = {}
     for what, cast in (('compiled', caster.cast), ('whole arrays', caster.cast_at_once)):
