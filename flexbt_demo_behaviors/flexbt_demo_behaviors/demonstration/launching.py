@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What launch files of demonstrations share: the nodes of a process table, and arguments that are numbers.
+"""The parts of launch files that demonstrations share: the nodes of a process table, and arguments that are numbers.
 
 Needs `launch` and `launch_ros`, which come with an installed ROS only.
 """

@@ -40,7 +40,7 @@ class EndedProcess:
     log: Path
     is_respawned: bool = False
     may_end: bool = True
-    """Whether it is a program that ends; one that is restarted is not."""
+    """True if it is a program that ends, not one that is restarted."""
 
     def report(self) -> str:
         """Return what happened, for a person: which process, how it ended, and the end of its output."""

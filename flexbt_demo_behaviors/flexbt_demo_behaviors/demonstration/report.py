@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a demonstration reported while it ran, its result, and its picture."""
+"""The report of a demonstration while it runs, its result, and its picture."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class DemoError(RuntimeError):
 
 
 class Timeline:
-    """Prints what happens, one line each, with the seconds since the start and who speaks. Thread-safe."""
+    """A printer of events, one line each, with the seconds since the start and their source. Thread-safe."""
 
     def __init__(self, stream: TextIO = sys.stdout, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream = stream
@@ -58,8 +58,8 @@ class Timeline:
 
 @dataclass(frozen=True)
 class GoalResult:
-    """What became of one goal. `error` is the distance to it in metres when the drive was over; `seconds` are
-    of simulated time and `metres` driven, both since it was given, if that is known.
+    """The result of one goal. `error` is the distance to it in metres when the drive was over. `seconds` of simulated
+    time and `metres` driven count from when it was sent, if that is known.
     """
 
     label: str
@@ -103,7 +103,7 @@ class DemoReport:
 
     @property
     def passed(self) -> bool:
-        """Whether every branch was taken and every goal that should be reached was reached."""
+        """True if every branch was taken and every goal that should be reached was reached."""
         return not self.problem and bool(self.goals) and all(self.branches.values())
 
     def text(self) -> str:

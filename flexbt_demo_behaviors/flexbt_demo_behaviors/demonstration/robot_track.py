@@ -138,7 +138,7 @@ class RobotTrack:
 
     @property
     def ready(self) -> bool:
-        """Whether a map and a pose were received."""
+        """True if a map and a pose were received."""
         with self._lock:
             return self._map is not None and self._pose is not None
 
@@ -150,7 +150,7 @@ class RobotTrack:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the robot is at rest."""
+        """True if the robot is at rest."""
         with self._lock:
             return not self._moving
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From the start of a demonstration to its exit code: ROS domain, signals, errors, the operator's console."""
+"""The course of a demonstration, from its start to its exit code: ROS domain, signals, errors, the operator's
+console."""
 
 from __future__ import annotations
 

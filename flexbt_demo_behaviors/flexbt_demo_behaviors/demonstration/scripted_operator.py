@@ -42,7 +42,7 @@ FAR_ENOUGH = 2.5
 
 
 class ScriptedOperator:
-    """Gives commands and waits for what they bring about. Every wait has a deadline and ends by DemoError.
+    """An operator that sends commands and waits for their effects. Every wait has a deadline and ends by DemoError.
 
     `send` hands a command to the operator link with the seconds within which it shall be answered. `notify`
     is to be called whenever something that is waited for may have changed, `abandon` when nothing will come

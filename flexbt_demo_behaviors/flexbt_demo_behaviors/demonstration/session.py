@@ -83,7 +83,8 @@ def join_robot(
 
 
 class Narrator:
-    """Tells the timeline what the mirror sees: states, log lines of the behavior, peers that come and go."""
+    """A narrator that reports the events of the mirror to the timeline: states, log lines of the behavior, peers that
+    appear and disappear."""
 
     def __init__(self, mirror: Mirror, timeline: Timeline) -> None:
         self._mirror = mirror

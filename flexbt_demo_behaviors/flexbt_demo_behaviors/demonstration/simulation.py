@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What happens in the simulated world while a demonstration runs, by the services of the simulator."""
+"""Events in the simulated world while a demonstration runs, caused by the services of the simulator."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class SimulatedBox:
 
 
 class DemoSimulation:
-    """Acts on the simulator, and waits until it has done so. Raises DemoError when it does not.
+    """A client of the simulator whose calls wait until they have taken effect. Raises DemoError if they do not.
 
     ``speed`` is how many seconds of the simulated world pass in one second.
     """

@@ -39,7 +39,7 @@ DOORS: Final = SubscribedTopic(JointState, 'simulator/doors', qos=names.transien
 MAP: Final = 'map'
 
 REACH: Final = 0.75
-"""From so near the robot picks a thing up, m; its gripper reaches a little farther."""
+"""Distance from which the robot picks a thing up, m; its gripper reaches a little farther."""
 
 OPEN: Final = 0.95
 """A door that is so far open, of 1, can be passed."""
@@ -100,7 +100,7 @@ class IsAtTable(PoseLeaf, Condition):
 
 
 class _ThingCondition(TopicCondition):
-    """Asks the topic of things about one of them."""
+    """A condition that asks the topic of things about one of them."""
 
     __slots__ = ()
 
@@ -171,7 +171,7 @@ def _goal(x: float, y: float, yaw: float) -> NavigateToPose.Goal:
 
 
 class DriveToTable(ActionLeaf):
-    """Drives to where the robot puts things down in a room."""
+    """Drives to the place in a room where the robot puts things down."""
 
     __slots__ = ()
 
@@ -185,7 +185,7 @@ class DriveToTable(ActionLeaf):
 
 
 class EnterRoom(DriveToTable):
-    """Drives into a room that has no door. Whoever waits for the robot to be in it halts the drive there."""
+    """Drives into a room that has no door. The drive is halted by the leaf that waits for the robot to be inside."""
 
     __slots__ = ()
 
@@ -232,7 +232,7 @@ class Approach(ActionLeaf):
 
 
 class _Switched(ServiceLeaf):
-    """Switches something by SetBool, and waits until what it brings about is told on the topic ``tells``."""
+    """A leaf that switches something by SetBool, and waits until its effect is published on the topic ``tells``."""
 
     __slots__ = ('_cache',)
 
@@ -287,7 +287,7 @@ class PutDown(_Switched):
 
 
 class OpenDoor(_Switched):
-    """Has a door opened, and waits until it is."""
+    """Opens a door, and waits until it is open."""
 
     __slots__ = ()
 

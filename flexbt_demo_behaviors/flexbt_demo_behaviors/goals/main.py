@@ -34,7 +34,7 @@ from .rooms import room_at
 
 ROBOT: Final = 'robot'
 PEERS: Final = 3
-"""Of the executive: simulator, navigation, BT server."""
+"""Number of peers of the executive: simulator, navigation, BT server."""
 
 INTRODUCTION = """
 The robot brings the cup from the kitchen to the office. Shut the door meanwhile, from another terminal:
@@ -99,7 +99,7 @@ NO_WAY: Final = 'there is no plan without FlatOpenDoor(kitchen_door, hall, kitch
 
 @dataclass(frozen=True)
 class Flat:
-    """What the operator sees: the robot, and the household."""
+    """The flat as the operator sees it: the robot, and the household."""
 
     operator: ScriptedOperator
     household: Household
@@ -157,11 +157,12 @@ DOOR: Final = 'kitchen_door'
 CUP: Final = 'cup'
 
 MESSAGES: Final = 1000
-"""Of a topic that may wait: each counts."""
+"""Maximum number of messages of a topic that may wait: each counts."""
 
 
 class Household:
-    """Shuts doors and moves cups. `on_change` is called, on another thread, when something is seen to have changed."""
+    """A household that shuts doors and moves cups. `on_change` is called, on another thread, when a change is
+    observed."""
 
     def __init__(self, runtime: NodeRuntime, timeline: Timeline, speed: float, on_change: Callable[[], None]) -> None:
         self.times_opened = 0
@@ -179,12 +180,12 @@ class Household:
 
     @property
     def door_is_shut(self) -> bool:
-        """Whether the door of the kitchen is closed all the way."""
+        """True if the door of the kitchen is closed completely."""
         return self._opening is not None and self._opening <= 0.0
 
     @property
     def is_seen(self) -> bool:
-        """Whether it is known how the door and the gripper are; what happens to them from then on is not missed."""
+        """True if the states of the door and the gripper are known; later changes of them are not missed."""
         return self._opening is not None and self._is_gripper_seen
 
     def in_real_time(self) -> AbstractContextManager[None]:

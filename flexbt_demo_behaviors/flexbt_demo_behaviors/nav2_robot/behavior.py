@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a program hands over to a person: a question, and the robot for as long as the answer needs it."""
+"""The handover from a program to a person: a question, and the robot for as long as the answer needs it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fetches something from the shelf and brings it to the packing room, and asks a person in between.
+"""A program that fetches something from the shelf, brings it to the packing room, and asks a person in between.
 
 A program as the users of Nav2 write them. That its robot is stopped by somebody else, it finds out from the results of
 its tasks, as always with Nav2.

@@ -25,7 +25,7 @@ from .processes import PROGRAM, robot_processes, warehouse
 
 ROBOT: Final = 'robot'
 PEERS: Final = 3
-"""Of the executive: simulator, navigation, BT server."""
+"""Number of peers of the executive: simulator, navigation, BT server."""
 
 INTRODUCTION = """
 The program drives the robot to the shelf, and asks you then. "?" shows the keys, "!" stops what drives, "q" ends all.
@@ -100,7 +100,7 @@ BRANCHES: Final = (PAUSED, CONFIRMED, RECOVERED, REROUTED, PREEMPTED, HOME)
 TITLE: Final = 'Demonstration 4: a robot of Nav2'
 
 PACKING_DOOR: Final = SimulatedBox(7.5, 4.0, 1.1, 0.3)
-"""In the only doorway of the packing room, and nothing gets past it."""
+"""Box in the only doorway of the packing room; nothing gets past it."""
 
 TOLD: Final = (
     'to the shelf: SUCCEEDED',
@@ -111,12 +111,12 @@ TOLD: Final = (
     'The round was broken off. What now? home',
     'home: SUCCEEDED',
 )
-"""What the program says of its tasks when everything was as here."""
+"""Lines that the program prints about its tasks if everything went as expected here."""
 
 
 @dataclass
 class Warehouse:
-    """What the operator has before them: the robot, the world, and the program with its log file."""
+    """The warehouse as the operator sees it: the robot, the world, and the program with its log file."""
 
     operator: ScriptedOperator
     simulation: DemoSimulation

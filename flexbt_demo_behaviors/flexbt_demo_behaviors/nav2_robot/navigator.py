@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a program needs of BasicNavigator, where nav2_simple_commander is not installed: it is not on PyPI.
+"""The part of BasicNavigator that a program needs where nav2_simple_commander is not installed: it is not on PyPI.
 
 Names, arguments and results are those of BasicNavigator (branch jazzy), so that a program runs on either.
 """
@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from flexbt_common import names
 
 POLL_S: Final = 0.1
-"""How long one look at a task takes at most, s."""
+"""Maximum time of one check of a task, s."""
 
 ACTIVE: Final = 'active'
 

@@ -131,10 +131,10 @@ class Demonstration:
 
 
 CRATE = SimulatedBox(4.4, 2.67, 0.4, 0.4)
-"""In the office, with room beside it."""
+"""Crate in the office, with room next to it."""
 
 LOUNGE_DOOR = SimulatedBox(10.1, 5.48, 0.9, 0.3)
-"""In the only doorway of the lounge, and nothing gets past it."""
+"""Box in the only doorway of the lounge; nothing gets past it."""
 
 STORE_PASSAGE = SimulatedBox(6.8, 5.25, 0.6, 0.3)
 """Before the only passage to the store; in the corridor there is room for a recovery."""

@@ -104,7 +104,8 @@ FULL: Final = 0.85
 
 
 class Building:
-    """Brings faults about, and hears of rooms and alarms. `on_change` is called, on another thread, when it has."""
+    """A building in which faults occur, and whose rooms and alarms are observed. `on_change` is called, on another
+    thread, on each observation."""
 
     def __init__(
         self, runtime: NodeRuntime, robots: Sequence[str], timeline: Timeline, on_change: Callable[[], None]
