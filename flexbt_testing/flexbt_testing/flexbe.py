@@ -42,7 +42,7 @@ from .waiting import wait_until
 
 _KEYS: Final = frozenset({'path', 'class', 'name', 'import_only', 'params', 'input', 'output', 'outcome'})
 _NEEDS: Final = frozenset({'launch', 'data', 'wait_cond', 'require_launch_success'})
-"""What a test needs that is not made here."""
+"""Requirements of a test that are not provided here."""
 
 _SEQUENCE: Final = 'tag:yaml.org,2002:seq'
 _MAPPING: Final = 'tag:yaml.org,2002:map'
@@ -191,7 +191,7 @@ def _entries(node: yaml.MappingNode) -> dict[Any, yaml.Node]:
 # Runs a test of FlexBE's, of a state or of a behavior, on the engine of FlexBT.
 
 SECONDS: Final = 10.0
-"""How long what is tested may run."""
+"""Maximum time for which what is tested may run, s."""
 
 
 def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS) -> list[str]:

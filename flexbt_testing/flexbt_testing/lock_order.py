@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Finds deadlocks that have not happened: in which order threads take the locks of FlexBT, and what they wait for.
+"""Detection of deadlocks that have not happened: the order in which threads take the locks of FlexBT, and what they
+wait for.
 
 :func:`watch_locks` has each lock that is made in a package of FlexBT from then on remember who holds it. A problem is
 
@@ -40,7 +41,7 @@ _REAL_JOIN: Final = threading.Thread.join
 _STARTS_THREAD: Final = 'self._started.wait()'
 _OURS: Final = 'flexbt_'
 _LENT: Final = 'node_executor.py'
-"""Where the turn of an executor is made, which its thread holds whatever it calls: a callback may wait."""
+"""File that makes the turn of an executor, which its thread holds whatever it calls: a callback may wait."""
 
 
 class _Held(threading.local):

@@ -32,7 +32,7 @@ what was in sequence; a plan that may be left out; attempts without a limit, whi
 
 
 class StandIn(StatefulAction):
-    """Stands for real work, which a proof never begins."""
+    """A stand-in for real work, which a proof never begins."""
 
     def on_start(self) -> NodeStatus:
         raise AssertionError('a proof runs no real leaf')
@@ -66,7 +66,7 @@ class IsClear(Condition):
 
 
 class ForgetfulFallback(sequences.ReactiveFallback):
-    """Takes the result of a condition, and leaves the child that runs as it is."""
+    """A fallback that takes the result of a condition, and leaves the running child as it is."""
 
     __slots__ = ()
 
@@ -83,7 +83,7 @@ class ForgetfulFallback(sequences.ReactiveFallback):
 
 
 class DeafDelay(timing.Delay):
-    """Waits for a time, and never asks to be woken at it."""
+    """A decorator that waits for a time, and never asks to be woken at it."""
 
     __slots__ = ('_until',)
 
@@ -169,7 +169,7 @@ def _stage(chance: random.Random, place: int, defect: str, guards: list[While]) 
 
 
 class _Work(EventState):
-    """Stands for real work, which a proof never begins."""
+    """A stand-in for real work, which a proof never begins."""
 
     def __init__(self, reads: str = '', writes: str = '') -> None:
         super().__init__(['done', 'failed'], reads.split(), writes.split(), desired_rate=None)

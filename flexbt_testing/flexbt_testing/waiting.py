@@ -15,7 +15,7 @@ DEADLINE: Final = 60.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
 
 RESEND_SECONDS: Final = 2.0
-"""What is not answered is sent again after this time, s of wall time."""
+"""Time after which a message without an answer is sent again, s of wall time."""
 
 MESSAGE_BYTES: Final = 2_000
 """The greatest poses and velocities that are looked at."""

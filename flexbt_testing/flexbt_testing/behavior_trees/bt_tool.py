@@ -19,7 +19,7 @@ from flexbt_tools.cli.bt_tool import main
 
 _SHARED_DATA = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[4] / 'shared/data'))
 STOCK_TREES = sorted((_SHARED_DATA / 'nav2/jazzy_trees').glob('*.xml'))
-"""Those of Nav2, where they are at hand."""
+"""Trees of Nav2, if they are available."""
 
 
 class Done(NamedTuple):
@@ -152,7 +152,8 @@ CORPUS: dict[str, tuple[bytes, str]] = {
     'CDATA that never ends': (_TEXT.replace(b'</root>', b'<![CDATA[' + b']' * 500_000), 'never closed'),
     'something after the end': (_TEXT + b'<!-- fine --> and more', 'outside of the root'),
 }  # fmt: skip
-"""What the words are '' for may also be accepted, within the same bounds of time and memory."""
+"""Hostile documents, each with words of its error. A document without words ('') may also be accepted, within the same
+bounds of time and memory."""
 
 ACCEPTED: dict[str, bytes] = {
     'a BOM': b'\xef\xbb\xbf' + _TEXT,

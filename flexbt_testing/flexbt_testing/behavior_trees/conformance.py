@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compares the engine with BehaviorTree.CPP, event by event.
+"""Comparison of the engine with BehaviorTree.CPP, event by event.
 
 ``python3 -m flexbt_testing.behavior_trees.conformance --count 20000 --seed 0`` does it from a shell.
 

@@ -130,7 +130,7 @@ class RaisesInHalt(Runs):
 
 
 class Blocking(SyncAction):
-    """Blocks the tick for a while."""
+    """A leaf that blocks the tick for a while."""
 
     ports: ClassVar[dict[str, Any]] = TIMED
 
@@ -160,7 +160,7 @@ class SlowToStop(CoroutineAction):
 
 
 class InThread(ThreadedAction):
-    """Works in a thread; that ends a while after the halt."""
+    """A leaf that works in a thread, which ends a while after the halt."""
 
     ports: ClassVar[dict[str, Any]] = TIMED
 
@@ -197,7 +197,7 @@ class Held:
 
 
 class HeldInTick(SyncAction):
-    """Does not return from its tick."""
+    """A leaf that does not return from its tick."""
 
     ports: ClassVar[dict[str, Any]] = {'busy': input_port(INT, default='0')}
 
@@ -207,7 +207,7 @@ class HeldInTick(SyncAction):
 
 
 class HeldInHalt(Runs):
-    """Does not return from its halt."""
+    """A leaf that does not return from its halt."""
 
     def on_halted(self) -> None:
         super().on_halted()
@@ -215,7 +215,7 @@ class HeldInHalt(Runs):
 
 
 class HeldThread(ThreadedAction):
-    """Works in a thread that takes no notice of a halt."""
+    """A leaf that works in a thread which ignores a halt."""
 
     def run(self) -> NodeStatus:
         Held.hold()
@@ -256,7 +256,7 @@ class RaisesInStart(Runs):
 
 
 class RaisesWhileRunning(Runs):
-    """Raises at its second tick."""
+    """A leaf that raises at its second tick."""
 
     ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
 
@@ -300,7 +300,7 @@ class RaisesInDecorator(Decorator):
 
 
 class Returns(SyncAction):
-    """Returns what is no status."""
+    """A leaf that returns a value that is not a status."""
 
     ports: ClassVar[dict[str, Any]] = {'what': input_port(STRING)}
 
@@ -309,7 +309,7 @@ class Returns(SyncAction):
 
 
 class ReturnsFromStart(StatefulAction):
-    """Returns what is no status."""
+    """A leaf that returns a value that is not a status at its start."""
 
     ports: ClassVar[dict[str, Any]] = {'what': input_port(STRING)}
 
@@ -324,7 +324,7 @@ class ReturnsFromStart(StatefulAction):
 
 
 class Fails(SyncAction):
-    """Fails for a reason of which the test has the text."""
+    """A leaf that fails for a reason of which the test has the text."""
 
     reason: ClassVar[str] = ''
 
@@ -333,7 +333,7 @@ class Fails(SyncAction):
 
 
 class Scribbles(StatefulAction):
-    """Has a thread that writes and removes entries for a while, without taking care of anything."""
+    """A leaf whose thread writes and removes entries for a while, without any precaution."""
 
     ports: ClassVar[dict[str, Any]] = {'count': input_port(INT)}
 

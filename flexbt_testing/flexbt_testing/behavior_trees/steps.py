@@ -42,7 +42,8 @@ NAMES = {status: letter for letter, status in LETTERS.items()}
 
 
 class Step(StatefulAction):
-    """Its name is ``script_number``: a letter of the script for each call, over and over; calls and halts are noted."""
+    """A leaf whose name is ``script_number``: a letter of the script for each call, repeated; calls and halts are
+    noted."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -147,7 +148,7 @@ def first_failure(body: str) -> tuple[str, str, list[str]]:
 
 
 class Woken:
-    """Waits for the wake-ups of a tree."""
+    """A leaf that waits for the wake-ups of a tree."""
 
     def __init__(self, tree: Tree) -> None:
         self._event = threading.Event()

@@ -23,7 +23,7 @@ RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus.RUNNING, NodeStatus.SUCCESS, Nod
 
 
 class Flip(Condition):
-    """Holds every other time; raises when its name says so."""
+    """A condition that holds every other time; raises if its name says so."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -53,7 +53,7 @@ class Busy(StatefulAction):
 
 
 class Moody(SyncAction):
-    """Stores statuses by itself."""
+    """A node that stores statuses by itself."""
 
     def tick(self) -> NodeStatus:
         self.status = RUNNING
@@ -61,7 +61,7 @@ class Moody(SyncAction):
 
 
 class Careless(Control):
-    """Ticks its children in a different order each time, passes over their errors, and halts one at random."""
+    """A node that ticks its children in a different order each time, ignores their errors, and halts one at random."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -93,7 +93,7 @@ class Careless(Control):
 
 
 class Twice(Decorator):
-    """Ticks its child twice, and says what it likes."""
+    """A node that ticks its child twice, and returns any status."""
 
     def tick(self) -> NodeStatus:
         first = self.tick_child()

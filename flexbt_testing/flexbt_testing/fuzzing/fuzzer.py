@@ -131,7 +131,7 @@ ANYWHERE: Final = tuple('\0\x1b\x1f\ufeff\u2028\u202e\ud800é\U0001f600\n\r \t')
 
 
 class Damage:
-    """Damages texts of one language, whose ``words`` come in between; ``chance`` decides."""
+    """A source of damage to texts of one language, whose ``words`` are inserted; ``chance`` decides."""
 
     def __init__(self, chance: random.Random, words: Sequence[str]) -> None:
         self._chance = chance

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is fuzzed: readers of YAML, values, scripts and tree files, and an executive's commands and journal."""
+"""Targets of fuzzing: readers of YAML, values, scripts and tree files, and an executive's commands and journal."""
 
 from __future__ import annotations
 
@@ -412,4 +412,4 @@ TARGETS: Final[Mapping[str, Callable[[], Target]]] = {
     'command': CommandTarget,
     'journal': JournalTarget,
 }
-"""What makes each target."""
+"""Factories of the targets by name."""

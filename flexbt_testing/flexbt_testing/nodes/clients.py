@@ -47,7 +47,7 @@ class SentGoal:
 
     @property
     def ended(self) -> bool:
-        """Whether there is an outcome."""
+        """True if there is an outcome."""
         return self._ended.is_set()
 
     def cancel(self) -> None:
@@ -81,7 +81,8 @@ T = TypeVar('T')
 
 
 class LifecycleClient:
-    """Asks the node ``name`` and waits for its answers. Not on the executor thread of ``runtime``."""
+    """A client that sends requests to the node ``name`` and waits for its answers. Not on the executor thread of
+    ``runtime``."""
 
     def __init__(self, runtime: NodeRuntime, name: str) -> None:
         self._links = ServiceLinks(runtime)

@@ -24,7 +24,7 @@ from flexbt_testing.waiting import RESEND_SECONDS, wait_until
 
 
 class Operator:
-    """Hears all that an executive says on the node of ``runtime``, and commands it."""
+    """An operator that receives everything that an executive sends on the node of ``runtime``, and commands it."""
 
     def __init__(self, runtime: NodeRuntime, operator_id: str = 'tester') -> None:
         self.console = runtime

@@ -20,7 +20,8 @@ _TEXT_OF_LIST: Final = 995
 """Characters of each text of a list: as many as a text may have, so that it is the list that has too much in it."""
 
 MOST_ELEMENTS: Final = 21_000
-"""Of a list of messages: the process that makes them has to do more for it than the one that refuses them."""
+"""Maximum elements of a list of messages: the process that makes them has to do more for it than the one that refuses
+them."""
 
 _ARRAY_CODES: Final = {
     'uint8': 'B',
@@ -35,7 +36,7 @@ _ARRAY_CODES: Final = {
     'double': 'd',
 }
 _OTHER_ELEMENTS: Final[dict[str, Any]] = {'boolean': True, 'octet': b'x'}
-"""Of types whose sequences are no arrays in Python."""
+"""Elements of types whose sequences are not arrays in Python."""
 
 
 def oversized(

@@ -24,10 +24,10 @@ from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_testing.waiting import wait_until
 
 GoalScript = Callable[[ServerGoalHandle], Awaitable[Any]]
-"""What happens to a goal: ends it by its handle, and gives the result. It may wait for :meth:`future`."""
+"""A script of a goal, which ends it by its handle and returns the result. It may wait for :meth:`future`."""
 
 GoalAnswer = Callable[[int, Any], 'tuple[str, Any] | None']
-"""How goal number n ends: ``(how, result)`` with ``succeed`` or ``abort``; None holds it."""
+"""A function that returns the end of goal number n: ``(how, result)`` with ``succeed`` or ``abort``; None holds it."""
 
 DEEP_QUEUES: Final = {
     'goal_service_qos_profile': service_qos(),
@@ -78,7 +78,7 @@ class ScriptedActionServer:
         self.goals: list[Any] = []
         """The requests, in the order of their acceptance."""
         self.statuses: dict[int, str] = {}
-        """How each goal has ended, by its number: succeed, abort, canceled."""
+        """End of each goal, by its number: succeed, abort, canceled."""
         self.cancels = 0
         self._action_type = action_type
         self._script = script
@@ -164,7 +164,7 @@ class ScriptedActionServer:
 
 
 class _TellingServer(ScriptedActionServer):
-    """Prints what it is asked."""
+    """A server that prints its requests."""
 
     def _goal(self, goal: Any) -> GoalResponse:
         print('goal', flush=True)

@@ -19,7 +19,7 @@ from flexbt_testing.waiting import DEADLINE
 
 
 class Blocks(SyncAction):
-    """Blocks its own tree until the test lets it go."""
+    """A leaf that blocks its own tree until the test releases it."""
 
     release: ClassVar[threading.Event] = threading.Event()
     entered: ClassVar[threading.Event] = threading.Event()
@@ -40,7 +40,7 @@ class Raises(SyncAction):
 
 
 class Nonsense(SyncAction):
-    """Returns what is no status."""
+    """A leaf that returns a value that is not a status."""
 
     def tick(self) -> Any:
         return 'yes'
@@ -75,7 +75,7 @@ class TidiesUp(CoroutineAction):
 
 
 class Dozes(CoroutineAction):
-    """Waits by the clock of the tree."""
+    """A leaf that waits by the clock of the tree."""
 
     ports: ClassVar[dict[str, Any]] = {'seconds': input_port(DOUBLE)}
 
@@ -85,7 +85,7 @@ class Dozes(CoroutineAction):
 
 
 class Naps(ThreadedAction):
-    """Waits by the clock of the tree, in a thread."""
+    """A leaf that waits by the clock of the tree, in a thread."""
 
     ports: ClassVar[dict[str, Any]] = {'seconds': input_port(DOUBLE)}
 
@@ -95,7 +95,7 @@ class Naps(ThreadedAction):
 
 
 class Counts(SyncAction):
-    """Adds one to an entry."""
+    """A leaf that adds one to an entry."""
 
     ports: ClassVar[dict[str, Any]] = {'key': input_port(STRING)}
 

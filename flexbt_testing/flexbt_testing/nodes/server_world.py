@@ -156,12 +156,12 @@ class Client:
 
     @cached_property
     def getter(self) -> ActionServerLink:
-        """Where entries are read; few tests do."""
+        """Client that reads entries; few tests do."""
         return self._links.link(BtGetData, names.BT_GET_DATA)
 
     @cached_property
     def setter(self) -> ActionServerLink:
-        """Where entries are written."""
+        """Client that writes entries."""
         return self._links.link(BtSetData, names.BT_SET_DATA)
 
     def load(self, *files: str, xml: str = '') -> Any:

@@ -48,7 +48,7 @@ from .clients import SentGoal
 T = TypeVar('T')
 
 DOCK = (0.8, 4.45, 0.0)
-"""Where the robot starts: at the west end of the corridor, heading along it."""
+"""Start pose of the robot: at the west end of the corridor, heading along it."""
 
 OFFICE = (3.8, 1.2, -1.57)
 
@@ -106,7 +106,7 @@ def line(start: Sequence[float], end: Sequence[float], frame: str = 'map', spaci
 
 
 class RobotProbe:
-    """Sees the robot, sends it goals, commands and to other places."""
+    """A probe that observes the robot, sends it goals and commands, and moves it to other places."""
 
     def __init__(self, runtime: NodeRuntime, *, hears_commands: bool = True) -> None:
         self.runtime = runtime

@@ -50,7 +50,7 @@ class Run(RunReader):
         self.told: list[RunSnapshot] = []
         """The run at each moment at which it told that something has changed."""
         self.answers: list[str | None] = []
-        """Of the commands that were decided: None, or the refusal."""
+        """Answers to the commands that were decided: None, or the refusal."""
         request = RunRequest(entry, arguments, (), autonomy)
         self.behavior_run = BehaviorRun(request, 'run', services, RunReader(), [self])
         self.behavior_run.start()
@@ -119,13 +119,13 @@ class Run(RunReader):
 
 
 class StateBench:
-    """Makes servers and runs states; a context, at whose end all of it ends."""
+    """A bench that makes servers and runs states; a context, at whose end all of them end."""
 
     def __init__(self) -> None:
         self.runtime = NodeRuntime('bench_executive', args=())
         self.services = StateServices.of(self.runtime)
         self.closing: list[Callable[[], object]] = []
-        """What else is to be closed at the end."""
+        """Further objects to be closed at the end."""
         self._servers: list[NodeRuntime] = []
         self._runs: list[Run] = []
 
@@ -205,7 +205,7 @@ class StateBench:
 
 
 class _Reader(EventState):
-    """Copies userdata keys for the test."""
+    """A state that copies userdata keys for the test."""
 
     def __init__(self, keys: Sequence[str], read: dict[str, Any]) -> None:
         super().__init__(outcomes=['read'], input_keys=list(keys), desired_rate=None)

@@ -45,14 +45,14 @@ from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_core.state_machine.model.userdata import UserData
 
 Do = Callable[['Scripted', Any], Any]
-"""What a callback of a scripted state does, with the state and its userdata (None where it gets none)."""
+"""A callback of a scripted state, called with the state and its userdata (None if it gets none)."""
 
 STEPS_AT_ONCE = 50
 """Steps without a pause that count as a busy loop."""
 
 
 class Scripted(EventState):
-    """Keeps a ``trace`` of its callbacks; ``do`` says what each of them does besides, by its name.
+    """A state that keeps a ``trace`` of its callbacks; ``do`` adds an action to each of them, by its name.
 
     Unless ``execute`` gives something, the state is left by ``outcome``, as soon as there is one.
     """
@@ -193,7 +193,7 @@ class Bench(RunReader):
         self.steps = 0
         self._has_changed = False
         self.answers: list[str | None] = []
-        """Of the commands that were decided: None, or the refusal."""
+        """Answers to the commands that were decided: None, or the refusal."""
         self.wake_event = WakeEvent()
         self.violations: list[Violation] = []
         self.run = MachineRun(
@@ -281,7 +281,7 @@ class Bench(RunReader):
 
     @property
     def outcome(self) -> str | None:
-        """Of the run."""
+        """Outcome of the run."""
         return self.run.outcome
 
     def shown_end(self) -> tuple[str | None, str]:
@@ -362,7 +362,7 @@ class Bench(RunReader):
 
 
 class Ask(EventState):
-    """Wants to be left."""
+    """A state that wants to be left."""
 
     def __init__(self) -> None:
         super().__init__(outcomes=['again', 'out'], desired_rate=None)

@@ -55,7 +55,7 @@ class RandomNode:
     kind: StateKind = StateKind.STATE
     conditions: list[tuple[str, list[tuple[RandomNode, str]]]] = field(default_factory=list)
     runs_on: bool = False
-    """Whether it is executed while it is blocked."""
+    """True if it is executed while it is blocked."""
 
     def all(self) -> Iterator[RandomNode]:
         """Yield this node and everything in it."""

@@ -118,7 +118,7 @@ class Model:
 
     @property
     def stands(self) -> bool:
-        """Whether the run ends or has ended, so that nothing is accepted any more."""
+        """True if the run ends or has ended, so that nothing is accepted any more."""
         return self.outcome is not None or self._end is not None
 
     # -- operations --------------------------------------------------------------------------------------------------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Starts executables again and again, as forks of one process that has loaded what they need.
+"""Repeated starts of executables, as forks of one process that has loaded what they need.
 
 Loading takes most of the time that a start takes of a processor, and is the same each time. A fork goes on where
 :func:`run_main` has loaded the module: it has the arguments, the environment and the standard
@@ -32,16 +32,17 @@ from flexbt_testing.lock_order import watch_locks_if_asked
 from .hold_up import listen
 
 AVAILABLE: Final = hasattr(os, 'pidfd_open')
-"""Whether there is what it stands on: Linux."""
+"""True on Linux, which forking requires."""
 
 _MAX_REQUEST: Final = 1_000_000
 _NODES: Final = ('flexbt_navigation.', 'flexbt_onboard.', 'flexbt_server.', 'flexbt_sim.')
-"""Where the modules are whose programs no signal interrupts: their locks are watched."""
+"""Prefixes of the modules whose programs no signal interrupts: their locks are watched."""
 _KEEP_STACKS: Final = f'glibc.pthread.stack_cache_size={1 << 40}'
 """LTTng, which rclpy loads, cancels its threads as a process ends. A fork does not have them; if it has many threads of
 its own, the C library gives the memory of those back, and the fork would end by a segmentation fault."""
 _READ_AS_MODULES_ARE_LOADED: Final = ('FLEXBT_', 'PYTHON', 'RMW_', 'RCUTILS_', 'ROS_PYTHON_', 'NUMBA_', 'LANG', 'LC_')
-"""What the names of such variables begin with. A process reads the others when it needs them, as ROS_DOMAIN_ID."""
+"""Prefixes of the names of variables that modules read as they are loaded. A process reads the others when it needs
+them, such as ROS_DOMAIN_ID."""
 
 
 class ForkedProcess:

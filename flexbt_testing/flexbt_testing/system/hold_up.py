@@ -45,8 +45,8 @@ THREADS = {
     'onboard_executive': {'executor': EXECUTOR, 'run': RUN, 'clock': CLOCK},
     'simulator': {'executor': EXECUTOR, 'world': WORLD},
 }
-"""By executable: the threads whose hang brings the robot to rest, each with a method that it calls again and again.
-With the clocks of navigation and simulator it drives on, and stops when it is told to: their executors do both."""
+"""Threads by executable whose hang stops the robot, each with a method that it calls again and again. With the clocks
+of navigation and simulator it drives on, and stops when it is commanded to: their executors do both."""
 
 
 def hold_up(method: str, seconds: float) -> None:

@@ -57,7 +57,7 @@ class NetworkNamespace:
 
     @property
     def path(self) -> str:
-        """Where another process finds it, see :func:`enter`."""
+        """Path by which another process finds it, see :func:`enter`."""
         return f'/proc/{os.getpid()}/fd/{self._file}'
 
     def command(self, words: Sequence[str]) -> list[str]:

@@ -25,7 +25,7 @@ from flexbt_testing.waiting import DEADLINE, MESSAGE_BYTES, uncontended_time, wa
 T = TypeVar('T')
 
 _LOST_SECONDS: Final = 5.0
-"""After which a request to the simulator is taken for lost."""
+"""Time after which a request to the simulator counts as lost, s."""
 
 
 class Probe(Operator):

@@ -44,14 +44,14 @@ MODULES: Final[Mapping[str, str]] = {
     'onboard_executive': 'flexbt_onboard.node.onboard_executive',
     'stop_guard': 'flexbt_onboard.node.stop_guard',
 }
-"""What the executables of a robot run, which tests start often."""
+"""Modules that the executables of a robot run, which tests start often."""
 
 LOADED: Final = (
     *MODULES.values(),
     'flexbt_sim.world.world.prepare_world',
     'flexbt_navigation.preparation.prepare_navigation',
 )
-"""What they all are forked from has loaded: the most of it is the same for each."""
+"""Modules and functions that the process from which they are all forked has loaded: most of it is the same for each."""
 
 LAST_CHARACTERS: Final = 3000
 

@@ -140,10 +140,10 @@ def logged_python_process(
 # the beginning of a console start the executable itself.
 
 COMMAND: Final = ('-m', 'flexbt_console')
-"""How the interpreter runs it."""
+"""Arguments with which the interpreter runs the console."""
 
 LOADED: Final = ('flexbt_console.link.operator_link', 'flexbt_console.ui.line.line_mode')
-"""What each command needs that asks an executive."""
+"""Modules that each command needs that asks an executive."""
 
 _DEADLINE: Final = 120.0
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a fork runs that is to be a process of Python: the program of its command line, as the interpreter takes it."""
+"""The program of a fork that is to be a process of Python: that of its command line, as the interpreter takes it."""
 
 from __future__ import annotations
 

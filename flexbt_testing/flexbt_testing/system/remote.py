@@ -137,7 +137,7 @@ class RemoteObserver:
 
 
 class _Process(BaseManager):
-    """Serves the classes above from another process."""
+    """A manager that serves the classes above from another process."""
 
 
 _Process.register('Console', RemoteConsole)
