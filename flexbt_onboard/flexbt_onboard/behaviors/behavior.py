@@ -49,7 +49,7 @@ class BehaviorParameter:
     number, None for no limit. An operator reads ``label`` (or else the name), ``unit`` and ``description``.
 
     Raises:
-        ManifestError: the name is no Python identifier, or default and choices do not fit together.
+        ManifestError: the name is not a Python identifier, or default and choices do not fit together.
     """
 
     name: str
@@ -89,7 +89,7 @@ class BehaviorParameter:
         """Convert what an operator wrote.
 
         Raises:
-            ParameterError: it is no value of the type, or none of the choices.
+            ParameterError: it is not a value of the type, or not one of the choices.
         """
         try:
             return self.checked(_CONVERTERS[self.type](text))
@@ -227,7 +227,7 @@ class Behavior:
         """Give a parameter a value of its type.
 
         Raises:
-            ParameterError: no such parameter, or a value that it does not take.
+            ParameterError: the parameter does not exist, or does not accept the value.
         """
         setattr(self, name, self._parameter(name).checked(value))
 
@@ -235,7 +235,7 @@ class Behavior:
         """Give parameters the values that an operator wrote, as pairs of name and text: all of them, or none.
 
         Raises:
-            ParameterError: a name that is not declared or given twice, or a text that is no value of the type.
+            ParameterError: a name that is not declared or given twice, or a text that is not a value of the type.
         """
         values: dict[str, ParameterValue] = {}
         for name, text in arguments:
@@ -248,8 +248,8 @@ class Behavior:
     def create(self) -> OperatableStateMachine | MachineDefinition:
         """Build the state machine from the parameters' values. Called on the thread of the run.
 
-        A definition is what :func:`read_machine` makes of YAML. It has the
-        state objects of one run, so it is made anew by each call.
+        A definition is what :func:`read_machine` makes of YAML. It has the state objects of one run, so each call makes
+        a new one.
         """
         raise NotImplementedError(f'behavior {self.name!r} does not implement create()')
 

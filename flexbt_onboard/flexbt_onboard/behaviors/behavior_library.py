@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The installed behaviors, found through the entry points of Python packages.
 
-A behavior that cannot be loaded is listed with its error: it is the operator who needs to know, and the other
-behaviors go on working.
+A behavior that cannot be loaded is listed with its error: the operator needs to know it, and the other behaviors still
+work.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class BehaviorEntry:
         return self.make()
 
     def to_message(self) -> BehaviorManifestMessage:
-        """Return what the operator is told of it."""
+        """Return the entry as it is shown to the operator."""
         return BehaviorManifestMessage(
             name=self.name,
             package=self.package,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Behaviors that are data: state machines as YAML, and the directory where synthesized ones are kept.
 
-A package makes its states known to such machines by an entry point in its ``setup.py``, which names a module::
+A package registers its states for these machines by an entry point in its ``setup.py``, which names a module::
 
     entry_points={'flexbt.states': ['my_states = my_package.states']}
 """
@@ -81,7 +81,7 @@ def machine_entry(name: str, text: str) -> BehaviorEntry:
 # The machines that were synthesized, as files: what an operator had made is there after a restart, too.
 
 MOST_MACHINES: Final = 100
-"""Machines that are kept; the oldest gives way."""
+"""Machines that are kept; the oldest is removed."""
 
 MACHINE_LENGTH: Final = 1_000_000
 """Characters of a machine, at most."""
@@ -117,7 +117,7 @@ class MachineStore:
     def keep(self, name: str, text: str, in_use: Collection[str]) -> list[str]:
         """Write a machine, in place of one of its name; the names of those that gave way, none of which is in use.
 
-        Only machines give way, and no other files that somebody has put there.
+        Only machines are removed, not other files in the directory.
 
         Raises:
             OSError: it cannot be written.

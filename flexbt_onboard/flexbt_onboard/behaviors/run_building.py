@@ -29,7 +29,7 @@ class RunRequest:
     machine.
 
     ``by`` is who wants it, an operator or a program; ``command_id`` is the operator's command. ``at`` is the position
-    at which it goes on after a crash. One that is not ``is_durable`` does not: nobody would wait for its result any
+    at which it continues after a crash. One that is not ``is_durable`` does not: nobody would wait for its result any
     more.
     """
 
@@ -54,10 +54,10 @@ def run_request(
     *,
     is_durable: bool = True,
 ) -> RunRequest:
-    """Return what to run, from what somebody asks for.
+    """Return the run for a request.
 
     Raises:
-        CommandRefusedError: there is no such behavior, it is broken, or the level of autonomy is none.
+        CommandRefusedError: the behavior does not exist or is broken, or the level of autonomy does not exist.
     """
     try:
         entry = library.find(behavior)
@@ -73,7 +73,7 @@ def checked_autonomy(level: int) -> int:
     """Return a level of autonomy.
 
     Raises:
-        CommandRefusedError: there is no such level.
+        CommandRefusedError: the level does not exist.
     """
     if level > _HIGHEST_AUTONOMY:
         raise CommandRefusedError(f'autonomy {level} is none of 0 Off, 1 Low, 2 High, 3 Full')
@@ -84,7 +84,7 @@ def build(request: RunRequest) -> tuple[Behavior, MachineDefinition]:
     """Make the behavior and its machine, and check it. Code of the behavior may raise anything.
 
     Raises:
-        ParameterError: an argument does not fit, or what was built is no machine.
+        ParameterError: an argument does not fit, or the result is not a machine.
         ManifestError: what the behavior wants when the operator is gone is none of what there is.
         MachineError: the machine is wrong.
     """
@@ -103,7 +103,7 @@ def definition_of(behavior: Behavior) -> MachineDefinition:
     """Return the checked machine that a behavior creates. Its code may raise anything.
 
     Raises:
-        ParameterError: what was created is no machine.
+        ParameterError: the result is not a machine.
         MachineError: the machine is wrong.
     """
     machine: Any = behavior.create()

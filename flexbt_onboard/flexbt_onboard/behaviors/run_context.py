@@ -24,7 +24,8 @@ from flexbt_core.values.text import short_repr
 from flexbt_onboard.errors import OnboardError
 
 _MOST_REMEMBERED: Final = 256
-"""Lines that the operator was told. Of these, the latest: one that comes back after so many others is told again."""
+"""Maximum number of lines, the latest, that are remembered as reported to the operator. An older line that recurs is
+reported again."""
 
 
 def _goes_on() -> Sequence[str]:
@@ -42,8 +43,8 @@ class _Sent:
 class RunGoals:
     """The goals that the states of a run have sent. From any thread.
 
-    A stop cancels them all on the thread that tells it: a state that does not return from a callback keeps nobody from
-    canceling its goals, nor those of the states beside it.
+    A stop cancels them all on the thread that tells it: even if a state does not return from a callback, its goals and
+    those of concurrent states are canceled.
     """
 
     def __init__(self) -> None:
@@ -86,7 +87,7 @@ class RunGoals:
 
     def untold(self, topic: str, lines: Sequence[str]) -> list[str]:
         """Return those of ``lines`` from the server of an action that no state of the run was given yet, in their
-        order: the operator is told each once, whichever states hear of it, and how often."""
+        order: the operator gets each once, whichever states receive it, and however often."""
         with self._lock:
             new = [line for line in dict.fromkeys(lines) if (topic, line) not in self._told]
             self._told += [(topic, line) for line in new]

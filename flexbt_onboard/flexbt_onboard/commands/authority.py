@@ -3,13 +3,13 @@
 participant.
 
 - While nobody holds it, every operator may command.
-- Whoever claims it gets it when it is free, and is a requester otherwise, whom the holder sees.
+- An operator who claims it gets it if it is free. Otherwise the operator becomes a requester, whom the holder sees.
 - The holder gives it back, or hands it over to somebody, or refuses a requester, who may ask again. What is given
   back goes to the oldest requester.
 - It is lost when the holder was gone for a set time: no console of theirs, and no command. That goes on to the oldest
   requester, too.
-- It goes only to a requester who is there. Whoever is gone for as long as a holder may be does not ask any more, and
-  only so many can ask at a time: who is there comes before who is not.
+- It goes only to a requester who is connected. A requester who is gone for as long as a holder may be is dropped. The
+  number of requesters is limited: those who are connected come first.
 - Stopping the robot needs no authority: anybody may do that at any time.
 
 Goals of the action ``execute_behavior`` come from programs, not from operators; they need no authority either.
@@ -34,16 +34,15 @@ REQUESTS: Final = 16
 class Authority:
     """The authority over one executive. Used on the executor thread only.
 
-    ``holder`` is the operator who has it, '' for nobody.
-    ``presence`` tells who is there, ``timeout`` is in seconds of wall time. ``on_change`` gets a line that says who has
-    it now, and why.
+    ``holder`` is the operator who has it, '' for nobody. ``presence`` reports the connected operators, ``timeout`` is
+    in seconds of wall time. ``on_change`` gets a line that says who has it now, and why.
     """
 
     def __init__(
         self, runtime: Runtime, presence: PresenceWatch, timeout: float, on_change: Callable[[str], None]
     ) -> None:
         self.holder = ''
-        self._requests: dict[str, float] = {}  # who asks, and when they were there last
+        self._requests: dict[str, float] = {}  # requesters, and when each was last connected
         self._runtime = runtime
         self._timeout = timeout
         self._on_change = on_change
@@ -172,7 +171,7 @@ class Authority:
             self._on_change(f'nobody has the authority to command: {why}; every operator may')
 
     def _first_there(self) -> str:
-        """Whoever is there and asked first; '' for nobody."""
+        """Return the first requester who is connected; '' for nobody."""
         return next((operator for operator in self._requests if operator in self._presence.present), '')
 
     def _give(self, operator: str, why: str) -> None:
@@ -258,7 +257,7 @@ class OperatorNames:
         self._owners[operator] = participant
         self._owners.move_to_end(operator)
         own = [name for name, owner in self._owners.items() if owner == participant]
-        if len(own) > NAMES_OF_PARTICIPANT:  # whoever uses up many names loses its own ones, and no one else's
+        if len(own) > NAMES_OF_PARTICIPANT:  # a participant that uses many names loses only its own ones
             del self._owners[own[0]]
 
     def _tell_once(self, operator: str, participant: bytes, owner: str) -> None:

@@ -67,9 +67,10 @@ class CommandHandling(Protocol):
 class CommandLedger(RunReader):
     """The commands of one executive. Used on the executor thread, except :meth:`read`.
 
-    As a reader of the runs it hears when a command has had its effect there.
+    As a reader of the runs it is notified when a command has taken effect.
 
-    ``changed`` is called when a result is to be reported, or a sender has to be told that this is another executive.
+    ``changed`` is called when a result is to be reported, or a sender has to be notified that this is another
+    executive.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class CommandLedger(RunReader):
             if command.kind != ExecutiveCommand.STOP:
                 self._ignore_nameless(command)
                 return
-            command.id = uuid.uuid4().hex  # it stops all the same, and nobody hears what became of it
+            command.id = uuid.uuid4().hex  # it stops anyway, but its result cannot be reported
         known = self._entries.get(command.id)
         excess = excess_of_command(command)
         if known is None and self._handling.is_addressed(command):
@@ -208,7 +209,6 @@ class CommandLedger(RunReader):
 
 
 def _bare_stop(command: ExecutiveCommand, excess: str) -> ExecutiveCommand:
-    """Return a STOP of which something is too large: it stops all the same, and the rest of what it says is left
-    out."""
+    """Return a STOP with a field that is too large: it stops anyway, and its other fields are left out."""
     operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
     return ExecutiveCommand(id=command.id, stamp=command.stamp, kind=command.kind, operator_id=operator, reason=excess)

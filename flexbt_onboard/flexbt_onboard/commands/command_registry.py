@@ -56,7 +56,7 @@ class CommandContext:
 
     @property
     def run(self) -> BehaviorRun:
-        """The run that goes on, which the command needs."""
+        """The current run, which the command needs."""
         assert self.runs.run is not None
         return self.runs.run
 
@@ -80,8 +80,8 @@ Later = Literal['later']
 class CommandDefinition:
     """A command by the name of its constant in ExecutiveCommand.
 
-    ``apply`` brings its effect about, at once or later; it raises CommandRefusedError. ``fields`` must not be empty.
-    One that ``needs_no_operator`` asks neither whose the operator's name is, nor which executive was meant.
+    ``apply`` carries it out, at once or later; it raises CommandRefusedError. ``fields`` must not be empty. One that
+    ``needs_no_operator`` asks neither whose the operator's name is, nor which executive was meant.
     """
 
     name: str
@@ -376,7 +376,7 @@ def _operator(given: CommandContext) -> str:
 
 COMMANDS: Final = (
     CommandDefinition('START', _start, RunRequirement.NONE),
-    # Whoever sees that something goes wrong has to be able to stop it, whatever else they believe of the run.
+    # Anyone who sees a fault has to be able to stop the run, whatever else they know of it.
     CommandDefinition('STOP', _stop, RunRequirement.NONE, needs_authority=False, needs_no_operator=True),
     CommandDefinition('AUTONOMY', _autonomy, RunRequirement.ANY),
     CommandDefinition('CONFIRM', _confirm, fields=['decision_id']),

@@ -91,14 +91,14 @@ class InputRequests:
         return [request.subject for request in self._open.values() if request.subject is not None]
 
     def is_open(self, request_id: str) -> bool:
-        """Return whether there is such a request and it waits for its answer."""
+        """Return whether the request exists and waits for its answer."""
         return request_id in self._open
 
     def answer(self, request_id: str, value: BlackboardEntry, operator_id: str) -> None:
         """Answer a request; a value that is refused leaves it open.
 
         Raises:
-            CommandRefusedError: no such request, or the value does not fit.
+            CommandRefusedError: the request does not exist, or the value does not fit.
         """
         request = self._find(request_id)
         checked = _checked_answer(request, value)
@@ -108,7 +108,7 @@ class InputRequests:
         """Decline to answer a request.
 
         Raises:
-            CommandRefusedError: no such request.
+            CommandRefusedError: the request does not exist.
         """
         message = f'the operator declined: {reason}' if reason else 'the operator declined'
         self._close(self._find(request_id), OperatorInput.Result.DECLINED, message, operator_id)

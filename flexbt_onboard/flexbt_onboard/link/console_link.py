@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The executive's side of the operator link: topics to the consoles, and a bounded intake of commands from anybody.
 
-Whoever joins late, and whoever has lost messages, has the whole picture with the next message: status, structure and
-behaviors are complete and latched.
+A console that joins late or has lost messages is complete again with the next message: status, structure and behaviors
+are complete and latched.
 """
 
 from __future__ import annotations
@@ -187,8 +187,8 @@ def _log_to_node(node: Node, severity: int, line: str) -> None:
 # A stop comes on a topic of its own as well, so that no flood of commands drives it out of a queue. All that has come
 # is taken at once, and what one process sends above a rate, however many participants it has, or is too large, is
 # dropped before it is unpacked: so the operators' commands are found among any number of others, and cost and memory
-# stay bounded. Who goes on with that is ignored by the middleware. A console sends a command again until it is
-# answered.
+# stay bounded. The middleware ignores a participant that continues to exceed them. A console sends a command again
+# until it is answered.
 
 COMMAND_RATE: Final = 50.0
 """Commands a second that are taken from one process on average, and as many stops."""
@@ -223,7 +223,7 @@ class CommandIntake:
         self._on_command = on_command
         self._tell = tell
         self._messages: dict[str, ReceivedMessages] = {}
-        self._told: dict[bytes, float] = {}  # processes, and until when nothing more is told of each
+        self._told: dict[bytes, float] = {}  # processes, and until when nothing more is reported of each
         commands = () if only_stops else ((names.EXECUTIVE_COMMAND, names.command_qos()),)
         for topic, qos in ((names.EXECUTIVE_STOP, names.stop_qos()), *commands):
             rates = SenderRates(COMMAND_RATE, COMMAND_BURST, runtime.steady.now)

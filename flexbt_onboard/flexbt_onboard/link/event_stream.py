@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The stream of transitions and commands, numbered and latched, for the logs of the consoles.
 
-A state machine may make thousands of transitions a second, of which a person reads none: at most so many are sent in
-so many messages. What is left out shows as a gap in the numbers.
+A state machine may make thousands of transitions a second, of which a person reads none: the number of transitions and
+of messages sent is limited. Omitted events show as a gap in the numbers.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class EventStream:
             waiting = list(self._waiting)
             self._waiting.clear()
             first = self._count - len(waiting) + 1
-        events = [_message(*one) for one in waiting]  # here, so that what is left out costs nothing
+        events = [_message(*one) for one in waiting]  # here, so that omitted events cost nothing
         self._publisher.publish(ExecutiveEvents(executive_id=self._executive_id, first=first, events=events))
 
 

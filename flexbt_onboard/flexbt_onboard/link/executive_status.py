@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The status of the executive: what is in the message, what of it may be shown yet, and when it is published."""
+"""The status of the executive: the contents of the message, the part that may be shown yet, and the time of
+publication."""
 
 from __future__ import annotations
 
@@ -152,9 +153,9 @@ class StatusPicture(NamedTuple):
 class ShownStatus:
     """A status that is shown once the journal has everything in it. Used on the executor thread.
 
-    While the disk takes its time, what was shown before is shown again, so that the heartbeat goes on. ``make`` gives
-    the status of now, ``publish`` sends one, ``when_durable`` is that of the journal, and ``changed`` is told when what
-    is shown is not the newest any more.
+    While the disk is slow, the previous status is shown again, so that the heartbeat continues. ``make`` returns the
+    current status, ``publish`` sends one, ``when_durable`` is that of the journal, and ``changed`` is called when the
+    shown status is no longer the newest.
     """
 
     def __init__(
@@ -187,7 +188,7 @@ class ShownStatus:
         self._when_durable(lambda: self._on_executor(self._show_next))
 
     def refresh(self) -> None:
-        """Show the status of now as soon as that is possible, or that of before."""
+        """Show the current status as soon as possible, until then the previous one."""
         if self._is_waiting:
             self._is_outdated = True
             self._publish(self._picture)
@@ -197,7 +198,7 @@ class ShownStatus:
         self.show(lambda: self._show(picture))
 
     def _show_next(self) -> None:
-        # The first of them, whichever is told: what came before is durable as well.
+        # The first one suffices, whichever is reported: everything before it is durable as well.
         self._to_show.popleft()()
 
     def _on_executor(self, fn: Callable[[], None]) -> None:

@@ -18,7 +18,8 @@ from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import ExecutiveLog, PeerStatus
 
 LATE_SECONDS: Final = 2.0
-"""A node that is late for so long is told of. On a busy computer all are late for a moment; the status shows it."""
+"""Time for which a node may be late before it is reported, s. On a busy computer all are late for a moment; the status
+shows it."""
 
 
 @dataclass
@@ -56,7 +57,7 @@ class PeersWatch:
         self._log = log
         self._tell_change = changed
         self._peers = [_Peer(_qualified(runtime, name), runtime.clock.stamp()) for name in names]
-        # On the executor thread, so that nothing is told before all of them are there.
+        # On the executor thread, so that nothing is reported before all of them are watched.
         self._watches = runtime.call(lambda: self._watch(timeout))
 
     def _watch(self, timeout: float) -> list[LivelinessWatch]:
@@ -137,7 +138,7 @@ class PeersWatch:
     def _ready_changed(self, peer: _Peer, ready: bool) -> None:
         peer.ready = ready
         watch = self._watch_of(peer)
-        if ready or (watch.alive and not watch.late):  # that it is late or gone is told already
+        if ready or (watch.alive and not watch.late):  # late or gone: already reported
             if ready and not peer.told_ready:
                 self._log(ExecutiveLog.INFO, f'{peer.name} is ready')
             elif peer.told_ready and not ready:

@@ -74,7 +74,7 @@ class RobotPlan:
         self._due = -math.inf
         self._is_empty = True
         self._is_judged = False
-        # A planner publishes for whoever is there.
+        # A planner publishes for the subscribers of the moment.
         self._messages = ReceivedMessages(
             runtime.node, Path, topic, QoSProfile(depth=1), self._on_message, MESSAGE_BYTES
         )

@@ -2,7 +2,7 @@
 """Actions for programs: ``execute_behavior`` runs a behavior, ``get_userdata`` reads the userdata of the run.
 
 By it a behavior is a leaf of a behavior tree, or a state of another executive's behavior. Operators see and supervise
-such a run as any other.
+these runs like any other.
 """
 
 from __future__ import annotations

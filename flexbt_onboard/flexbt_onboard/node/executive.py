@@ -2,9 +2,9 @@
 """The onboard behavior executive, with its diagnostics: runs one behavior at a time, under an operator's
 supervision.
 
-It is put together here, and here only: each part gets what it needs, and none gets the whole. Everything happens on
-the executor thread, except where it says otherwise. A run has its own thread (:mod:`flexbt_onboard.runs`), so that
-the operator is answered whatever a behavior does.
+It is assembled only here: each part gets the objects that it needs, and none gets the whole. Everything happens on the
+executor thread, except where it says otherwise. A run has its own thread (:mod:`flexbt_onboard.runs`), so that the
+operator is answered whatever a behavior does.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Executive(RunReader):
         self._admission = GoalAdmission('the executive', refusal)
         node_name = runtime.node.get_fully_qualified_name()
 
-        # What is told, and what is kept.
+        # Reports, and records.
         self._link = ConsoleLink(runtime, self._id, parameters.heartbeat_period)
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
         self._token = LivelinessToken(runtime)
@@ -298,8 +298,7 @@ class Executive(RunReader):
         self._status.flush()
 
     def _storage_changed(self) -> None:
-        """Tell others that what is written to the disk is not what it should be; the executive goes on. From any
-        thread."""
+        """Report that a file on the disk is not complete; the executive continues. From any thread."""
         self._token.set_ready(not self._problems.texts.get('journal'), 'journal')
         self._status.changed()
 
@@ -350,7 +349,7 @@ def open_executive(
     """Make an executive on a runtime, which closes it at its end; ``library`` defaults to the installed behaviors."""
     runtime.default_context.open()
     found = BehaviorLibrary.discover() if library is None else library
-    # Here it holds up nobody: whoever opens the journal waits for the same, on the executor thread.
+    # It delays nobody here: opening the journal waits for the same, on the executor thread.
     RunJournal.await_closed(parameters.journal_directory, runtime.node.get_fully_qualified_name())
     executive = runtime.call(lambda: Executive(runtime, parameters, found, refusal))
     runtime.on_close(executive.close)

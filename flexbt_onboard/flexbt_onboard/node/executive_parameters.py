@@ -28,7 +28,7 @@ from flexbt_onboard.runs.motion_stop import MOTION_ACTIONS
 
 @dataclass(frozen=True)
 class MotionParameters:
-    """The ways to stop the robot without those who drive it; see :func:`declare_motion` for what each means."""
+    """The ways to stop the robot without the nodes that drive it; see :func:`declare_motion` for what each means."""
 
     pose_topic: str = names.POSE
     motion_actions: tuple[str, ...] = MOTION_ACTIONS

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The executable ``stop_guard``: a small process that stops the robot when the executive does not answer a STOP.
 
-It hears the STOPs of operators on a topic of their own. When the executive has not said within :data:`GRACE_SECONDS`
-that it has applied one, because it hangs or is dead, the guard cancels all goals that move the robot, whoever has given
-them, and commands zero velocity. It keeps the robot at rest, and repeats the STOP to the executive, until an executive
-has applied it: from then on the stop is the executive's, and the next start works as ever. It needs neither the
+It receives the STOPs of operators on a separate topic. When the executive has not said within :data:`GRACE_SECONDS`
+that it has applied one, because it hangs or is dead, the guard cancels all goals that move the robot, whoever sent
+them, and commands zero velocity. It keeps the robot stopped, and repeats the STOP to the executive, until an executive
+has applied it. From then on the executive owns the stop, and the next start works as usual. It needs neither the
 executive nor a simulator, and runs beside Nav2 on a real robot.
 """
 
@@ -62,14 +62,14 @@ TELL_SECONDS: Final = 0.05
 """Delay before a further STOP is reported, s: many may arrive."""
 
 _OPEN_STOPS: Final = 32
-"""STOPs without an answer that are remembered; while there are more, the robot is kept at rest all the same."""
+"""STOPs without an answer that are remembered; even if there are more, the robot is kept stopped."""
 
 _KNOWN_STOPS: Final = 1024
 
 
 class GuardNode(LargeQueueNode):
     """A node whose parameters are as it was started with, and have no services: to unpack a request for 200,000 of them
-    takes seconds, in which a node hears no STOP.
+    takes seconds, in which a node receives no STOP.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -134,7 +134,7 @@ class StopGuard:
         """Stop the robot, as an operator wants it, for the first time or again; or the guard has repeated that."""
         stop_id = str(stop.id)
         if not 0 < len(stop_id) <= COMMAND_LENGTHS['id']:
-            stop.id = stop_id = uuid.uuid4().hex  # it stops all the same, and nobody hears what became of it
+            stop.id = stop_id = uuid.uuid4().hex  # it stops anyway, but its result cannot be reported
         if stop_id in self._known:
             return
         self._known[stop_id] = None
@@ -179,7 +179,7 @@ class StopGuard:
             return
         applied = {result.command_id for result in status.results if result.code == CommandResult.APPLIED}
         answered = next((stop_id for stop_id in reversed(self._open) if stop_id in applied), None)
-        while answered in self._open:  # whoever has applied the last one has applied those before it
+        while answered in self._open:  # an executive that has applied the last one has applied those before it
             self._open.popitem(last=False)
         if answered is not None and not self._open:
             self._release()

@@ -39,14 +39,14 @@ GONE_SECONDS: Final = 10.0
 class SynthesisServer:
     """The server of SynthesizeBehavior. Used on the executor thread.
 
-    There is one search at a time. So that none is in the way of others for nobody, it is canceled when the operator who
-    asked for it was there, and is gone. Programs may ask without being there: for these there is the time limit.
+    There is one search at a time. So that no abandoned search blocks others, it is canceled when the operator who asked
+    for it was connected, and is gone. Programs may ask without being there: for these there is the time limit.
     """
 
     def __init__(
         self, runtime: Runtime, synthesizer: Synthesizer, admission: GoalAdmission, presence: PresenceWatch
     ) -> None:
-        """``admission``: whether goals are taken at all; ``presence`` tells who is there."""
+        """``admission``: whether goals are taken at all; ``presence`` reports the connected operators."""
         self._runtime = runtime
         self._synthesizer = synthesizer
         self._presence = presence
@@ -158,11 +158,11 @@ _FLEXBE_CODES: Final = {
 
 
 def serve_flexbe(runtime: Runtime, synthesizer: Synthesizer, admission: GoalAdmission) -> None:
-    """Serve ``flexbe_msgs/BehaviorSynthesis`` where there is such a type; ``admission`` says whether goals are taken at
-    all. On the executor thread.
+    """Serve ``flexbe_msgs/BehaviorSynthesis`` where this type is installed; ``admission`` says whether goals are taken
+    at all. On the executor thread.
 
-    The states go to the editor, which makes a behavior of them; the executive does not keep the machine. Why there is
-    none is told by the last feedback, since the result has no text.
+    The states go to the editor, which makes a behavior of them; the executive does not keep the machine. If there is
+    none, the last feedback has the reason, since the result has no text.
     """
     if importlib.util.find_spec('flexbe_msgs') is None:
         return

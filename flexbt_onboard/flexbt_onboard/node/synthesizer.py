@@ -25,7 +25,7 @@ from flexbt_onboard.errors import BehaviorError, CommandRefusedError, OnboardErr
 from flexbt_onboard.persistence.reporter import Reporter
 
 SEARCH_GROUP: Final = 'flexbt.synthesis'
-"""Entry point group of the module that searches, as a program of its own: see flexbt_formal.requests.search."""
+"""Entry point group of the module that searches, as a separate program: see flexbt_formal.requests.search."""
 
 DEFAULT_SECONDS: Final = 60.0
 MOST_SECONDS: Final = 3600.0
@@ -43,7 +43,7 @@ class SynthesisVerdict(Enum):
 
 @dataclass(frozen=True)
 class SynthesisAnswer:
-    """``message`` says why there is no machine. ``states`` are the fields of FlexBE's StateInstantiation."""
+    """``message`` is the reason why there is no machine. ``states`` are the fields of FlexBE's StateInstantiation."""
 
     verdict: SynthesisVerdict
     message: str = ''
@@ -94,7 +94,7 @@ class RunningSearch:
     why_canceled: str = 'it was canceled'
 
     def cancel(self, why: str = '') -> None:
-        """End it, as canceled; ``why`` is told."""
+        """End it, as canceled; ``why`` is reported."""
         self.why_canceled = why or self.why_canceled
         if self.process is not None:
             self.process.cancel()
@@ -103,8 +103,8 @@ class RunningSearch:
 class Synthesizer:
     """A synthesizer of behaviors. Used on the executor thread.
 
-    ``in_use`` gives the names of behaviors that run or were interrupted, ``changed`` is told that the library is
-    another one.
+    ``in_use`` gives the names of behaviors that run or were interrupted, ``changed`` is called when the library has
+    changed.
     """
 
     def __init__(
@@ -219,7 +219,7 @@ class Synthesizer:
     # -- the end -----------------------------------------------------------------------------------------------------
 
     def _finish(self, search: RunningSearch, message: SearchMessage | None, why: str) -> None:
-        """On the thread of the search: a disk that takes its time holds up nobody else."""
+        """On the thread of the search: a slow disk delays nobody else."""
         answer = _answer(message, why, search)
         gone: list[str] = []
         problem = ''
@@ -308,10 +308,10 @@ def _installed_command() -> Sequence[str]:
     return [sys.executable, '-m', points[0].module]
 
 
-# A search in a process of its own: however much it takes, the executive and its threads are spared.
+# A search in a separate process: whatever it costs, the executive and its threads are not affected.
 #
-# The process is told the request by a line of JSON, and tells by lines of JSON what it does, and in the end its answer.
-# It ends when its standard input does, so none is left behind when the executive is gone.
+# The process gets the request as a line of JSON. It reports its progress, and finally its answer, as lines of JSON. It
+# ends when its standard input does, so none is left behind when the executive is gone.
 
 _LINE: Final = 16_000_000
 """Bytes of a line of the process, at most."""

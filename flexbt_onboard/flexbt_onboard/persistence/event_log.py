@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The event log: who did what and when, and what the robot did, as lines of JSON that are only ever appended.
+"""The event log: the actions of operators and of the robot with their times, as lines of JSON that are only appended.
 
 A file is ``<node>.jsonl``, where ``<node>`` is the name of the executive with its namespace; by default in a directory
 for its ROS domain, so that no two executives share one. When it has its full size it becomes ``<node>.1.jsonl``, and so
-on up to a number of files.
-A thread of its own writes, so that nobody waits for the disk. Events wait for one that hangs, is full or fails, and are
-written in their order when that is possible; each reason is told once, until something is written again. What is more
-than may wait is counted. A line that a crash has cut off is ended before the next one.
+on up to a number of files. A separate thread writes, so that nobody waits for the disk. Events wait for one that hangs,
+is full or fails, and are written in their order when that is possible; each reason is reported once, until something is
+written again. Events above the maximum that may wait are counted. A line that a crash has cut off is ended before the
+next one.
 
 Each line is an object with ``time`` (seconds of wall time since the epoch), ``stamp`` (seconds on the node's clock),
 ``steady`` (seconds on a clock that nobody sets, since the computer was booted), ``event``, and what belongs to the
@@ -67,7 +67,7 @@ MOST_WAITING: Final = 20_000
 """Events that may wait for the disk, those included that it is to write now; more of them are lost, and counted."""
 
 STUCK_SECONDS: Final = 2.0
-"""A disk that takes longer than this for what waits is told."""
+"""Time that the disk may take for the waiting events before it is reported, s."""
 
 RETRY_SECONDS: Final = 0.5
 """Time between two attempts to write to a disk that has failed, s."""
@@ -104,10 +104,10 @@ class EventLog:
         self._changed = threading.Condition()
         self._waiting: deque[dict[str, Any]] = deque()
         self._lost = 0  # events after those that wait, which are not noted yet
-        self._lacking = 0  # events in all that were lost and not told yet
+        self._lacking = 0  # total of lost events that were not reported yet
         self._is_closed = False
         self._may_be_cut = True  # the last line of the file
-        self._problems: set[object] = set()  # that were told since something was written
+        self._problems: set[object] = set()  # reported since something was written
         self._thread = threading.Thread(target=self._write_all, name='event_log', daemon=True)
         if file is not None:
             self._thread.start()
@@ -162,7 +162,7 @@ class EventLog:
         try:
             with watchdog(self._steady, STUCK_SECONDS, self._tell_stuck):
                 self._append(events)
-        except Exception as error:  # whatever it is: nobody else writes
+        except Exception as error:  # any error: no other thread writes
             kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
             self._tell(
                 (type(error), getattr(error, 'errno', None)),
@@ -181,7 +181,7 @@ class EventLog:
         return True
 
     def _line(self, event: dict[str, Any]) -> bytes:
-        """One that cannot be written is told, and noted as lost."""
+        """One that cannot be written is reported, and recorded as lost."""
         try:
             text = json.dumps(event, ensure_ascii=False, default=str)
         except Exception as error:  # whatever a value does that does not let itself be written
@@ -205,8 +205,8 @@ class EventLog:
     def _append(self, events: Sequence[dict[str, Any]]) -> None:
         """Append events, and take each that is written from those that wait. When the file is full the others wait.
 
-        Raises OSError where a line does not fit onto the disk; nothing is left of it. Lines are made one by one: a disk
-        that is full costs that of the first.
+        Raises OSError where a line does not fit onto the disk; nothing is left of it. Lines are made one by one: a full
+        disk costs only that of the first.
         """
         assert self._file is not None  # else there is no thread
         self._file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -215,7 +215,7 @@ class EventLog:
         first = next(lines)
         if size and size + len(first) > self._size:
             self._rotate()
-        # Opened each time: whoever moves or deletes the file does not end the log.
+        # Opened each time: moving or deleting the file does not end the log.
         with open(self._file, 'ab', buffering=0, opener=open_private) as file:
             if self._may_be_cut and _is_cut(self._file):
                 file.write(b'\n')
@@ -245,12 +245,12 @@ class EventLog:
 
 
 def _entry(stamp: float, event: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-    now, steady = time.time(), time.clock_gettime(time.CLOCK_BOOTTIME)  # together: their difference tells a step
+    now, steady = time.time(), time.clock_gettime(time.CLOCK_BOOTTIME)  # together: their difference shows a step
     return {'time': round(now, 6), 'stamp': stamp, 'steady': round(steady, 6), 'event': event, **fields}
 
 
 def _lost_event(number: int, before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the event that so many were lost before another one."""
+    """Return the event that reports the number of events lost before another one."""
     return {name: before[name] for name in ('time', 'stamp', 'steady')} | {'event': 'lost', 'number': number}
 
 

@@ -6,8 +6,8 @@ the old one and then in its place, when it has grown, when it was moved or remov
 what a crash has cut off at the end the whole lines count. A file that is corrupt in another way is kept aside, as
 ``<node>.<time>.corrupt``, and what can be read of it counts.
 
-A thread of its own writes, so that a disk that takes its time, or hangs, holds up nobody but those who wait for what
-they have written to be durable (:meth:`Journal.when_durable`).
+A separate thread writes, so that a disk that is slow or hangs delays only callers that wait until their records are
+durable (:meth:`Journal.when_durable`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ REMEMBERED_COMMANDS: Final = 4096
 """Commands that are remembered, so that a resend after a restart is not applied again."""
 
 STUCK_SECONDS: Final = 2.0
-"""A disk that takes longer than this for what waits is told, and not waited for."""
+"""Time that the disk may take for the waiting lines before it is reported and no longer waited for, s."""
 
 RETRY_SECONDS: Final = 0.5
 """Time between two attempts to write to a disk that has failed, s."""
@@ -70,7 +70,7 @@ class JournalState:
 
     def apply(self, line: JournalLine) -> None:
         """Take in a line."""
-        # A line of a run that has ended counts no more: it was told to stop while it moved, or switched, on its thread.
+        # A line of a run that has ended is void: the run was stopped while it moved, or switched, on its thread.
         is_of_run = self.begin is not None and line.get('run') == self.begin['run']
         if 'begin' in line and (is_of_run or 'run' not in line):
             self.begin, self.position = line['begin'], None
@@ -134,9 +134,9 @@ os.register_at_fork(after_in_child=_release_in_child)
 class Journal:
     """The journal of one executive, held by one process at a time. From any thread.
 
-    ``on_problem`` is told when it cannot be written any more, each reason once, and '' when it can be again: the
-    executive goes on, but would not know after a crash what happened from there on. It is told before anybody is told
-    what is not written.
+    ``on_problem`` is called when it cannot be written any more, once for each reason, and with '' when it can be
+    written again. The executive continues, but after a crash it would not know later events. It is called before
+    anything that is not written is reported.
     """
 
     def __init__(self, file: Path, on_problem: Callable[[str], None], clock: Clock) -> None:
@@ -158,7 +158,7 @@ class Journal:
         self._appended, self._durable = 1, 0  # lines so far; to write the file that was found anew counts as one
         self._waiting: deque[tuple[int, Callback]] = deque()  # and how many lines have to be durable for it
         self._is_anew = True  # the file has to be written anew
-        self._problems: set[object] = set()  # kinds of those that were told since it was written last
+        self._problems: set[object] = set()  # kinds reported since the last write
         self._is_closed = False
         self._count = self._size = self._least_size = 0
         self._descriptor = self._guard = -1
@@ -295,7 +295,7 @@ class Journal:
                 self._problems = told
 
     def _release(self) -> None:
-        """Call those who wait for what is durable; all of them when they have been told that nothing is."""
+        """Call the waiters whose records are durable; all of them if they have been notified that nothing is."""
         while True:
             with self._changed:
                 if not self._waiting or (self._waiting[0][0] > self._durable and not self._problems):
@@ -392,7 +392,7 @@ def _write_whole(descriptor: int, data: bytes) -> None:
 # of id, code and reason: commands that were decided with what else is in the line ========
 # ==============================================================================================================
 #
-# Each line says by itself what it is about, so that those after a corrupt one are of use.
+# Each line is self-contained, so that the lines after a corrupt one are usable.
 
 FORMAT: Final = 2
 """The version of the format; the one before had neither head nor numbers."""
@@ -400,7 +400,7 @@ FORMAT: Final = 2
 JournalLine = dict[str, Any]
 
 _MOST_TOLD: Final = 5
-"""Problems of a file that are told one by one."""
+"""Maximum number of problems of a file that are listed one by one."""
 
 _MOST_PROBLEMS: Final = 10_000
 """Lines that are corrupt, after which nothing more is read: the start of an executive waits for it."""

@@ -18,13 +18,13 @@ class OperatorLog(Protocol):
     """A log that sends a line to every operator and to the node's own log; from any thread."""
 
     def __call__(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
-        """``severity`` is one of ExecutiveLog, ``path`` that of the state that speaks."""
+        """``severity`` is one of ExecutiveLog, ``path`` that of the state that reports."""
 
 
 class StorageProblems:
     """The problems of the files that the executive writes, logged when they begin and end. From any thread.
 
-    ``texts`` has it by what the file is; '' for nothing. ``changed`` is told when there is another one.
+    ``texts`` has it by what the file is; '' for nothing. ``changed`` is called when it changes.
     """
 
     def __init__(self, log: OperatorLog, changed: Callable[[], None] = lambda: None) -> None:
@@ -51,7 +51,7 @@ class StorageProblems:
 class Reporter:
     """A reporter of events to operators and to the event log. From any thread.
 
-    ``log`` tells the operators a line that is no event. ``stream`` is told each event by its name and fields, and
+    ``log`` sends the operators a line that is not an event. ``stream`` gets each event by its name and fields, and
     sends the operators those that are for them.
     """
 
@@ -105,14 +105,14 @@ class Reporter:
         self.event('authority', holder=holder, requests=list(requests), text=text)
 
     def operators(self, text: str, is_warning: bool) -> None:
-        """Report consoles that have come or gone, and what is done about it."""
+        """Report consoles that have connected or disconnected, and the reaction."""
         self.log(ExecutiveLog.WARN if is_warning else ExecutiveLog.INFO, text)
         self.event('operator', text=text)
 
     # -- runs ---------------------------------------------------------------------------------------------------------
 
     def run_started(self, run_id: str, request: RunRequest) -> None:
-        """Report that a behavior is built and begins, or goes on after a restart of the executive."""
+        """Report that a behavior is built and begins, or continues after a restart of the executive."""
         name = request.entry.name
         self.event(
             'started' if request.at is None else 'resumed',
@@ -132,7 +132,7 @@ class Reporter:
         self.log(ExecutiveLog.ERROR, f'behavior {behavior!r} cannot start: {reason}', run_id=run_id)
 
     def run_switched(self, run_id: str, request: RunRequest) -> None:
-        """Report that a run goes on with another behavior."""
+        """Report that a run continues with another behavior."""
         arguments = dict(request.arguments)
         self.event('switched', run=run_id, behavior=request.entry.name, arguments=arguments, by=request.by)
 

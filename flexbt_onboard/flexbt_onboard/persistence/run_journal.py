@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The journal of an executive's runs: what is written of a run, in which form, and what is read after a crash.
 
-A run that an operator has started goes on after a crash, when an operator wants it to. One that a program has started
+A run that an operator has started continues after a crash if an operator requests it. One that a program has started
 does not: nobody waits for its result any more.
 """
 
@@ -79,7 +79,7 @@ class InterruptedRun:
         return self.levels.get(ROOT_PATH, self.first_autonomy)
 
     def position(self) -> RunPosition | None:
-        """Return where the run goes on; None at its beginning.
+        """Return the position at which the run continues; None at its beginning.
 
         Raises:
             CommandRefusedError: what was written cannot be read again.
@@ -161,7 +161,7 @@ class RunJournal:
         )
 
     def begin(self, run_id: str, request: RunRequest) -> None:
-        """Write that a run begins, or goes on, by the command that has asked for it."""
+        """Write that a run begins or continues, by the command that has requested it."""
         if self._journal is None or not request.is_durable:
             return
         applied = CommandDecided(request.command_id, None)
@@ -202,7 +202,7 @@ class RunJournal:
             self._journal.append([_result(command_id, reason)])
 
     def end(self, run_id: str, why: str) -> None:
-        """Write that the run has ended, or will not go on."""
+        """Write that the run has ended, or will not continue."""
         if self._journal is not None and self.has(run_id):
             self._journal.append(run=run_id, end=why)
 
@@ -281,8 +281,8 @@ def _ignore(_what: str) -> None:
 
 
 def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth: int = 0) -> Any:
-    """Return what ``json.dumps`` takes. Never raises: of what cannot be written the type is noted, and ``on_lost``
-    told."""
+    """Return what ``json.dumps`` takes. Never raises: if a value cannot be written, its type is recorded, and
+    ``on_lost`` is called."""
     if value is None or type(value) in (bool, float, str):
         return value
     if type(value) is int:

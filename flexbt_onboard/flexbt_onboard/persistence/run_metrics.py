@@ -32,7 +32,7 @@ _TOLD: Final = ('path', 'outcome', 'decision', 'autonomy', 'text', 'because', 'w
 
 _NUMBERS: Final = ('time', 'stamp', 'steady', 'wait_queue', 'wait_interaction')
 _LARGEST: Final = 1e12
-"""s: more than any clock has told."""
+"""Bound above the time of any clock, s."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class RunMetrics:
 
 
 def read_events(files: Iterable[Path]) -> Iterator[LoggedEvent]:
-    """Yield the events of the files of an event log, the oldest file first. Lines that were cut off, or are no events,
+    """Yield the events of the files of an event log, the oldest file first. Lines that were cut off, or are not events,
     are left out.
 
     Raises:
@@ -323,7 +323,7 @@ class _Reader:
         try:
             self._monitor = SkillMonitor(skills if isinstance(skills, dict) else {})
         except SkillError:
-            self._monitor = SkillMonitor({})  # a line of somebody else's, or corrupt
+            self._monitor = SkillMonitor({})  # a foreign line, or a corrupt one
 
     def _note(self, path: str, now: float, texts: Iterable[str]) -> None:
         self._metrics.contradictions += [Contradiction(now, path, text) for text in texts]

@@ -22,7 +22,7 @@ from .run_metrics import ROOT, Intervention, RunMetrics, metrics_of, read_events
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the report; 0 when there is one, 1 when there is no such run, 2 for a file that cannot be read."""
+    """Print the report; return 0, or 1 if the run does not exist, 2 if a file cannot be read."""
     make_streams_safe()
     options = _parser().parse_args(arguments)
     try:

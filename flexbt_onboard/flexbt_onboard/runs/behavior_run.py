@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One run of a behavior on a thread of its own, so that a state that blocks holds up nobody else.
+"""One run of a behavior on its own thread, so that a state that blocks delays nobody else.
 
 The thread builds the behavior, then steps its state machine whenever something has happened or is due, and sleeps in
-between. What others see of it is a :class:`RunSnapshot`, which is published when it is journaled. A stop needs nothing
-of the thread: it cancels the goals of the run at once, and a run whose thread does not return is left behind.
+between. Others see it as a :class:`RunSnapshot`, which is published when it is journaled. A stop needs nothing of the
+thread: it cancels the goals of the run at once, and a run whose thread does not return is left behind.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class BehaviorRun(RunReader):
         self._errors: dict[str, str] = {}  # of the active states, the last of each
         self._why_ended = ''
         self._switches: deque[RunRequest] = deque()
-        self._switched: RunBuilt | None = None  # told when it is journaled
+        self._switched: RunBuilt | None = None  # reported when it is journaled
         self._has_ended = False
         self._stopped_at = 0.0
         self._building: RunningCallback | None = None
@@ -204,7 +204,7 @@ class BehaviorRun(RunReader):
         return bool(self._services.goals)
 
     def show_not_stopped(self, seconds: float) -> None:
-        """Show what has not stopped so many seconds after the stop."""
+        """Show what has not stopped this many seconds after the stop."""
         held, machine = self._watch.held, self._machine
         halting = machine.not_halted if machine is not None else ''
         shown = [str(held) if held is not None else '', f'{halting} for {seconds:.1f} s' if halting else '']
@@ -219,7 +219,7 @@ class BehaviorRun(RunReader):
         """Return the number that the run gave to a decision.
 
         Raises:
-            CommandRefusedError: it is no decision of this run.
+            CommandRefusedError: it is not a decision of this run.
         """
         number = decision_number(self.run_id, decision)
         if number is None:
@@ -374,7 +374,7 @@ class BehaviorRun(RunReader):
             self._tell(end)
 
     def _ends(self) -> bool:
-        """Return whether the end is still to be told; it is told once."""
+        """Return whether the end is still to be reported; it is reported once."""
         with self._lock:
             has_ended, self._has_ended = self._has_ended, True
         return not has_ended

@@ -16,7 +16,7 @@ from flexbt_core.clock.clock import Clock, Timer
 from flexbt_core.state_machine.engine.engine import RunningCallback
 
 LIMIT: Final = 1.0
-"""A callback that takes longer is told, in seconds of wall time."""
+"""Time that a callback may take before it is reported, s of wall time."""
 
 _PERIOD: Final = 0.5
 
@@ -42,7 +42,7 @@ class BlockedCallback:
 class BlockedCallbackWatchdog:
     """Checks what ``calling`` gives while it is in its ``with`` block.
 
-    ``held_up`` is told once for each callback of each state that takes longer than the limit, on the thread of the
+    ``held_up`` is called once for each callback of each state that takes longer than the limit, on the thread of the
     clock; ``returned`` when one of these has returned.
     """
 
@@ -107,7 +107,7 @@ class BlockedCallbackWatchdog:
             self._held_up(held)
 
     def _observe(self, calling: RunningCallback | None) -> BlockedCallback | None:
-        """Note what is called now, with the lock; return what has returned of which it was told that it takes long."""
+        """Note what is called now, with the lock; return the callback that has returned, if it was reported as slow."""
         if calling is self._seen:
             return None
         returned = self._present() if self._is_shown else None

@@ -2,10 +2,10 @@
 """A stop of the robot that bypasses the nodes that drive it: for a stop whose cancel nobody confirms.
 
 The servers that move the robot are asked to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id
-nor a time means all of them), and zero velocity is commanded until the robot stands still. A server may ignore that:
-what it says of its goals tells whether one goes on, as long as it is there: another one in its place says nothing
-before its first goal. An answer to a cancel of all goals does not tell: it names neither goals whose cancel is refused,
-nor those that are being canceled already.
+nor a time means all of them), and zero velocity is commanded until the robot stands still. A server may ignore that.
+The status of its goals shows whether one goes on, as long as the server is alive: its replacement publishes nothing
+before its first goal. The answer to a cancel of all goals does not show it: it lists neither goals whose cancel is
+refused, nor those that are being canceled already.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ opennav_docking then sends it again."""
 _REST: Final = max(_FRONT.values()) + 1
 
 _STATUS_BYTES: Final = 1_000_000
-"""The goals of a server are told in at most so many bytes: 35,000 of them."""
+"""Maximum size of the status of a server's goals, bytes: 35,000 goals."""
 
 _PERIOD: Final = 0.05
 """Time between two commands of zero velocity, s; that of Nav2's controller server."""
@@ -69,7 +69,7 @@ _FRONT_SECONDS: Final = 0.2
 meanwhile if the robot is to be stopped."""
 
 _LEAST_SECONDS: Final = 1.0
-"""Zero velocity is commanded for so long at least, and again when the robot moves."""
+"""Minimum time for which zero velocity is commanded, s; it is commanded again when the robot moves."""
 
 _BEGINS: Final = frozenset((GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING))
 _GOES_ON: Final = _BEGINS | {GoalStatus.STATUS_CANCELING}
@@ -85,7 +85,7 @@ class MotionStop:
 
     ``pose`` gives the robot's last known pose, with an empty frame while there is none; ``actions`` are the names of
     the servers' actions, of which those count that exist; ``has_ended`` whether the process of a writer has ended for
-    certain, which the middleware tells only when the lease is over.
+    certain, which the middleware reports only when the lease is over.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class MotionStop:
         message_type: Any = TwistStamped if stamped else Twist
         self._commands = runtime.node.create_publisher(message_type, cmd_vel_topic, 1)
         self._asked: dict[str, ServiceCall] = {}
-        self._busy: dict[str, set[bytes]] = {}  # by action: the writers who have told of a goal that goes on
+        self._busy: dict[str, set[bytes]] = {}  # by action: the writers that have reported a goal that goes on
         self._timer: Timer | None = None
         self._unasked: list[list[str]] = []  # actions of one rank each
         self._patience: Timer | None = None
@@ -131,8 +131,8 @@ class MotionStop:
     @property
     def going_on(self) -> Mapping[tuple[str, bytes], str]:
         """The actions of which a goal has not ended, by their writers, each with the node that serves it, as far as
-        servers that are there have told since :meth:`prepare` or :meth:`hold`. One that was killed is there until its
-        lease is over, if it is not known to have ended."""
+        live servers have reported since :meth:`prepare` or :meth:`hold`. One that was killed is there until its lease
+        is over, if it is not known to have ended."""
         node = self._runtime.node
         return {
             (name, writer): f'{name} (of {writer_name(node, _status_topic(name), writer) or "a node that is gone"})'
@@ -142,7 +142,7 @@ class MotionStop:
         }
 
     def hold(self) -> None:
-        """Begin to keep the robot at rest, until :meth:`release`."""
+        """Keep the robot stopped from now on, until :meth:`release`."""
         if self._timer is None:
             self._round = 0
             self._zero_until = self._runtime.steady.now() + _LEAST_SECONDS
@@ -203,7 +203,7 @@ class MotionStop:
         ReceivedMessages(self._runtime.node, GoalStatusArray, _status_topic(name), qos, told, _STATUS_BYTES)
 
     def _writers(self, name: str) -> set[bytes]:
-        """Return those who tell of the goals of an action, as :class:`Received` names them."""
+        """Return the writers that report the goals of an action, as :class:`Received` names them."""
         node = self._runtime.node
         endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(_status_topic(name)))
         return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}

@@ -87,7 +87,7 @@ class RunMoved(RunEvent):
     """The machine is where it was not before, and these commands were ``decided``; on the thread of the run.
 
     Readers look at the machine while they read this; later it is elsewhere. ``switched`` is the behavior with which the
-    run goes on, if it is another one.
+    run continues, if it is another one.
     """
 
     machine: MachineRun
@@ -105,7 +105,7 @@ class ViolationFound(RunEvent):
 
 @dataclass(slots=True)
 class StopRequested(RunEvent):
-    """The run is told to stop. From any thread."""
+    """The run is requested to stop. From any thread."""
 
     run_id: str
     why: str
@@ -185,7 +185,7 @@ class RunRecorder(RunReader):
                 report.log(Severity.ERROR.value, text, path, run_id)
                 self._event('violation', property=violation.property.name, path=violation.where, text=text)
             case StopRequested(_, why):
-                self._journal.end(run_id, why)  # a run that was told to stop does not go on after a crash
+                self._journal.end(run_id, why)  # a run that was requested to stop does not continue after a crash
                 self._event('stopping', why=why)
             case BehaviorEnded(outcome, message):
                 self._journal.end(run_id, outcome)
@@ -211,6 +211,6 @@ def decision_id(run_id: str, number: str) -> str:
 
 
 def decision_number(run_id: str, decision: str) -> str | None:
-    """Return the number that the run gave to a decision; None when it is no decision of this run."""
+    """Return the number that the run gave to a decision; None if it is not a decision of this run."""
     prefix = decision_id(run_id, '')
     return decision.removeprefix(prefix) if decision.startswith(prefix) else None

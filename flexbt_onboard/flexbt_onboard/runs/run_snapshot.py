@@ -151,7 +151,7 @@ class RunStatus(RunReader):
     def read(self, event: RunEvent) -> None:
         match event:
             case StateLeft(path):
-                self._entered_at.pop(path, None)  # it is entered anew next time, even if no time has passed
+                self._entered_at.pop(path, None)  # it is entered again next time, even if no time has passed
             case RunMoved(machine, _, switched):
                 self.publish(**(_of_behavior(switched) if switched is not None else {}), **self._of_machine(machine))
             case RunBuilt():
@@ -236,7 +236,7 @@ class RunStatus(RunReader):
         return tuple(decisions)
 
     def _with_subject(self, machine: MachineRun, shown: RunDecision, decision: Decision) -> RunDecision:
-        """Return a decision with what it is about: made anew when one of the values was replaced by another."""
+        """Return a decision with its subject, which is made again if one of the values was replaced."""
         values, missing = machine.subject(decision)
         before = self._subjects.get(shown.id, {})
         is_known = before.keys() == values.keys() and all(before[key] is value for key, value in values.items())
@@ -302,7 +302,7 @@ class ActivityPoll:
     def ask(self, status: RunStatus, machine: MachineRun) -> bool:
         """Publish the active states with what they say now; return whether that is to be shown at once.
 
-        What is another thing each time that it is asked for, such as a time, is no event: the next status has it.
+        A value that differs each time that it is requested, such as a time, is not an event: the next status has it.
         """
         has_changed, self._has_changed, self._is_requested = self._has_changed, False, False
         active = status.asked(machine)

@@ -52,7 +52,7 @@ class LastRun:
 
 
 ShownRun = RunSnapshot | InterruptedRun | LastRun
-"""The run that operators see: the one that goes on, was interrupted, or was the last."""
+"""The run that operators see: the current one, the interrupted one, or the last one."""
 
 
 class RunSupervisor(RunReader):
@@ -141,17 +141,17 @@ class RunSupervisor(RunReader):
         return self.run
 
     def stop(self, why: str) -> BehaviorRun | None:
-        """Stop the run that goes on, if there is one."""
+        """Stop the current run, if there is one."""
         if self.run is not None:
             self.run.stop(why)
         return self.run
 
     def halt_robot(self) -> None:
-        """Stop whatever drives the robot, beside the run that goes on, if there is one."""
+        """Stop everything that drives the robot except the current run, if there is one."""
         self._stops.halt_robot(self.run is not None)
 
     def abort(self, interrupted: InterruptedRun, why: str) -> None:
-        """End an interrupted run, which does not go on."""
+        """End an interrupted run, which will not continue."""
         self._journal.end(interrupted.run_id, why)
         self._report.run_ended(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
         self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
@@ -198,8 +198,8 @@ class RunSupervisor(RunReader):
 class OperatorAbsenceWatch:
     """A watch for the presence of any console. Used on the executor thread only.
 
-    ``presence`` tells who is there. ``tell`` gets a line for the operator, and whether it is a warning. A run that
-    goes on anyway tells nothing of it: programs that ask and go would fill the log.
+    ``presence`` reports the connected operators. ``tell`` gets a line for the operator, and whether it is a warning. A
+    run that continues anyway does not report it: programs that ask and leave would fill the log.
     """
 
     def __init__(self, runtime: Runtime, presence: PresenceWatch, tell: Callable[[str, bool], None]) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The enforcement of stops: what is done about a run that was told to stop, until all of it is at rest.
+"""The enforcement of stops: the handling of a run that was requested to stop, until all of it has stopped.
 
 The run cancels what it has begun. When that is not confirmed within a moment, the robot is stopped by another way; the
-operator sees what has not stopped; and after a while the run is given up. A server that moves the robot may go on when
-whoever has sent it there has given it up: the robot is kept at rest as long as it does.
+operator sees what has not stopped; and after a while the run is given up. A server that moves the robot may go on after
+its client has given it up: the robot is kept stopped as long as it does.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _PERIOD: Final = 0.5
 
 class StopEnforcer:
     """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on;
-    ``warn(message)`` tells operators of what goes on after the end of the run, and when it does not any more."""
+    ``warn(message)`` reports to operators what goes on after the end of the run, and when it has ended."""
 
     def __init__(self, runtime: Runtime, robot: MotionStop, timeout: float, warn: Callable[[str], None]) -> None:
         self.timeout = timeout
@@ -103,7 +103,7 @@ class StopEnforcer:
         self._check_in(_PERIOD, run)
 
     def _goes_on(self) -> bool:
-        """Return whether something moves the robot all the same, of which operators are told."""
+        """Return whether something moves the robot anyway, which is reported to operators."""
         going_on = self._robot.going_on
         if going_on and going_on.keys() != self._told.keys():
             self._warn(
