@@ -237,7 +237,7 @@ def tree_reader(runtime: Runtime) -> WorkThread:
 
 
 def _reason(work: LateWork | None) -> str:
-    """Why it takes so long; '' when it does not."""
+    """Reason why reading is slow; '' if it is not."""
     if work is None:
         return ''
     if not work.uses_processor:

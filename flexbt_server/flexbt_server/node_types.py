@@ -23,8 +23,9 @@ def node_registry(on_broken: Callable[[str, Exception], None], nav2_branch: Nav2
     """Return a registry with everything that is installed. ``nav2_branch`` is the branch of Nav2 whose nodes trees
     expect that do not show it themselves.
 
-    ``on_broken(nodes, error)`` is told what cannot be used: the nodes of an entry point or a module, or only one of
-    them, whose ID an earlier source has taken; the others can. Entry points come in the order of their names.
+    ``on_broken(nodes, error)`` is called for nodes that cannot be used: the nodes of an entry point or a module, or
+    only one of them, whose ID an earlier source has taken; the others can. Entry points come in the order of their
+    names.
     """
     registry = builtin_registry()
     register_nav2(registry, nav2_branch)

@@ -206,7 +206,8 @@ class NavigatorParameters:
 
     @property
     def trusted(self) -> tuple[Path, ...]:
-        """Files and directories that the parameters name by absolute paths: whoever sets parameters may use any."""
+        """Files and directories that the parameters name by absolute paths: a client that sets parameters may use
+        any."""
         trees = (Path(tree) for tree in self.default_trees.values() if tree.startswith('/'))
         return (*trees, *self.search_directories)
 

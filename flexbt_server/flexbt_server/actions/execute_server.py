@@ -103,7 +103,7 @@ def _refused(why: str) -> Any:
     return ExecuteResult(code=ExecuteResult.ERROR, message=why)
 
 
-# What clients of ``bt_executor`` are told of a run: feedback while it goes on, the result at its end.
+# Messages about a run to clients of ``bt_executor``: feedback while it goes on, the result at its end.
 
 REASON_LIMIT: Final = 1000
 """Characters of a reason for people: a leaf may give any text."""

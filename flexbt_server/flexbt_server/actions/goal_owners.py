@@ -63,7 +63,7 @@ class GoalOwners:
             )
         self._goals.setdefault(owner, {})[goal] = (stop, hold)
         if not self.sees(owner):
-            # It may be younger than our knowledge of it; but a run must not go on for somebody who is not there.
+            # It may be too new to be known yet; but a run must not go on for an owner that is not alive.
             self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal))
 
     def release(self, owner: str, goal: Hashable) -> None:

@@ -19,7 +19,7 @@ MOST_COUNTED: Final = 2**15 - 1
 """Recoveries and poses that feedback can count, an int16."""
 
 LONGEST: Final = 2.0**31 - 1.0
-"""Time that feedback can tell, s."""
+"""Maximum time that feedback can report, s."""
 
 LEAST_SPEED: Final = 0.01
 LEAST_DISTANCE: Final = 0.1

@@ -52,7 +52,7 @@ from .goal_owners import GoalOwners
 ExecuteResult = BtExecute.Result
 
 MESSAGE_LIMIT: Final = 10_000
-"""Characters of what a client is told."""
+"""Maximum characters of a message to a client."""
 
 RETURN_SECONDS: Final = 3.5
 """Time for which trees are held after the process was stopped, s of wall time: until it has found the others again and
@@ -151,7 +151,7 @@ class TreeGoals:
         :meth:`TreeRun.control` and :meth:`RunningTrees.find`. A pause ends, too, when all those nodes are gone.
 
         Raises:
-            FlexbtError: there is no such run, or the pause cannot be on behalf of this node.
+            FlexbtError: the run does not exist, or the pause cannot be on behalf of this node.
         """
         running = self.running.find(run_id)
         if command is TickCommand.PAUSE:
@@ -173,7 +173,7 @@ class TreeGoals:
     def _end_pause(self, running: RunningTree, owner: str) -> None:
         self.owners.release(owner, running)
         running.paused_for.discard(owner)
-        # What runs for the owner that is gone is being stopped: it is not to move once more.
+        # Runs of the owner that is gone are being stopped: they must not move again.
         if not running.paused_for and running.goal.owner != owner:
             self._runtime.node.get_logger().warning(
                 f'{running.description} goes on: {owner}, on whose behalf it was paused, is gone'
@@ -290,7 +290,7 @@ class TreeGoals:
         self.end(running.goal, outcome)
         offered = running.run.accept_offer()
         if offered is not None and offered.found is not None and offered.served.active:
-            # It came while the tree was ending. It gets a run of its own, and at once: before goals that came later.
+            # It came while the tree was ending. It gets a separate run at once, before goals that came later.
             found = offered.found
             self.guard(offered, lambda: self._run(offered, found))
 
@@ -425,16 +425,16 @@ class TreeGoal(ABC):
 
 @dataclass(eq=False)
 class RunningTree:
-    """The run of one tree on one blackboard, and the goal that it works for; ``goal_ids`` are those that it has worked
-    for, the last ones: whoever has paused the run for one of them has it go on by the same ID. ``paused_for`` are the
-    nodes on whose behalf it was asked to pause, '' for nobody's.
+    """The run of one tree on one blackboard, and the goal that it works for; ``goal_ids`` are the last ones that it has
+    worked for: a client that has paused the run for one of them resumes it by the same ID. ``paused_for`` are the nodes
+    on whose behalf it was asked to pause, '' for nobody's.
     """
 
     id: str
     key: TreeKey
     blackboard: str
     board: Blackboard
-    """Blackboard of this name, which is kept as long as somebody holds it."""
+    """Blackboard of this name, which is kept as long as it is held."""
     run: TreeRun[TreeGoal]
     goal: TreeGoal
     feedback: Timer | None = None
@@ -457,7 +457,7 @@ class RunningTree:
 
 
 class _GoalReader(RunReader):
-    """The reader that brings what concerns goals to the executor thread, and logs what a person should know."""
+    """The reader that passes events of goals to the executor thread, and logs events for a person."""
 
     def __init__(self, runtime: Runtime, goals: TreeGoals, running: RunningTree) -> None:
         self._runtime = runtime

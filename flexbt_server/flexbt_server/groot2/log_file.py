@@ -36,17 +36,17 @@ LogStep = Callable[[], None]
 
 
 class LogError(Exception):
-    """A file that is no log file."""
+    """A file that is not a log file."""
 
 
 class LogWriter:
     """A writer of the transitions of one run into a file.
 
     The tree writes to a log, and at the end of each round what is there is handed to ``write``, which does what it is
-    given, in order, at once or on another thread; it may give a text instead: why it does not. That is told to
-    ``on_error`` and ends the log, of which what was handed over before is written all the same. So does an error of the
-    file system, as of a full disk: the file ends with the last round that it took as a whole then, and is none when it
-    took not even the beginning.
+    given, in order, at once or on another thread; it may give a text instead: why it does not. That is reported to
+    ``on_error`` and ends the log; marks handed over before are still written. So does an error of the file system, as
+    of a full disk: the file ends with the last round that it took as a whole then, and is none when it took not even
+    the beginning.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class LogWriter:
                 file.seek(self._written)
                 try:
                     rest = data
-                    while rest:  # when not all fits, the rest tells why
+                    while rest:  # if not all of it fits, writing the rest raises the reason
                         rest = rest[file.write(rest) :]
                 except OSError:
                     file.truncate(self._written)
@@ -147,7 +147,7 @@ class LoggedTransition(NamedTuple):
 
 class LogContent(NamedTuple):
     """The content of a log file. ``epoch`` is its beginning since 1970, s; ``left_over`` are bytes at its end that are
-    no whole transition, or that are none at all."""
+    not a complete transition, or not a transition at all."""
 
     nodes: dict[int, LoggedNode]
     epoch: float

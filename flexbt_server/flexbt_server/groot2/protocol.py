@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The messages of a running tree to Groot2: frames of ZeroMQ, and the XML that describes the tree.
 
-The client asks (REQ), the server answers (REP); each message begins with a header. On the port that follows, the
-server tells of breakpoints that were reached (PUB). Source: groot2_protocol.h of BehaviorTree.CPP 4.10.
+The client asks (REQ), the server answers (REP); each message begins with a header. On the next port, the server
+publishes breakpoints that were reached (PUB). Source: groot2_protocol.h of BehaviorTree.CPP 4.10.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def read_record(data: bytes, offset: int) -> tuple[int, int, int]:
 
 # The XML that describes a running tree to Groot2: every instance of a sub-tree by itself, with the uids of its nodes.
 #
-# As BehaviorTree.CPP writes it for Groot2 and into log files; it is no document to load trees from. Of the node types
-# it has those that the tree uses.
+# As BehaviorTree.CPP writes it for Groot2 and into log files; it is not a document to load trees from. Of the node
+# types it has those that the tree uses.
 
 
 def tree_document(tree: Tree) -> str:

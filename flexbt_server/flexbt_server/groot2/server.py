@@ -42,9 +42,9 @@ class Groot2Server:
     are reached).
 
     Clients see the tree that was started last; when it ends, the one started before it that still runs, or else the
-    ended one. A tree that a breakpoint holds up stays until it goes on. Each run has an identity of its own, by which
-    clients notice that it is another one. Hooks of a tree that is not shown have no effect; those of the shown
-    tree are handed on to the next run of the same tree.
+    ended one. A tree that a breakpoint holds stays until it continues. Each run has its own identity, by which clients
+    notice a new run. Hooks of a tree that is not shown have no effect; those of the shown tree are handed on to the
+    next run of the same tree.
 
     ``only``, if given, is the ID of the tree whose runs are shown, and no others.
     """
@@ -101,7 +101,7 @@ class Groot2Server:
         self.close()
 
     def close(self) -> None:
-        """End it; whatever a breakpoint holds up goes on."""
+        """End it; every tree that a breakpoint holds continues."""
         with self._lock:
             self._silent = True
             self._mute()
@@ -119,8 +119,8 @@ class Groot2Server:
         """Show a tree whose first tick is next; None when it is not to be shown.
 
         The tree writes to ``log``, whose clock is that of ``watched_tree``; ``settle`` of what is returned is to be
-        called after each round. ``on_held`` hears, on the ticking thread, when a breakpoint holds the tree up, or lets
-        go.
+        called after each round. ``on_held`` is called, on the ticking thread, when a breakpoint holds the tree, or
+        releases it.
         """
         if self._only and tree.key.id != self._only:
             return None
@@ -197,7 +197,7 @@ class Groot2Server:
             if self._replies in ready:
                 heard = time.monotonic()
                 self._hear(silent=False)
-                # A client that has gone, or sends what is no message, is none of our business.
+                # A client that has gone, or sends something that is not a message, is ignored.
                 with suppress(zmq.ZMQError):
                     self._replies.send_multipart(self.answer(self._replies.recv_multipart()))
             elif time.monotonic() >= heard + self._silence:

@@ -45,7 +45,7 @@ _LARGEST: Final = (-(1 << 63), (1 << 64) - 1)
 
 
 class WatchedTree:
-    """One run of a tree. What the tree writes to the log is read when a client asks, on the thread of the server."""
+    """One run of a tree. The log of the tree is read when a client asks, on the thread of the server."""
 
     def __init__(
         self,
@@ -205,7 +205,7 @@ def _packable(value: Any) -> Any:
     return value
 
 
-# The hooks that Groot2 puts on nodes of a tree: breakpoints, which hold up its ticking thread, and replacements.
+# The hooks that Groot2 sets on nodes of a tree: breakpoints, which block its ticking thread, and replacements.
 #
 # Rules: Groot2Publisher of BehaviorTree.CPP 4.10.
 

@@ -10,8 +10,8 @@ ended the goal, or is gone. The leaf fails when nothing comes to rest in time, s
 While the tree is paused the goal is canceled; when the tree goes on it is sent again, or what is left of it. A goal
 that ended before its cancel had an effect has its result. The leaf fails when the goal does not end in time after that.
 
-Differences from Nav2's BtActionNode, on purpose: a goal that somebody else canceled is a FAILURE and not a SUCCESS;
-a goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails; the end of a goal
+Differences from Nav2's BtActionNode, on purpose: a goal that another client canceled is a FAILURE and not a SUCCESS; a
+goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails; the end of a goal
 that was canceled is waited for, where Nav2 logs an error and goes on.
 """
 
@@ -137,7 +137,7 @@ def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
 
 
 def error_name_of(result: Any) -> str:
-    """Return the constant that the error code of a result is; '' for none. Nav2's servers often tell no more."""
+    """Return the constant that the error code of a result is; '' for none. Nav2's servers often report no more."""
     code = getattr(result, 'error_code', 0)
     return next((name for name in dir(result) if code and name.isupper() and getattr(result, name) == code), '')
 

@@ -96,7 +96,7 @@ class RobotFrames:
     def robot_pose(self, frame: str = '', base: str = '') -> PoseStamped:
         """Return where the frame ``base`` of the robot is in ``frame``.
 
-        The topic of the pose tells it of the robot's base, also in other frames as far as tf knows them; where nothing
+        The topic of the pose has that of the robot's base, also in other frames as far as tf knows them; where nothing
         was published there, and for other frames of the robot, tf does.
 
         Raises:

@@ -2,7 +2,7 @@
 """Leaves whose work is a request to a service. The answer has a deadline.
 
 A leaf has its result within the tick in which it asks, wherever the service answers at once, as in Nav2: below a
-reactive control, a leaf that is RUNNING halts what is behind it, which would begin anew in each tick and never end.
+reactive control, a leaf that is RUNNING halts the nodes behind it, which would restart in each tick and never end.
 While a tick waits for an answer no other node of the tree is ticked; a cancel of the tree ends the wait.
 """
 
@@ -142,7 +142,7 @@ class ServiceNode(LeafNode):
 class ServiceLeaf(ServiceNode, StatefulAction):
     """Base of actions that ask a service: RUNNING where it takes longer than a moment to answer.
 
-    What Nav2 derives from BtServiceNode.
+    The leaves that Nav2 derives from BtServiceNode.
     """
 
     __slots__ = ()

@@ -49,7 +49,7 @@ class SubscribesToTopics(Protocol):
 
 
 class TopicCache:
-    """The last message of a topic. Made on the executor thread; the subscription goes with who holds the cache."""
+    """The last message of a topic. Made on the executor thread; the subscription ends with the owner of the cache."""
 
     def __init__(self, runtime: Runtime, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
         self._runtime = runtime
@@ -123,7 +123,7 @@ class TopicCaches:
             self._runtime.post(partial(self._subscribe, topic))
 
     def _subscribe(self, topic: SubscribedTopic) -> None:
-        with suppress(ValueError):  # whoever reads it says so
+        with suppress(ValueError):  # its reader reports it
             self._cache(topic)
 
     def _cache(self, topic: SubscribedTopic) -> TopicCache:

@@ -47,7 +47,7 @@ class TopicCondition(Condition):
 
     @classmethod
     def subscribes_to(cls) -> Sequence[SubscribedTopic]:
-        """Its topic, to which the server subscribes when it loads a tree with such a node."""
+        """Its topic, to which the server subscribes when it loads a tree with this node."""
         return [SubscribedTopic(cls.message_type, cls.default_topic, cls.topic_port, cls.qos)]
 
     @property
@@ -68,7 +68,7 @@ class TopicCondition(Condition):
         return self.fail('the condition does not hold')
 
 
-# What leaves about poses, paths and goals have in common: what is not known is no error, they fail with the reason.
+# The common base of leaves about poses, paths and goals: an unknown value is not an error, they fail with the reason.
 
 
 class PoseLeaf(LeafNode):

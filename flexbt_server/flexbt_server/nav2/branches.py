@@ -19,8 +19,8 @@ from flexbt_server.trees.ros_ports import WaypointStatus
 def set_ports(leaf: ActionLeaf | ServiceNode, message: Any, *names: str) -> None:
     """Give fields the values of the ports of the same names, which the interfaces of some branch have.
 
-    One that the installed interfaces lack is left out. People are told so, once, where a tree gives the port another
-    value than its default.
+    One that the installed interfaces lack is left out. This is logged once if a tree gives the port another value than
+    its default.
     """
     for name in names:
         if has_field(leaf, message, name):
@@ -30,7 +30,7 @@ def set_ports(leaf: ActionLeaf | ServiceNode, message: Any, *names: str) -> None
 
 
 def has_field(leaf: ActionLeaf | ServiceNode, message: Any, port: str) -> bool:
-    """Return whether the message has the field of this port; tells people when a tree gives a port for nothing."""
+    """Return whether the message has the field of this port; logs when a tree gives a port that has no effect."""
     if hasattr(message, port):
         return True
     given = leaf.port_text(port)
@@ -42,7 +42,7 @@ def has_field(leaf: ActionLeaf | ServiceNode, message: Any, port: str) -> bool:
     return False
 
 
-# What became of each waypoint of a mission, as the branch main of Nav2 keeps it on the blackboard.
+# The result of each waypoint of a mission, as the branch main of Nav2 keeps it on the blackboard.
 
 PENDING: Final = 0
 COMPLETED: Final = 1
@@ -56,8 +56,8 @@ def pending(goals: Iterable[PoseStamped]) -> list[Any]:
 
 
 def missed(index: int, pose: PoseStamped, error_code: int, error_msg: str) -> Any:
-    """Return a waypoint that was not reached, as FollowWaypoints tells of it: MissedWaypoint in jazzy, WaypointStatus
-    in main.
+    """Return a waypoint that was not reached, as FollowWaypoints reports it: MissedWaypoint in jazzy, WaypointStatus in
+    main.
 
     ``error_code`` is that of navigate_to_pose.
     """

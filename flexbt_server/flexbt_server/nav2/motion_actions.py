@@ -150,7 +150,7 @@ class FollowPath(ActionLeaf):
             try:
                 told = self._tracker.feedback(self.host.frames.robot_pose(path.header.frame_id), feedback.speed)
             except TransformError:
-                return  # where the robot is not known, nothing new can be told
+                return  # while the pose of the robot is unknown, there is nothing new to report
         if told is not None:
             self.set_output('tracking_feedback', told)
 
@@ -197,8 +197,8 @@ class Spin(RecoveryLeaf):
 
 
 def _rest(whole: float, done: float) -> float:
-    """Return what is left of a motion, of the sign that it has. Feedback comes now and then: what the robot has moved
-    since the last, and while it braked, is moved once more.
+    """Return what is left of a motion, of the sign that it has. Feedback is rare: the distance that the robot has moved
+    since the last one, and while it braked, is driven again.
     """
     return math.copysign(max(0.0, abs(whole) - abs(done)), whole)
 
@@ -293,7 +293,7 @@ class Wait(RecoveryLeaf):
 
 
 class AssistedTeleop(RecoveryLeaf):
-    """Lets somebody drive the robot by teleoperation, and keeps it from collisions.
+    """Lets a person drive the robot by teleoperation, and prevents collisions.
 
     When the server gives up, as after ``time_allowance``, that is SUCCESS, unless it is a recovery.
     """
@@ -359,7 +359,7 @@ _TREE: Final = input_port(STRING, optional=True, description="tree of that serve
 
 
 class NavigateToPose(ActionLeaf):
-    """Drives to ``goal`` by a navigator, which runs a tree of its own."""
+    """Drives to ``goal`` by a navigator, which runs its own tree."""
 
     __slots__ = ()
 
@@ -385,7 +385,7 @@ class NavigateToPose(ActionLeaf):
 
 
 class NavigateThroughPoses(ActionLeaf):
-    """Drives through ``goals`` by a navigator, which runs a tree of its own."""
+    """Drives through ``goals`` by a navigator, which runs its own tree."""
 
     __slots__ = ()
 

@@ -73,8 +73,8 @@ class NearestPose:
     def index(self, path: Any, pose: PoseStamped, window: float, angular_weight: float = 0.0) -> int:
         """Its index. ``window``: how far along the path it is looked for, m; infinity or less than 0 for everywhere.
 
-        Of poses that are equally near it is the last. ``angular_weight`` makes 1 rad of another direction count as so
-        many m.
+        Of poses that are equally near it is the last. ``angular_weight`` is the number of metres that 1 rad of another
+        direction counts as.
         """
         has_window = 0.0 <= window < math.inf
         # Only a window needs to know whether another object is the same path: to compare many poses takes long.

@@ -30,7 +30,7 @@ _START: Final = input_port(POSE_STAMPED, optional=True, description="where it be
 
 
 class _Planner(ActionLeaf):
-    """A leaf that plans. When it is halted there is no plan."""
+    """A leaf that plans. If it is halted, there is no plan."""
 
     __slots__ = ()
 

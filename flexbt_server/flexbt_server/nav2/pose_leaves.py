@@ -108,7 +108,7 @@ class DistanceTraveled(PoseLeaf, Condition):
     """SUCCESS whenever the robot has moved on by ``distance``; the first tick after IDLE only begins to count.
 
     The distance is that of the straight line. Below nodes that set it to IDLE, such as a ReactiveSequence with a child
-    that is RUNNING, it begins anew in each tick.
+    that is RUNNING, it restarts in each tick.
     """
 
     __slots__ = ('_start',)
@@ -141,8 +141,8 @@ class DistanceTraveled(PoseLeaf, Condition):
 class IsGoalNearby(PoseLeaf, Condition):
     """SUCCESS when less than ``proximity_threshold`` of the path is left.
 
-    What is left counts from the pose of the path that is nearest to the robot. FAILURE for a path without poses, and
-    while it is not known where the robot is.
+    The remaining length counts from the pose of the path that is nearest to the robot. FAILURE for a path without
+    poses, and while it is not known where the robot is.
     """
 
     __slots__ = ('_nearest',)
@@ -210,7 +210,7 @@ class IsWithinPathTrackingBounds(PoseLeaf, Condition):
 
 
 class TransformAvailable(PoseLeaf, Condition):
-    """SUCCESS when a transform between two frames is known, and for ever after it was."""
+    """SUCCESS when a transform between two frames is known, and always after that."""
 
     __slots__ = ('_found',)
 

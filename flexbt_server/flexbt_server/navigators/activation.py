@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The activation of ``bt_navigator``, which ends when the servers are there that its default trees call.
 
-In Nav2 the lifecycle manager brings planner and controller up before bt_navigator, and the nodes of the default tree
-wait for their servers. As there, it does not matter later whether they are still there: goals tell.
+In Nav2 the lifecycle manager starts planner and controller before bt_navigator, and the nodes of the default tree wait
+for their servers. As there, it does not matter later whether they are still alive: goals report it.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ it."""
 
 _LOOK_SECONDS: Final = 0.1
 _TOLD_AFTER: Final = 2.0
-"""Processes that begin together find each other within that time, s; people are told of those that do not."""
+"""Processes that begin together find each other within that time, s; those that do not are logged."""
 
 
 class Activation:
     """A wait for servers. Made and used on the executor thread.
 
-    ``is_over``: all of them were there, the time is up, or it was canceled. When it is not ``patient`` it is over at
-    once, and what is missing is told.
+    ``is_over``: all of them were there, the time is up, or it was canceled. If it is not ``patient``, it ends at once,
+    and missing servers are reported.
     """
 
     def __init__(self, runtime: Runtime, servers: Mapping[str, str], *, patient: bool) -> None:
@@ -82,7 +82,7 @@ class Activation:
             return False  # no server can have that name
 
 
-# The servers that a tree calls, and the topics that it subscribes to, as far as its XML tells.
+# The servers that a tree calls, and the topics that it subscribes to, as far as its XML shows.
 
 
 def called_servers(nodes: Iterable[NodeDefinition]) -> dict[str, str]:

@@ -5,8 +5,8 @@ One navigator at a time drives the robot. A goal that comes while it drives
 
 - takes the run over when it is for the same navigator and the same tree: the tree is neither halted nor begun again,
   and finds another goal on its blackboard;
-- is aborted otherwise, with the reason, and the robot drives on; but when all that is in its way was told to stop, it
-  waits until that is over.
+- is aborted otherwise, with the reason, and the robot drives on; but if everything
+  in its way was requested to stop, it waits until that has ended.
 
 Goals begin in the order in which they were accepted.
 """
@@ -99,7 +99,7 @@ class Navigators:
             )
 
     def activate(self) -> None:
-        """Let goals in, and tell so to those who ask for the lifecycle state of Nav2's nodes."""
+        """Accept goals, and report the active lifecycle state of Nav2's nodes."""
         if self._navigators:
             TransformListener.of(self._runtime)  # the first goal in another frame may be stamped before it comes
             self._admission.open()
@@ -261,8 +261,8 @@ TRACKING_KEY: Final = 'tracking_feedback'
 class TreeNavigator:
     """The server of one of :data:`ACTIONS`. On the executor thread.
 
-    Its trees run on a blackboard of its own, which has the name of the action and lasts as long as the navigator.
-    ``on_goal(goal, go_on)`` is told of each goal that is ready to begin, but for its poses.
+    Its trees run on a separate blackboard, which has the name of the action and lasts as long as the navigator.
+    ``on_goal(goal, go_on)`` is called for each goal that is ready to begin, except for its poses.
     """
 
     def __init__(

@@ -28,7 +28,7 @@ from flexbt_server.parameters import InputParameters
 FollowWaypointsResult = FollowWaypoints.Result
 
 MOST_MISSED: Final = 1000
-"""Missed waypoints that a result tells of, the last ones: a goal may have thousands of millions of loops."""
+"""Maximum number of missed waypoints in a result, the last ones: a goal may have billions of loops."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def _result(why: str, code: str, those_missed: Iterable[Any] = ()) -> Any:
     return FollowWaypointsResult(error_code=error_code, error_msg=why, missed_waypoints=list(those_missed))
 
 
-# What is done at each waypoint of follow_waypoints: Nav2's waypoint task executors.
+# The task at each waypoint of follow_waypoints: Nav2's waypoint task executors.
 
 
 class WaypointTask(Protocol):

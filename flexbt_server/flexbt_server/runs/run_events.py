@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stream of typed events of a run: what happens to the run, in order, and the interface of who reads it."""
+"""The stream of typed events of a run, in order, and the interface of its readers."""
 
 from __future__ import annotations
 

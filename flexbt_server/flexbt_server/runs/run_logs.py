@@ -39,7 +39,7 @@ MOST_WAITING: Final = 10_000
 """Maximum number of rounds of ticks of all runs that wait for the disk: the log of a run that exceeds it ends."""
 
 STUCK_SECONDS: Final = 2.0
-"""A disk that takes longer than this for one of them is told."""
+"""Time that the disk may take for one of them before it is reported, s."""
 
 TELL_SECONDS: Final = 60.0
 """Time between two reports of logs that cannot be written, s: a full disk ends that of each run."""
@@ -51,7 +51,7 @@ class RunLogs:
     """A writer of the logs, on its own thread. Names are time of the start (UTC), tree and run, in this order."""
 
     def __init__(self, runtime: Runtime, directory: Path, keep: int) -> None:
-        """Raise ServerParameterError when there is no such directory and none can be made."""
+        """Raise ServerParameterError if the directory does not exist and cannot be made."""
         try:
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
@@ -207,7 +207,7 @@ class Groot2Runs:
             ServerParameterError: the port cannot be opened.
         """
         try:
-            # Only who wants it needs pyzmq.
+            # Only its users need pyzmq.
             from flexbt_server.groot2.server import Groot2Server
         except ImportError as error:
             raise ServerParameterError(

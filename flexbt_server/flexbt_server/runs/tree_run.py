@@ -60,8 +60,7 @@ Client = TypeVar('Client')
 class TreeRun(Generic[Client]):
     """A run of a tree for a client, until it completes or is stopped; another client may take it over meanwhile.
 
-    What happens is emitted to ``events``. A client that was offered too late to be adopted is left to
-    :meth:`accept_offer`.
+    Events are emitted to ``events``. A client that was offered too late to be adopted is left to :meth:`accept_offer`.
 
     While the tree is paused it is not ticked, so it cannot end by itself; it can be stopped and taken over as ever.
 
@@ -376,7 +375,7 @@ def _where(path: str) -> str:
     return f'[{path}] does not return' if path else 'the run does not come to its end'
 
 
-# How a run has ended: what the client is told, whatever a tree or a leaf does.
+# The end of a run as the client gets it, whatever a tree or a leaf does.
 
 
 def outcome_of_tree(tree: Tree, status: NodeStatus) -> RunOutcome:
@@ -391,8 +390,8 @@ def outcome_of_tree(tree: Tree, status: NodeStatus) -> RunOutcome:
 
 
 def outcome_after(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
-    """Take a step of halting; gives the outcome. A leaf that raises makes it an ERROR, and its error is told after what
-    the run has ended by: the failed node stays the one that was first.
+    """Take a step of halting; gives the outcome. A leaf that raises makes it an ERROR, and its error follows the reason
+    of the end: the failed node stays the first one.
     """
     try:
         step()
@@ -412,7 +411,8 @@ def _error(error: NodeExecutionError) -> RunOutcome:
 
 
 def outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
-    """Return what a step of a run gives, or the ERROR that it raises: whoever gave the goal has to hear of it."""
+    """Return what a step of a run gives, or the ERROR that it raises: the client of the goal has to be notified of
+    it."""
     try:
         return step()
     except NodeExecutionError as error:

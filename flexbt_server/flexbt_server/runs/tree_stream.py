@@ -2,13 +2,12 @@
 """Publish the structure of each run and every change of a status, in order, encoded without an object for each
 change.
 
-Nodes log marks while the tree is ticked. Between two ticks, at most each BATCH_SECONDS, or sooner when there are
-many, they are read and sent. Nothing is sent while nothing happens; the last transitions are sent before the result
-of the run. A message has at most MAX_CHANGES transitions, and the status of every node after them: a subscriber may
-join at any time, and whoever has lost messages, which the sequence number shows, has the whole picture again with the
-next.
+Nodes log marks while the tree is ticked. Between two ticks, at most each BATCH_SECONDS, or sooner when there are many,
+they are read and sent. Nothing is sent while nothing happens; the last transitions are sent before the result of the
+run. A message has at most MAX_CHANGES transitions, and the status of every node after them: a subscriber may join at
+any time, and one that has lost messages, which the sequence number shows, is complete again with the next.
 
-What waits to be sent is bounded: the thread that ticks the tree sends it itself, so that a tree which changes faster
+The queue to be sent is bounded: the thread that ticks the tree sends it itself, so that a tree which changes faster
 than messages can be made is slowed down. A slow subscriber slows nobody down; it loses messages.
 """
 
@@ -59,7 +58,7 @@ ns. The tree continues meanwhile, and its end is not delayed by two messages."""
 class TreeStream:
     """The two topics, shared by all runs of a server. To newcomers the runs that are open are shown again.
 
-    What the middleware keeps for them may be of others: a run can be quiet for a long time.
+    The middleware may keep messages of others for them: a run can be quiet for a long time.
     """
 
     def __init__(self, runtime: Runtime) -> None:
@@ -181,11 +180,11 @@ class RunStream(RunReader):
                 self._timer = self._clock.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
 
     def show_structure(self) -> None:
-        """Send the structure; again, to those who have come late."""
+        """Send the structure; again, to late joiners."""
         self._stream.publish_structure(self._structure)
 
     def show_statuses(self) -> None:
-        """Send the statuses, to those who have come late."""
+        """Send the statuses, to late joiners."""
         self._flush(always=True)
 
     def _flush(self, always: bool = False, finished: bool = False) -> None:
@@ -270,8 +269,7 @@ _KINDS: Final = {kind: getattr(msg.TreeNode, kind.name) for kind in NodeKind}
 
 
 def tree_structure(tree: Tree, run_id: str, number: int, blackboard: str, now: Time) -> msg.TreeStructure:
-    """Return a tree as it is told to who draws it; ``number`` counts from 1 how often its nodes have changed in the
-    run."""
+    """Return a tree for clients that draw it; ``number`` counts from 1 how often its nodes have changed in the run."""
     parents = {child.uid: node.uid for node in tree.nodes for child in node.attached}
     return msg.TreeStructure(
         stamp=now.to_msg(),
@@ -353,7 +351,7 @@ def apply(ends: Iterable[bytes], statuses: bytearray) -> None:
 
 
 def serialized(message: msg.TreeStatus, count: int, changes: Sequence[bytes]) -> bytes:
-    """Return the serialized ``message``, which has no changes, with so many encoded ones."""
+    """Return the serialized ``message``, which has no changes, with this many encoded ones."""
     data: Any = serialize_message(message)
     # The last that is there is the number of changes, 0.
     return b''.join((data[: -_COUNT.size], _COUNT.pack(count), *changes))

@@ -57,8 +57,8 @@ MOST_VALUES: Final = 256_000_000
 class Blackboards:
     """The blackboards by name. One is made when it is written to or run on, not when it is read. From any thread.
 
-    The shared one is there for good. Of the named ones those stay on which somebody works, and of the others the
-    MOST_BLACKBOARDS that were named last.
+    The shared one is there for good. Named ones stay while they are in use; of the others the MOST_BLACKBOARDS that
+    were named last.
     """
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class Blackboards:
         self._lock = threading.Lock()
 
     def get(self, name: str) -> Blackboard:
-        """Return the blackboard called ``name``, which is made if there is none. Whoever works on it has to hold it."""
+        """Return the blackboard called ``name``, which is made if there is none. A user of it has to hold it."""
         return self._shared if name == SHARED else self._named.get(name, Blackboard)
 
     def find(self, name: str) -> Blackboard:
@@ -79,7 +79,7 @@ class Blackboards:
         """Keys, values and types of entries that are to be written to the blackboard called ``name``.
 
         Raises:
-            FlexbtError: as :func:`read_values`, and when there is no room for so many keys or such large values.
+            FlexbtError: as :func:`read_values`, and if there is no room for the keys or values.
         """
         values = read_values(entries)
         if not values:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The memory that loaded trees take: how much it is, which trees make room for others, and whether there is any left.
 
-What a document takes is estimated from its nodes, ports and scripts, since the same bytes of XML may be two nodes or
+The memory of a document is estimated from its nodes, ports and scripts, since the same bytes of XML may be two nodes or
 two hundred. The estimates are those of CPython 3.11, within a third.
 """
 

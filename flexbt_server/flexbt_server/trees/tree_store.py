@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The store of loaded trees: a request is loaded as a whole or not at all. Changed files are noticed and read again.
 
-Files are read on a worker thread of its own, one request after the other; the library that goals see is exchanged
-as a whole.
+Files are read on a separate worker thread, one request after the other; the library that goals see is exchanged as a
+whole.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _MOST_ROUNDS: Final = 20
 
 
 _MOST_SHOWN: Final = 20
-"""Trees that were dropped that are told by name."""
+"""Maximum number of dropped trees that are reported by name."""
 
 _MOST_DROPPED: Final = 10_000
 """IDs of trees that were dropped, of which it is known where they came from."""
@@ -59,7 +59,7 @@ class FileReport:
 class FoundTree(NamedTuple):
     """A tree to run, and the library to run it from, which has what it is made of. ``notice``: why an edit of its files
     was not taken over, and what was dropped to make room for it; or ''. The store keeps the files of the tree as long
-    as somebody holds the library."""
+    as the library is referenced."""
 
     library: TreeLibrary
     key: TreeKey
@@ -102,7 +102,7 @@ class TreeStore:
         max_loaded_memory: int = MOST_LOADED,
         on_loaded: Callable[[Iterator[NodeDefinition]], None] = lambda nodes: None,
     ) -> None:
-        """``on_loaded`` is told the nodes of what was loaded, on the thread that has loaded it. All documents may take
+        """``on_loaded`` gets the nodes that were loaded, on the thread that has loaded them. All documents may take
         ``max_loaded_memory`` bytes, as far as that is known (:mod:`.tree_memory`).
         """
         self.registry = registry
@@ -149,7 +149,7 @@ class TreeStore:
     ) -> list[FileReport]:
         """Load files and XML text: everything, or nothing when anything is refused.
 
-        ``progress(file, done)`` is told before each file and stops the load, with nothing loaded, by returning False.
+        ``progress(file, done)`` is called before each file and stops the load, with nothing loaded, by returning False.
         One report per file in the order of the request, that of the text last.
         """
         readings = {file: FileReading(self._files, file) for file in files}
@@ -167,7 +167,7 @@ class TreeStore:
         have changed; if what they have become is refused, all stays as it was, and the notice says why.
 
         Raises:
-            UnknownTreeError: there is no such tree, or its file was never good; says why.
+            UnknownTreeError: the tree does not exist, or its file was never valid; says why.
         """
         with self._lock:
             is_file = '/' in name or name.endswith('.xml')
@@ -233,8 +233,8 @@ class TreeStore:
         return found
 
     def _refresh(self, names: Sequence[str]) -> str:
-        """Load those of these documents again whose files have changed, together; return what there is to tell of it:
-        why that was refused, or what was dropped."""
+        """Load those of these documents again whose files have changed, together; return the report of it: the reason
+        of a refusal, or the dropped trees."""
         outdated = tuple(name for name in names if not self._files.are_current(self._loaded[name].sources))
         if not outdated:
             return ''
@@ -367,7 +367,7 @@ class TreeStore:
 
     def _replaced_texts(self, documents: Sequence[TreeDocument]) -> set[str]:
         """XML texts of which no tree can be named any more, once ``documents`` are loaded: newer ones have taken the
-        names of all. They would be kept for ever."""
+        names of all. They would never be removed."""
         library = self._library
         names = {document.file for document in documents}
         taken = {id for document in documents for id in document.trees}
@@ -419,7 +419,7 @@ FileStamp = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file, or a text, as it was read. ``stamp`` tells one state of the file from another; None for a text.
+    """A file, or a text, as it was read. ``stamp`` identifies a state of the file; None for a text.
 
     A file that could not be read has no ``path``.
     """
