@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Clocks and their timers: time is an object that is passed in, so that a test can own it.
 
-A clock tells the time in seconds and calls back at a given time. Nothing here knows ROS; the clock of a ROS
+A clock returns the time in seconds and calls back at a given time. Nothing here knows ROS; the clock of a ROS
 node (simulated time included) is in ``ros_clock``.
 """
 
@@ -30,7 +30,7 @@ class Timer(Protocol):
 
 
 class Clock(Protocol):
-    """Time in seconds, from an origin that is the clock's own business, and timers on it."""
+    """Time in seconds, from an origin that the clock chooses, and timers on it."""
 
     def now(self) -> float:
         """Time in seconds."""
@@ -46,7 +46,7 @@ class Clock(Protocol):
 
 
 class ManualClock:
-    """A clock that stands still until it is told to go on: for tests and for stepping.
+    """A clock that stands still until it is advanced: for tests and for stepping.
 
     The callbacks run on the thread that moves the clock. Safe to use from several threads.
     """
@@ -118,7 +118,7 @@ def _log_fault(error: BaseException) -> None:
 class SteadyClock:
     """The machine's monotonic clock. One daemon thread, started with the first timer, calls back.
 
-    ``on_fault`` is told on that thread what a callback raises; by default it goes to the log of Python.
+    ``on_fault`` gets on that thread the exceptions of callbacks; by default they are logged by Python's logging.
     """
 
     def __init__(self, on_fault: Callable[[BaseException], None] = _log_fault) -> None:
@@ -185,7 +185,7 @@ class SteadyClock:
 # The timers of a clock, in the order of their times.
 
 _FEW: Final = 64
-"""So many timers are kept in any case, cancelled or not."""
+"""Number of timers that are always kept, cancelled or not."""
 
 
 class QueuedTimer:
@@ -207,10 +207,10 @@ class QueuedTimer:
 
 
 class TimerQueue:
-    """Timers that wait. For everything but :meth:`QueuedTimer.cancel`, the clock holds a lock of its own.
+    """A queue of pending timers. For everything except :meth:`QueuedTimer.cancel`, the clock holds its own lock.
 
-    Most timers are cancelled long before their time: the end of a sleep that something ended sooner. They are thrown
-    out whenever the queue has grown to twice of what was left the last time.
+    Most timers are cancelled long before their time, such as the end of a sleep that was interrupted. They are removed
+    whenever the queue has grown to twice its size after the last removal.
     """
 
     def __init__(self) -> None:

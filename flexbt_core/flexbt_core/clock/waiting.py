@@ -11,11 +11,11 @@ from typing import Final, NamedTuple
 from .clock import Clock
 
 _NEAR: Final = 0.5
-"""Seconds for which a sleep needs no timer: whoever waits reads the clock again then, should that have been set."""
+"""Longest sleep without a timer, s: the waiting thread then reads the clock again, in case it was set."""
 
 
 class WakeEvent:
-    """Set from any thread, waited for by one. What is set while nobody waits is kept for the next wait."""
+    """An event that any thread sets and one waits for. If set while nothing waits, the next wait returns at once."""
 
     def __init__(self) -> None:
         self._condition = threading.Condition()
@@ -79,7 +79,7 @@ class CoalescedTimers:
 
     @property
     def latest(self) -> float:
-        """When the thread has to wake up at the latest; math.inf without timers."""
+        """Latest time at which the thread has to wake up; math.inf without timers."""
         return min((timer.latest for timer in self._timers), default=math.inf)
 
     def take_due(self, now: float) -> list[Callable[[], object]]:

@@ -22,7 +22,7 @@ little."""
 
 @dataclass(frozen=True)
 class LateWork:
-    """What was not done, within how many seconds, and whether the thread is at work rather than waiting for a disk."""
+    """A report of work that is not done after some seconds, and whether the thread computes or waits for a disk."""
 
     what: str
     seconds: float
@@ -30,10 +30,10 @@ class LateWork:
 
 
 class WorkThread:
-    """Does what it is given, one after the other, until :meth:`close`; from any thread.
+    """A thread that runs submitted jobs one after the other, until :meth:`close`; from any thread.
 
-    ``on_late`` is told on the thread of ``clock`` what has taken longer than ``seconds``, every so many seconds again,
-    and on this one, with None, that it is done. ``on_fault`` is told, on this thread, what a piece of work has raised.
+    ``on_late`` is called on the thread of ``clock`` with work that takes longer than ``seconds``, and again after each
+    such period; on this thread, with None, when it is done. ``on_fault`` gets on this thread the exceptions of jobs.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class WorkThread:
 
     @property
     def waiting(self) -> int:
-        """How much was submitted and not begun."""
+        """Number of submitted jobs that have not begun."""
         return len(self._waiting)
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ class WorkThread:
 
 
 class _Watch:
-    """Looks at the thread that makes it, every so many seconds, until it is closed."""
+    """A watchdog that checks the thread that made it periodically, until it is closed."""
 
     def __init__(self, clock: Clock, seconds: float, what: str, on_late: Callable[[LateWork | None], object]) -> None:
         self._clock = clock

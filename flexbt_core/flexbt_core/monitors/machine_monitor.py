@@ -39,7 +39,7 @@ def declared_resources(machine: MachineDefinition) -> dict[str, frozenset[str]]:
 
 
 class MachineMonitor(RunReader):
-    """A reader of one run that checks it; ``found`` is called with what is wrong.
+    """A reader of one run that checks it; ``found`` is called with each violation.
 
     It checks that each state is entered and left once; that what needs the operator was approved, by this very request;
     that an actuator has one owner; that nothing is entered after a stop, and nothing is active after the end; that the

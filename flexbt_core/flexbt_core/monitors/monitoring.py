@@ -12,14 +12,14 @@ from .requirement_text import StatedRequirement, Vocabulary, problems_with
 from .requirements import PROVED_ONLY, Requirement
 
 MAX_REPORTED: Final = 20
-"""Violations of one run that are told; what goes wrong over and over fills no log."""
+"""Maximum number of reported violations of one run; repeated ones must not fill the log."""
 
 
 @dataclass(frozen=True)
 class Monitoring:
     """The settings by which runs are watched: ``requirements`` by the name of a behavior, or the ID of a tree.
 
-    ``stops``: a run in which something is wrong is stopped.
+    ``stops``: a run with a violation is stopped.
     """
 
     is_on: bool = False
@@ -37,7 +37,7 @@ class Monitoring:
 
 
 class Findings:
-    """The findings of the monitors of one run; ``tell`` gets each once, and at most :data:`MAX_REPORTED`."""
+    """The findings of the monitors of one run; ``tell`` is called once for each, at most :data:`MAX_REPORTED` times."""
 
     def __init__(self, tell: Callable[[Violation], None]) -> None:
         self.first: Violation | None = None

@@ -35,7 +35,7 @@ class Property(Enum):
 
     @property
     def is_shown_by_a_way(self) -> bool:
-        """Whether the steps of a counterexample show it; otherwise it is about what cannot follow after them."""
+        """True if the steps of a counterexample show it; otherwise it is about what cannot follow them."""
         return self not in _OF_WHAT_CANNOT_FOLLOW
 
 
@@ -48,8 +48,8 @@ _OF_WHAT_CANNOT_FOLLOW = frozenset(
 
 
 class Violation(NamedTuple):
-    """A violation: of which property, where, and in words for a mission engineer. ``is_lasting``: from the
-    beginning, and whatever happens."""
+    """A violation: its property, its place, and a text for a mission engineer. ``is_lasting``: from the beginning,
+    independent of what happens."""
 
     property: Property
     where: str

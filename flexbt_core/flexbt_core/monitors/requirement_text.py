@@ -113,7 +113,7 @@ _EXAMPLES: Final = (
 
 
 class RequirementError(FlexbtError):
-    """Requirements that cannot be read, or are about what is not there; ``problems`` tell each, with its place."""
+    """Requirements that cannot be read, or that name missing parts; ``problems`` has each with its place."""
 
     def __init__(self, problems: Iterable[str]) -> None:
         self.problems = tuple(problems)
@@ -121,7 +121,7 @@ class RequirementError(FlexbtError):
 
 
 class StatedRequirement(NamedTuple):
-    """A requirement, and where it stands: a file with its line, or the option of a command."""
+    """A requirement and its place: a file with its line, or the option of a command."""
 
     requirement: Requirement
     place: str

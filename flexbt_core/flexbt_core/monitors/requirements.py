@@ -32,7 +32,7 @@ class Never:
 
 @dataclass(frozen=True)
 class AtMost:
-    """``event`` happens so many times at most; with ``seconds``, in any so long time of the clock of the run."""
+    """``event`` happens at most ``times`` times; with ``seconds``, in any period of that length of the run's clock."""
 
     event: str
     times: int
@@ -45,8 +45,8 @@ class AtMost:
 
 @dataclass(frozen=True)
 class Before:
-    """``event`` only after ``needs`` has come so many ``times``, since the beginning; with ``again``, since the last
-    ``event``."""
+    """``event`` happens only after ``needs`` has happened ``times`` times since the beginning; with ``again``, since
+    the last ``event``."""
 
     event: str
     needs: str
@@ -72,10 +72,10 @@ class After:
 
 @dataclass(frozen=True)
 class Within:
-    """After ``event`` comes ``then``: within ``seconds``, or (None) before it ends. A stop owes nothing.
+    """After ``event``, ``then`` follows within ``seconds``, or (None) before the end. A stop cancels the requirement.
 
-    With ``times``, ``then`` is owed until it has come so often: further attempts, say. Seconds are those of the clock
-    of the run; time that the run is paused does not count.
+    With ``times``, ``then`` has to happen that often, such as for further attempts. Seconds are those of the clock of
+    the run; time for which the run is paused does not count.
     """
 
     event: str
@@ -125,7 +125,7 @@ class Written:
 
 @dataclass(frozen=True)
 class Possible:
-    """From everywhere before the end ``event`` can still come about, without a stop: there is always a way."""
+    """At every point before the end ``event`` is still possible, without a stop."""
 
     event: str
 
@@ -167,17 +167,17 @@ class NodeOrState(NamedTuple):
 
 
 NodesOrStates = Mapping[str, Sequence[NodeOrState]]
-"""Those of one, by their names."""
+"""The nodes of a tree, or the states of a machine, by their names."""
 
 _ROUNDING = 1e-6
-"""Of points in time, s."""
+"""Tolerance for the rounding of points in time, s."""
 
 PROVED_ONLY = (Written, Possible)
-"""They are about what might happen, or cannot be told from what is seen of a run: no monitor watches them."""
+"""Requirements about what might happen, or what an observed run cannot show: no monitor watches them."""
 
 
 class Requirements:
-    """Watches the events of a run for what the mission requires.
+    """A monitor that checks the events of a run against the requirements of the mission.
 
     What it remembers is part of a configuration: a bit or a number for each requirement. ``now`` is the time of the
     clock of the run, s; ``found`` is told what is wrong.
@@ -188,12 +188,12 @@ class Requirements:
     ) -> None:
         self.requirements: Sequence[Requirement] = tuple(requirements)
         self.met: set[str] = set()
-        """The requirements whose condition has been met, or that are owed something."""
+        """The requirements whose condition has been met, or that wait for an event."""
         self.counts: dict[str, int] = {}
         self.due: dict[str, float] = {}
-        """Until when what is owed has to come."""
+        """Latest times of the events that have to follow."""
         self.recent: dict[str, tuple[float, ...]] = {}
-        """Of what happens so often in some time: until when the last ones count."""
+        """For limits within a time: the times until which the last events count."""
         self.paused_at: float | None = None
         self._now = now
         self._found = found
@@ -202,18 +202,18 @@ class Requirements:
             for event in _events(one):
                 self._by_event.setdefault(event, []).append(one)
         self.happened: set[str] = set()
-        """Of what is to stay possible, what has happened since somebody cleared this."""
+        """Events that have to stay possible and have happened since this was last cleared."""
         self.whiles = [one for one in self.requirements if isinstance(one, While)]
         self.aparts = [one for one in self.requirements if isinstance(one, Apart)]
 
     @property
     def possible(self) -> list[Possible]:
-        """What is to stay possible."""
+        """Events that have to stay possible."""
         return [one for one in self.requirements if isinstance(one, Possible)]
 
     @property
     def are_about_parts(self) -> bool:
-        """Whether something is required of what there is, rather than of what happens: :meth:`check_parts`."""
+        """True if something is required of the parts themselves rather than of events: see :meth:`check_parts`."""
         return any(isinstance(one, IsA | Has) for one in self.requirements)
 
     def check_parts(self, parts: NodesOrStates) -> None:
@@ -225,7 +225,7 @@ class Requirements:
 
     @property
     def names(self) -> frozenset[str]:
-        """Whose events are asked for: the paths of states, or of nodes."""
+        """Paths of the states or nodes whose events are required."""
         events = {*self._by_event, *(name for one in self.whiles for name in (one.works, one.condition))}
         return frozenset(event.partition(' > ')[0] for event in events)
 

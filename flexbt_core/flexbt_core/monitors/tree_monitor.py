@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The monitor of a tree's run: its leaves that take time, from their beginning to their end or halt.
 
-These leaves get a class, derived from their own, that tells the monitor of the calls of ``on_start``, ``on_running``
+These leaves get a class, derived from their own, that reports to the monitor the calls of ``on_start``, ``on_running``
 and ``on_halted``. All other nodes are as they were, so a tick costs more only by what runs in it.
 """
 
@@ -29,7 +29,7 @@ _ABSENT: Final = object()
 
 
 class TreeMonitor:
-    """Watches one run of a tree; ``found`` is told what is wrong. Used on the ticking thread.
+    """A monitor of one run of a tree; ``found`` is called with each violation. Used on the ticking thread.
 
     What is watched: a leaf that works is ticked, or was halted; after the end, or a halt, nothing works, waits or
     acts; an actuator has one owner, also while a halted one ends; with ``is_woken_only``, what is RUNNING has
@@ -112,7 +112,7 @@ class TreeMonitor:
 
     @property
     def vocabulary(self) -> Vocabulary:
-        """What requirements of this tree can be about."""
+        """Names that requirements of this tree can use."""
         leaves = [node for node in self._tree.nodes if isinstance(node, LeafNode)]
         names = ((name, isinstance(leaf, StatefulAction)) for leaf in leaves for name in self._names_of(leaf))
         return tree_vocabulary(names, self._parts())

@@ -15,7 +15,7 @@ from flexbt_core.values.text import short_repr
 
 
 class SkillError(FlexbtError):
-    """Manifests that cannot be used. ``problems`` has everything that is wrong, as ``place: what; what to do``."""
+    """Manifests that cannot be used. ``problems`` has every problem, as ``place: what; what to do``."""
 
     def __init__(self, problems: Iterable[str]) -> None:
         self.problems: tuple[str, ...] = tuple(problems)
@@ -103,7 +103,7 @@ def parse_literals(texts: Iterable[str | Literal]) -> tuple[Literal, ...]:
 
 
 class Immutable:
-    """Nobody can change it, so a copy of it is itself: states that are copied have their skills with them."""
+    """An object that cannot change, so that its copy is itself: copied states keep their skills."""
 
     __slots__ = ()
 
@@ -116,8 +116,7 @@ class Immutable:
 
 @dataclass(frozen=True, slots=True)
 class ConditionSensor(Immutable):
-    """A condition tells whether the predicate holds: a leaf that succeeds or fails, or a state with outcomes true and
-    false.
+    """A sensor that is a condition: a leaf that succeeds or fails, or a state with outcomes true and false.
 
     ``ports`` are the ports of the leaf, or the parameters of the state; ``$name`` stands for an argument.
     """
@@ -136,7 +135,7 @@ class ConditionSensor(Immutable):
 
 @dataclass(frozen=True, slots=True)
 class TopicSensor:
-    """The newest message of a topic tells it: ``test`` is a script in which the fields of the message are names."""
+    """A sensor that reads the newest message of a topic: ``test`` is a script whose names are fields of the message."""
 
     topic: str
     type: str
@@ -150,7 +149,7 @@ class TopicSensor:
 
 @dataclass(frozen=True, slots=True)
 class BlackboardSensor:
-    """The blackboard tells it: ``test`` is a script (``battery_level > 0.2``)."""
+    """A sensor that reads the blackboard: ``test`` is a script (``battery_level > 0.2``)."""
 
     test: str
 
@@ -165,7 +164,7 @@ Sensor = ConditionSensor | TopicSensor | BlackboardSensor
 
 @dataclass(frozen=True, slots=True)
 class Predicate(Immutable):
-    """Something that holds of objects or does not: ``at``, of a robot and a place.
+    """A relation that holds for objects or does not: ``at``, for a robot and a place.
 
     ``parameters`` are the names of its arguments, with their types. Without a ``sensor`` it is only remembered what
     skills brought about. For the same other arguments it holds for one object at most in the place of ``exclusive``: a

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a run shows of its skills: an effect that did not come, a precondition that did not hold, too many attempts.
+"""Observation of skills in a run: a missing effect, a precondition that did not hold, too many attempts.
 
-What a skill brought about is believed until one that measures (whose outcome is an answer) says otherwise.
+The effect of a skill is believed until a skill that measures (whose outcome is an answer) contradicts it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def claims(skill: Skill) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class _Fact:
-    """What is known of an atom, and from whom."""
+    """The known value of an atom, and its source."""
 
     holds: bool
     path: str
@@ -53,7 +53,7 @@ class _Fact:
 
 
 class SkillMonitor:
-    """Follows a run: ``claims_of`` are the :func:`claims` of its states by their paths.
+    """A monitor of the skills of a run: ``claims_of`` are the :func:`claims` of its states by their paths.
 
     Raises:
         SkillError: they are none.

@@ -20,16 +20,16 @@ LEVELS: Final = ('off', 'low', 'high', 'full')
 
 
 class OutcomeClass(Enum):
-    """What an outcome means for the mission, whatever it is called."""
+    """The meaning of an outcome for the mission, independent of its name."""
 
     COMPLETED = 'completed'
     """The skill did what it is for."""
     ANSWERED = 'answered'
-    """It tells how things are, and has changed nothing: a condition, a decision of the operator."""
+    """A result that reports a fact and changed nothing: a condition, a decision of the operator."""
     FAILED = 'failed'
-    """It could not do it."""
+    """A failed attempt."""
     TIMED_OUT = 'timed_out'
-    """It could not do it in time."""
+    """An attempt that ran out of time."""
     CANCELED = 'canceled'
     """Somebody has ended it."""
 
@@ -94,7 +94,7 @@ def level(name: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Skill(Immutable):
-    """What is known of a leaf or a state without running it. Immutable.
+    """The manifest of a leaf or a state, known without running it. Immutable.
 
     ==================  ============================================================================================
     ``name``            the ID of the leaf, the name of the state's class; '' in a class: its own
@@ -113,8 +113,8 @@ class Skill(Immutable):
     ``predicates``      those that are declared along with it
     ==================  ============================================================================================
 
-    What a class can tell by itself (ports, keys, outcomes) need not be said again: see ``node_skill`` and
-    ``state_skill`` of the engines.
+    Declarations of the class (ports, keys, outcomes) need not be repeated: see ``node_skill`` and ``state_skill`` of
+    the engines.
     """
 
     name: str = ''

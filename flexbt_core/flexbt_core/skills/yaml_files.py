@@ -260,7 +260,7 @@ _FIELDS: Final[dict[str, Any]] = {
     'duration': _Reader.span,
     'arguments': _Reader.pairs,
 }
-"""How each entry of a skill but its outcomes is read."""
+"""Readers of the entries of a skill, except its outcomes."""
 
 
 def _without(base: SkillLibrary, names: Collection[str]) -> dict[str, Skill]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of named places: where a robot can be sent by a word."""
+"""Files of named places that a robot can be sent to."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ _STACKED_MARKS: Final = 3
 """Marks in a row that a written language may need; more of them are stacked over the lines around."""
 
 MAX_LINE: Final = 20_000
-"""Characters of a text that are shown at most: who shows a text of 10 MB again and again does nothing else."""
+"""Maximum number of shown characters of a text: a program that keeps showing 10 MB of text does nothing else."""
 
 
 def one_line(text: str, width: int | None = None) -> str:

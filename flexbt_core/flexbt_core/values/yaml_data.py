@@ -84,7 +84,7 @@ def construct_yaml(node: yaml.Node) -> Any:
 
 
 class _Bounds(yaml.composer.Composer):
-    """Composes the nodes of the events that a scanner gives, within the bounds."""
+    """A composer of the nodes from the events of a scanner, within the bounds."""
 
     peek_event: Any  # of the scanner
 
@@ -161,7 +161,7 @@ def _problem(error: Exception) -> str:
 
 
 class YamlParts:
-    """Takes a text apart. Whatever is wrong is kept in ``problems``, as ``source:line: what``, and reading goes on."""
+    """A reader of the parts of a text. It collects ``problems``, as ``source:line: what``, and continues."""
 
     def __init__(self, source: str) -> None:
         self.source = source

@@ -195,7 +195,7 @@ class ThreadedAction(LeafNode):
 
     @property
     def halt_requested(self) -> bool:
-        """Whether ``run`` should return soon, with whatever result."""
+        """True if ``run`` should return soon, with any result."""
         return self._call is not None and self._call.halted
 
     def sleep(self, seconds: float) -> None:
@@ -266,7 +266,7 @@ class ThreadedAction(LeafNode):
 
 
 class _Call:
-    """A call of ``run``. What both threads change they change under ``lock``."""
+    """A call of ``run``. State that both threads change is protected by ``lock``."""
 
     def __init__(self, node: ThreadedAction) -> None:
         self.lock = threading.Lock()

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pre- and post-conditions: scripts in attributes that any node may have.
 
-``_failureIf``, ``_successIf``, ``_skipIf`` and ``_while`` are asked, in this order, before a node begins: the first of
-them that is true (``_while``: false) decides the result, and the node is not ticked. While the node is RUNNING only
-``_while`` is asked; when it is false, the node is halted and SKIPPED. ``_onSuccess`` or ``_onFailure``, and then
+``_failureIf``, ``_successIf``, ``_skipIf`` and ``_while`` are evaluated in this order before a node begins: the first
+that is true (``_while``: false) decides the result, and the node is not ticked. While the node is RUNNING only
+``_while`` is evaluated; when it is false, the node is halted and SKIPPED. ``_onSuccess`` or ``_onFailure``, and then
 ``_post``, run when the node completes, before its status is stored; also when a pre-condition has decided.
-``_onHalted`` runs whenever the node was halted, whatever it did.
+``_onHalted`` runs whenever the node was halted, in any status.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class NodeScript:
 
 
 class _PreCondition(NodeScript):
-    """A script that is asked before a tick of the node: what it decides takes the place of the tick."""
+    """A script that is evaluated before a tick of the node: its decision replaces the tick."""
 
     __slots__ = ('_decides', '_decisive', '_ongoing', '_tick', 'result')
 
@@ -137,11 +137,11 @@ class Conditions:
         self._post = [_PostCondition(node, one, scripts[one]) for one in _COMPLETIONS if one in scripts]
         self._halted = NodeScript(node, '_onHalted', scripts['_onHalted']) if '_onHalted' in scripts else None
         self.pending = False
-        """Whether the post-conditions are still to be run in this tick."""
+        """True if the post-conditions are still to be run in this tick."""
 
     @property
     def run_at_store(self) -> bool:
-        """Whether the post-conditions run when the node stores its result. Unobserved, they run after the tick."""
+        """True if the post-conditions run when the node stores its result; if unobserved, they run after the tick."""
         node = self._node
         return bool(self._post) and bool(node.context.observers or node.running_at_completion is None)
 

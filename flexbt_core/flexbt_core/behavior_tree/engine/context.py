@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the nodes of one running tree share: clock, services of the host, wake-ups, and work that outlives a halt."""
+"""State that the nodes of one running tree share: clock, services of the host, wake-ups, work that outlives a halt."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.waiting import WakeEvent
 
 Tick = Callable[[], NodeStatus]
-"""What ticks a node: gives the status that the tick gives, after it was stored."""
+"""A function that ticks a node and returns the status, after it was stored."""
 
 
 class CallbackWrapping(Protocol):
-    """Puts callbacks around the ticks of nodes."""
+    """A wrapper that puts callbacks around the ticks of nodes."""
 
     def before(self, node: Any, tick: Tick) -> Tick:
         """``tick`` of the node with its pre-tick callback."""
@@ -30,7 +30,7 @@ class CallbackWrapping(Protocol):
 
 
 class LeafMonitor(Protocol):
-    """Checks what leaves do elsewhere."""
+    """A monitor of the work that leaves do elsewhere."""
 
     def acts(self, leaf: Any) -> None:
         """Note that a leaf begins work elsewhere."""
@@ -52,17 +52,17 @@ class UnfinishedWork:
 
 
 class TreeContext:
-    """Shared by all nodes of one running tree; every node has it as ``self.context``.
+    """The state that all nodes of one running tree share; every node has it as ``self.context``.
 
-    ``services`` is whatever the host gives to its leaves. ``scripts`` has the enum constants, and compiles scripts.
+    ``services`` is provided by the host to its leaves. ``scripts`` has the enum constants, and compiles scripts.
     ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
-    work that needs ticks. ``paused`` is whether leaves hold what they begin elsewhere.
+    work that needs ticks. ``paused`` is true while leaves hold the work that they began elsewhere.
     ``rewrapped`` are nodes for which their parents have to fetch another tick function.
-    ``stopping`` is whether the host wants to stop the tree, see :meth:`stop`: a tick that may take long looks at it.
+    ``stopping`` is true if the host wants to stop the tree, see :meth:`stop`: a tick that may take long checks it.
     ``resting`` is the host's: a context around each wait within a tick. ``waited`` is whether there was one.
     ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
-    ``log`` is where changes are written, when a log alone hears of them. ``monitor`` checks the run, if anything does.
+    ``log`` receives the changes when a log is the only observer. ``monitor`` checks the run, if there is one.
     ``expansions`` has the trees that are to be made below nodes before the next round.
     """
 

@@ -25,25 +25,25 @@ class Halted(BaseException):
 class LeafNode(TreeNode):
     """A node without children.
 
-    While the tree is paused its leaves are not ticked. What a leaf has begun elsewhere (a goal, a motor) has to stand
-    still too: it says how by :meth:`on_pause` and :meth:`on_resume`. One whose work is all done in its ticks, or that
-    only waits, says so by ``goes_on = ''``; of any other it is told that it goes on, and why.
+    While the tree is paused its leaves are not ticked. Work that a leaf has begun elsewhere (a goal, a motor) has to
+    pause too: implement :meth:`on_pause` and :meth:`on_resume`. A leaf that does all its work in its ticks, or only
+    waits, declares ``goes_on = ''``. For any other leaf the pause reports that its work continues, and why.
     """
 
     __slots__ = ('_reason',)
 
     goes_on: ClassVar[str] = 'it does not declare how it is paused'
-    """Why the work of this leaf goes on while the tree is paused; '' when there is none that could."""
+    """Reason why the work of this leaf continues while the tree is paused; '' if it has no such work."""
 
     skill: ClassVar[Skill] = Skill()
-    """What the leaf needs and brings about, beyond what its ports and statuses tell; see ``flexbt_core.skills``."""
+    """Needs and effects of the leaf, beyond those shown by its ports and statuses; see ``flexbt_core.skills``."""
 
     acts_later: ClassVar[bool] = False
-    """Whether the leaf has its actuators only from when it calls :meth:`acts`, and not as soon as it is RUNNING."""
+    """True if the leaf has its actuators only from the call of :meth:`acts` on, not as soon as it is RUNNING."""
 
     begins_without: ClassVar[tuple[str, ...]] = ()
-    """Outputs that a run begins without, unless they are among its inputs: what an earlier run has left there was for
-    another goal. Its host empties them (:meth:`Tree.empty_outputs`)."""
+    """Outputs that are empty when a run begins, unless they are among its inputs: values from an earlier run were for
+    another goal. The host empties them (:meth:`Tree.empty_outputs`)."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -51,8 +51,8 @@ class LeafNode(TreeNode):
 
     @property
     def is_informed(self) -> bool:
-        """Whether the last tick knew what the leaf answers by. False: no message had come yet, and the result may be
-        another one in a moment."""
+        """True if the last tick had the data for its answer. False: no message had arrived yet, and the result may
+        change in a moment."""
         return True
 
     def acts(self) -> None:
@@ -173,7 +173,7 @@ class StatefulAction(LeafNode):
 
     kind = NodeKind.ACTION
     answers_soon: ClassVar[bool] = False
-    """Whether it has its result in the tick in which it begins, wherever what it asks answers at once."""
+    """True if it has its result in the tick in which it begins, provided that its source answers at once."""
 
     @abstractmethod
     def on_start(self) -> NodeStatus:
@@ -231,7 +231,7 @@ class Expansion(NamedTuple):
 
 
 class ExpandingAction(StatefulAction):
-    """An action that has a tree made while it runs. ::
+    """An action whose tree is made while it runs. ::
 
         def on_start(self):
             return self.expand(library, 'Way', Blackboard(self.blackboard))
@@ -240,7 +240,7 @@ class ExpandingAction(StatefulAction):
             return self.tick_tree()
 
     The nodes of that tree are nodes of the running tree, as those of a sub-tree: ticked, halted, paused and resumed
-    with it, and seen by whoever observes it (:meth:`Tree.observe`). A tree takes the place of the one before.
+    with it, and seen by its observers (:meth:`Tree.observe`). Each tree replaces the one before.
     """
 
     __slots__ = ('_error', '_root', '_tick')

@@ -28,15 +28,15 @@ from flexbt_core.values.text import short_repr
 from .context import Tick, TreeContext
 
 StatusObserver = Callable[['TreeNode', NodeStatus, NodeStatus], None]
-"""Hears of a change of a status: the node, the status before, and the one after. On the ticking thread, at once."""
+"""A listener to changes of a status: node, status before, and status after. Called on the ticking thread, at once."""
 
 NO_PORTS: Mapping[str, Port] = {}
 NOTHING_READ: dict[str, Any] = {}
-"""What a node that has not read a port yet remembers of entries: shared, and never written."""
+"""Entries of a node that has not read a port yet: shared, and never written."""
 
 
 class NodeConfig(NamedTuple):
-    """What a node is made with. Pass it on to ``super().__init__`` unchanged."""
+    """The arguments that a node is made with. Pass them to ``super().__init__`` unchanged."""
 
     id: str
     name: str
@@ -51,11 +51,11 @@ class NodeConditions(Protocol):
     """The pre- and post-conditions of a node."""
 
     pending: bool
-    """Whether the post-conditions are still to be run in this tick."""
+    """True if the post-conditions are still to be run in this tick."""
 
     @property
     def run_at_store(self) -> bool:
-        """Whether the post-conditions run when the node stores its result, by :meth:`complete`."""
+        """True if the post-conditions run when the node stores its result, by :meth:`complete`."""
 
     def around(self, tick: Tick) -> Tick:
         """``tick`` with the conditions around it."""
@@ -70,8 +70,8 @@ class NodeConditions(Protocol):
 class TreeNode(ABC):
     """A node of a running tree. Derive from the bases in ``leaf``, or from Decorator or Control.
 
-    ``ports`` declares the ports of the class. A class that needs room for the state of a run makes it in ``__init__``
-    (which takes the NodeConfig and hands it on).
+    ``ports`` declares the ports of the class. A class that keeps state of a run creates it in ``__init__``, which takes
+    the NodeConfig and passes it on.
     """
 
     __slots__ = (
@@ -91,26 +91,26 @@ class TreeNode(ABC):
     ports: ClassVar[Mapping[str, Port]] = NO_PORTS
     kind: ClassVar[NodeKind]
     xml_name: ClassVar[str]
-    """What XML calls nodes of just this class, where that is not the name of the class."""
+    """XML name of nodes of exactly this class, if that is not the name of the class."""
     nav2_branch: ClassVar[str] = ''
-    """The branch of Nav2 that just this class is for (see ``NodeRegistry``); '' if it is for all.
+    """The branch of Nav2 that exactly this class is for (see ``NodeRegistry``); '' if it is for all.
 
     Of two classes with one ID each is for another branch; where there is but one, that branch alone has such nodes.
     """
     example: ClassVar[Example | None] = None
-    """A tree that shows what nodes of just this class do: one that derives from it has its own, or none."""
+    """A tree that shows what nodes of exactly this class do: a derived class has its own, or none."""
     outcomes: ClassVar[Outcomes | None] = None
-    """What ticks of nodes of just this class may give, and which children they may tick. None: it is not known."""
+    """Possible results of nodes of exactly this class, and the children that they may tick. None: not known."""
 
     running_at_completion: ClassVar[bool | None] = False
-    """Whether a node is RUNNING when a tick stores its result. False: its status is the one before the tick. None: it
+    """True if a node is RUNNING when a tick stores its result. False: its status is the one before the tick. None: it
     depends."""
 
     conditions: NodeConditions | None
     """The pre- and post-conditions, if it has any."""
     decided_by: object
-    """What has decided the last result in the place of a tick, as text says it: a pre-condition, or a callback. None:
-    the tick itself."""
+    """Object that decided the last result in place of the tick, a pre-condition or a callback; its text describes it.
+    None: the tick itself."""
 
     def __init__(self, config: NodeConfig) -> None:
         self.stored_status: NodeStatus = IDLE
@@ -130,7 +130,7 @@ class TreeNode(ABC):
 
     @property
     def status(self) -> NodeStatus:
-        """What the node remembers of its last tick. To store a result runs the post-conditions first."""
+        """Stored status of the last tick. Setting a result runs the post-conditions first."""
         return self.stored_status
 
     @status.setter
@@ -164,7 +164,7 @@ class TreeNode(ABC):
 
     @property
     def services(self) -> Any:
-        """What the host of the tree provides to its leaves."""
+        """Services that the host of the tree provides to its leaves."""
         return self.context.services
 
     @abstractmethod
@@ -307,7 +307,7 @@ class TreeNode(ABC):
 
     @property
     def port_values(self) -> Mapping[str, PortValue]:
-        """What the XML, or a default, gives each port; those that neither gives are not there."""
+        """Values of the ports from the XML or from defaults, by name; ports without either are missing."""
         return self._values
 
     def port_key(self, port: str) -> str | None:

@@ -25,10 +25,10 @@ from .context import Tick, TreeContext
 from .node import WATCHED_STATUS, TreeNode, kept_by_class
 
 PreTick = Callable[[TreeNode], NodeStatus]
-"""Called after the pre-conditions of a node. SUCCESS or FAILURE replaces its tick; with anything else it is ticked."""
+"""A callback after the pre-conditions of a node. SUCCESS or FAILURE replaces its tick; otherwise it is ticked."""
 
 PostTick = Callable[[TreeNode, NodeStatus], NodeStatus]
-"""Called with what a node gives, after its post-conditions. SUCCESS or FAILURE replaces it, anything else does not."""
+"""A callback with the result of a node, after its post-conditions. SUCCESS or FAILURE replaces the result."""
 
 _CALLBACK: Final = 'a callback gave FAILURE'
 
@@ -36,9 +36,8 @@ _CALLBACK: Final = 'a callback gave FAILURE'
 class TickCallbacks:
     """The callbacks of one tree: :attr:`Tree.callbacks`. May be used from any thread; they run on the ticking thread.
 
-    When a callback replaces what a node gives that is RUNNING, the node is halted first: whatever it does must not go
-    on while its parent takes it for done. What a callback raises is an error of the node; ``TickAbandoned`` ends the
-    tick.
+    When a callback replaces the result of a RUNNING node, the node is halted first: its work must not continue while
+    its parent considers it done. An exception of a callback is an error of the node; ``TickAbandoned`` ends the tick.
     """
 
     def __init__(self, context: TreeContext, nodes: Callable[[], Sequence[TreeNode]]) -> None:
@@ -60,7 +59,7 @@ class TickCallbacks:
 
     @property
     def active(self) -> bool:
-        """Whether any node has a callback."""
+        """True if any node has a callback."""
         return self._context.callbacks is not None
 
     def clear(self) -> None:
@@ -79,7 +78,7 @@ class TickCallbacks:
 
     @property
     def released(self) -> bool:
-        """Whether the host wants to stop the tree. A callback that waits raises TickAbandoned then."""
+        """True if the host wants to stop the tree. A callback that waits raises TickAbandoned then."""
         return self._context.stopping
 
     def _set(self, callbacks: dict[TreeNode, Any], node: TreeNode, callback: Any) -> None:
@@ -163,7 +162,7 @@ T = TypeVar('T')
 
 
 class Log(Protocol):
-    """Where marks are written. A list is the fastest."""
+    """A sink for marks. A list is the fastest."""
 
     def append(self, mark: int, /) -> None: ...
 
@@ -179,10 +178,10 @@ class StatusLog:
 
 
 class LogReader(Generic[T]):
-    """Makes transitions of the log of a tree.
+    """A reader that makes transitions from the log of a tree.
 
-    It has to be made before the first mark is written, and to read all of them. A transition is what ``make`` returns
-    for a node's uid and the numbers of its statuses before and after.
+    Create it before the first mark is written; it has to read all of them. A transition is the object that ``make``
+    returns for a node's uid and the numbers of its statuses before and after.
     """
 
     def __init__(self, nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> None:

@@ -29,9 +29,9 @@ class ControlNode(TreeNode):
     tickable_with: ClassVar[tuple[int, int] | None] = None
     """Least and greatest number of children with which it can be ticked, if it is loaded with others as well."""
     runs_several: ClassVar[bool] = False
-    """Whether several children may be RUNNING at once."""
+    """True if several children may be RUNNING at once."""
     tries_all: ClassVar[bool] = False
-    """Whether it fails because no child succeeds, not because one fails."""
+    """True if it fails because no child succeeds, not because one fails."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -98,7 +98,7 @@ class ControlNode(TreeNode):
 
 
 class Control(ControlNode):
-    """Base of controls of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
+    """The base of your own controls: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
 
     __slots__ = ()
 
@@ -126,7 +126,7 @@ class Control(ControlNode):
 
     @property
     def active(self) -> bool:
-        """Whether the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
+        """True if the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
         return self.status is not IDLE
 
     def execute(self) -> NodeStatus:
@@ -189,7 +189,7 @@ class DecoratorNode(TreeNode):
 
 
 class Decorator(DecoratorNode):
-    """Base of decorators of one's own: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
+    """The base of your own decorators: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
 
     __slots__ = ('_child_failed',)
 
@@ -216,7 +216,7 @@ class Decorator(DecoratorNode):
 
     @property
     def active(self) -> bool:
-        """Whether the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
+        """True if the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
         return self.status is not IDLE
 
     def failure_cause(self) -> TreeNode | None:

@@ -23,25 +23,24 @@ from .node import TreeNode
 from .parents import ControlNode, DecoratorNode
 
 Elements = Iterable[tuple[str, Mapping[str, str]]]
-"""The elements of a file: the ID of each, or what it is if it is no node, and its attributes."""
+"""The elements of a file: the ID of each, or its tag if it is not a node, and its attributes."""
 
 
 class NodeRegistry:
     """Node types by the ID that XML uses. Each host makes its own, see ``builtin_registry``.
 
-    A file may be written for a branch of Nav2 in which some IDs mean other node types. ``nav2_branch_of`` says for
-    which, by the elements of the file; None and a branch of which nothing is known are the types as they are
-    registered.
+    A file may be written for a branch of Nav2 in which some IDs mean other node types. ``nav2_branch_of`` returns that
+    branch for the elements of the file; for None and for an unknown branch, IDs mean the types as they are registered.
     """
 
     def __init__(self, scripts: ScriptLibrary | None = None) -> None:
         """``scripts`` has the enum constants that scripts know."""
         self._manifests: dict[str, NodeManifest] = {}
         self.nav2_branches: dict[str, dict[str, NodeManifest]] = {}
-        """What IDs mean in a branch, where that is something else."""
+        """Node types of the IDs that mean something else in a branch, by branch."""
         self.nav2_branch_of: Callable[[Elements], str | None] = lambda elements: None
         self.on_clash: Callable[[str, RegistrationError], None] | None = None
-        """Is told of an ID that is taken, and what has it stays; without this, ``register`` raises the error."""
+        """Callback for an ID that is taken, which keeps its type; without a callback, ``register`` raises the error."""
         self.scripts = scripts if scripts is not None else ScriptLibrary()
         self.json_types = JsonTypes()
         """Classes whose objects can be part of the JSON of a blackboard."""
@@ -141,7 +140,7 @@ class NodeRegistry:
 
 
 class BranchTypes:
-    """The node types of a registry, some of which are others."""
+    """The node types of a registry, with some of them replaced."""
 
     def __init__(self, registry: NodeRegistry, others: Mapping[str, NodeManifest]) -> None:
         self._registry = registry

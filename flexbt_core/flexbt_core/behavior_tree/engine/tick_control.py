@@ -22,11 +22,12 @@ from flexbt_core.behavior_tree.model.status import NodeStatus
 from .tree import Tree
 
 TickCommandReply = Callable[[str], None]
-"""Told, once, by '' that a command has had its effect, or why it has none; on the thread of the host or the caller."""
+"""A callback, called once: with '' when the command had its effect, else with the reason why it had none. It runs on
+the thread of the host or of the caller."""
 
 
 class TickCommand(Enum):
-    """What may be asked for. PAUSE of a paused tree, and RESUME of one that is not, have their effect already."""
+    """A command to a tree. PAUSE of a paused tree, and RESUME of one that is not, have their effect already."""
 
     PAUSE = 'pause'
     RESUME = 'resume'
@@ -34,15 +35,15 @@ class TickCommand(Enum):
 
 
 MOST_WAITING: Final = 1000
-"""Commands that wait for the tick that is under way; further ones are refused."""
+"""Maximum number of commands that wait for the current tick; further ones are refused."""
 
 
 class TickControl:
-    """Stands between a tree and its host: takes commands from any thread, and obeys them in order, between two ticks.
+    """A layer between a tree and its host: it accepts commands from any thread, and runs them in order between ticks.
 
     The host ticks by :meth:`tick`; it need not wait for the clock while :attr:`paused`, and must not sleep while
-    :attr:`pending`. ``on_command()`` is called, from any thread, when it has to look soon; ``on_change(paused)`` from
-    the thread of the host. :meth:`close` ends it.
+    :attr:`pending`. ``on_command()`` is called from any thread when the host has to check soon, ``on_change(paused)``
+    from the thread of the host. :meth:`close` ends it.
     """
 
     def __init__(self, on_command: Callable[[], None], on_change: Callable[[bool], None]) -> None:
@@ -55,7 +56,7 @@ class TickControl:
         self._paused = False
         self._closed: str | None = None
         self.not_paused: tuple[str, ...] = ()
-        """Of a tree that is paused: the leaves that go on all the same, as 'path: why'."""
+        """Leaves that continue while the tree is paused, as 'path: why'."""
 
     @property
     def paused(self) -> bool:
@@ -63,7 +64,7 @@ class TickControl:
 
     @property
     def pending(self) -> bool:
-        """Whether there is something that :meth:`tick` would obey."""
+        """True if there are commands that :meth:`tick` would run."""
         return bool(self._commands) or self._is_to_pause is not self._paused
 
     def command(self, command: TickCommand, answer: TickCommandReply) -> None:

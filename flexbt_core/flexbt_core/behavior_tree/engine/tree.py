@@ -39,8 +39,8 @@ class Tree:
     ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``observers``,
     ``after_round`` and ``on_expanded`` are those of :meth:`observe`. ``on_wake()`` is called, from any thread, when a
     leaf asks for a tick, and when unfinished work ends; ``on_livelock(message)`` when a tick ends because the tree
-    keeps waking itself. ``substitute(definition, path)`` may give another definition for a node, such as a leaf that
-    stands for it in a test.
+    keeps waking itself. ``substitute(definition, path)`` may return another definition for a node, such as a leaf that
+    replaces it in a test.
     """
 
     def __init__(
@@ -331,7 +331,7 @@ class Tree:
 
     @property
     def wake_pending(self) -> bool:
-        """Whether a wake-up is pending."""
+        """True if a wake-up is pending."""
         return self.context.woken
 
     @property
@@ -341,7 +341,7 @@ class Tree:
 
     @property
     def unfinished(self) -> tuple[str, ...]:
-        """What leaves that were halted have not finished yet, described for people. ``on_wake`` tells of changes."""
+        """Unfinished work of leaves that were halted, described for people. ``on_wake`` is called when it changes."""
         return self.context.unfinished
 
     def advance_unfinished(self) -> None:
@@ -357,13 +357,13 @@ class Tree:
 
     @property
     def status(self) -> NodeStatus:
-        """What the last tick gave; IDLE before the first and after :meth:`halt`."""
+        """Result of the last tick; IDLE before the first and after :meth:`halt`."""
         return self._status
 
     @property
     def failure(self) -> FailureTrace | None:
-        """Why the last tick gave FAILURE, if it did. The nodes know until the next tick; nothing is put together before
-        somebody asks."""
+        """Reason why the last tick returned FAILURE, if it did. The nodes keep it until the next tick; the trace is
+        built only on request."""
         if self._status is FAILURE and self._failure is None:
             self._failure = trace_failure(self.root)
         return self._failure if self._status is FAILURE else None
@@ -374,7 +374,7 @@ class Tree:
 
     @property
     def observers(self) -> tuple[StatusObserver, ...]:
-        """Who hears of changes of statuses, see :meth:`observe`."""
+        """Listeners to changes of statuses, see :meth:`observe`."""
         return self.context.observers
 
     def observe(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the nodes and blackboard scopes of a running tree from definitions."""
+"""The nodes and blackboard scopes of a running tree, built from definitions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .node import NodeConfig, TreeNode, node_path
 from .parents import ControlNode, DecoratorNode
 
 Substitute = Callable[[NodeDefinition, str], NodeDefinition]
-"""Says what is made in the place of a node, from its definition and its path: that definition, or another one."""
+"""A function that returns the definition from which a node is made, given its own definition and its path."""
 
 
 class SubTreeInstance(NamedTuple):
@@ -39,7 +39,7 @@ class Instance(NamedTuple):
 
 
 class _Scope(NamedTuple):
-    """Where nodes belong: a tree within the running tree."""
+    """A tree within the running tree, to which nodes belong."""
 
     tree: TreeDefinition
     file: str

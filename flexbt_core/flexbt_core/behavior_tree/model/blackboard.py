@@ -31,8 +31,8 @@ EMPTY: Final = _Empty.EMPTY
 
 class Entry:
     """One entry: ``value`` (EMPTY until written), ``type`` (None or ANY: not fixed yet), and the number of writes.
-    Once the entry was removed from its blackboard, ``present`` is False, it is empty, and there is no such number of
-    writes."""
+    Once the entry is removed from its blackboard, ``present`` is False, it is empty, and the number of writes is one
+    that no present entry has."""
 
     __slots__ = ('present', 'sequence', 'type', 'value')
 
@@ -60,7 +60,7 @@ class Entry:
 
 
 MISSING: Final = Entry(None)
-"""Takes the place of an entry that is not there, for those who keep an entry and look whether it is present."""
+"""Placeholder for a missing entry, for code that keeps an entry and checks whether it is present."""
 MISSING.present = False
 MISSING.sequence = -1
 

@@ -44,8 +44,8 @@ _Object = TypeVar('_Object')
 
 
 class JsonObject(NamedTuple):
-    """How the objects of a class are written: its name, its type on a blackboard, and the two conversions. These work
-    on what JSON can hold; ``from_json`` raises ConversionError, ValueError, TypeError or LookupError."""
+    """The JSON form of a class: its name, its type on a blackboard, and the two conversions. These work on data that
+    JSON can hold; ``from_json`` raises ConversionError, ValueError, TypeError or LookupError."""
 
     name: str
     type: PortType

@@ -18,7 +18,7 @@ from .status import NodeKind
 
 @dataclass(frozen=True, slots=True)
 class NodeManifest:
-    """What is known of a node type without an instance of it. ``children`` are least and greatest number of them.
+    """The declaration of a node type, known without an instance. ``children`` is their least and greatest number.
 
     ``node_class`` is the class of its nodes, which the engine makes.
     """
@@ -34,19 +34,19 @@ class NodeManifest:
 
     @property
     def documentation(self) -> str:
-        """The description, whose first paragraph tells the branch of Nav2 that alone has such nodes."""
+        """Description whose first paragraph names the only branch of Nav2 that has such nodes."""
         summary, *rest = self.description.split('\n\n')
         return '\n\n'.join((with_branch(summary, self.nav2_branch), *rest))
 
     @property
     def example(self) -> Example | None:
-        """The example that just this class declares: one that derives from it has its own, or none."""
+        """Example that exactly this class declares: a derived class has its own, or none."""
         example = vars(self.node_class).get('example')
         return example if isinstance(example, Example) else None
 
     @property
     def outcomes(self) -> Outcomes | None:
-        """The rule that just this class declares: one that derives from it may do something else."""
+        """Rule that exactly this class declares: a derived class may behave differently."""
         outcomes = vars(self.node_class).get('outcomes')
         return outcomes if isinstance(outcomes, Outcomes) else None
 
@@ -56,18 +56,18 @@ class RunnableScript(Protocol):
 
     @property
     def run(self) -> Callable[[], bool | None]:
-        """Runs it, and gives the truth of a condition, otherwise None. Raises ScriptError."""
+        """Function that runs the script and returns the truth of a condition, otherwise None. Raises ScriptError."""
 
 
 class ParsedScript(Protocol):
-    """A script as a definition holds it: its text was found to be one."""
+    """A script as a definition holds it: its text is valid."""
 
     @property
     def text(self) -> str: ...
 
     @property
     def empty(self) -> bool:
-        """Whether it does nothing."""
+        """True if the script does nothing."""
 
     def bind(self, board: Blackboard, *, condition: bool = False) -> RunnableScript:
         """Return the script on ``board``; of a ``condition`` the truth is asked. Raises ScriptError when that is
@@ -75,7 +75,7 @@ class ParsedScript(Protocol):
 
 
 class ScriptFactory(Protocol):
-    """Makes scripts of texts."""
+    """A factory that makes scripts from texts."""
 
     @property
     def enums(self) -> Mapping[str, int]:
@@ -144,8 +144,8 @@ class SubTreeModelPort(NamedTuple):
 
 
 class TreeDocument(NamedTuple):
-    """What one file defines. ``main`` is the tree to execute when none is named, if the file says so or has but one;
-    ``names_main`` tells that the file says so.
+    """The definitions of one file. ``main`` is the tree to execute by default, if the file names it or has only one;
+    ``names_main`` is true if the file names it.
     ``scripts`` are those of the registry with which it was read."""
 
     file: str
@@ -171,7 +171,7 @@ class TreeKey(NamedTuple):
 
 
 class TreeLibrary:
-    """Documents by file. Immutable: :meth:`stage` gives a new library, or raises and leaves this one as it is.
+    """Documents by file. Immutable: :meth:`stage` returns a new library, or raises and leaves this one unchanged.
 
     A <SubTree> means the tree of that ID in its own document, otherwise the one that was staged last.
     """
@@ -239,7 +239,7 @@ class TreeLibrary:
 
 
 class _Checker:
-    """What is wrong with the references of a library."""
+    """A check of the references of a library."""
 
     def __init__(self, library: TreeLibrary) -> None:
         self._library = library

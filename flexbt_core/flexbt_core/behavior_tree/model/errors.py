@@ -10,7 +10,7 @@
     ├── BlackboardError        an entry that is missing, empty, or of another type
     ├── PortError              a port that cannot be read or written; names node, port and key
     ├── ScriptError            a script that cannot be parsed, or that fails when it runs; has the place in it
-    └── NodeExecutionError     whatever went wrong inside a node while ticking or halting; names the node
+    └── NodeExecutionError     an error inside a node while ticking or halting; names the node
         └── TickAbandoned      a callback has ended the tick, because the tree is to be stopped
 """
 
@@ -28,7 +28,7 @@ from flexbt_core.values.text import truncate_middle
 class BehaviorTreeError(Exception):
     """Base of all errors of the engine.
 
-    ``is_absent``: what was to be read is not on the blackboard, or was never written.
+    ``is_absent``: the entry is not on the blackboard, or was never written.
     """
 
     def __init__(self, *args: object, is_absent: bool = False) -> None:
@@ -41,7 +41,7 @@ class RegistrationError(BehaviorTreeError):
 
 
 class ConversionError(BehaviorTreeError):
-    """A value cannot be converted to the type that is wanted."""
+    """A value cannot be converted to the required type."""
 
 
 class BlackboardError(BehaviorTreeError):
@@ -107,7 +107,7 @@ class PortError(BehaviorTreeError):
 class ScriptError(BehaviorTreeError):
     """A script cannot be parsed, or fails when it runs.
 
-    ``script`` is its text, ``offset`` the place in it, counted from 0, and ``reason`` what is wrong there.
+    ``script`` is its text, ``offset`` the place of the error, counted from 0, and ``reason`` its description.
     """
 
     def __init__(self, script: str, offset: int, reason: str, *, is_absent: bool = False) -> None:
@@ -164,7 +164,7 @@ MOST_LINES: Final = 100
 
 
 class TracedNode(Protocol):
-    """What a trace asks a node."""
+    """The part of a node that a trace reads."""
 
     @property
     def id(self) -> str: ...
@@ -181,7 +181,7 @@ class TracedNode(Protocol):
 
     @property
     def decided_by(self) -> object:
-        """What has decided the last result in the place of a tick, as text says it; None: the tick itself."""
+        """Object that decided the last result in place of the tick; its text describes it. None: the tick itself."""
 
     def failure_cause(self) -> Any:
         """Return the child because of which the node failed just now; None when it failed by itself."""

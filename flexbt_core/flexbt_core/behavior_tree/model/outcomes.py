@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Declarations of a node class about its ticks: which statuses it can return, when, and an example.
 
-A rule looks at one node and at what its children may give, not at what they do: all that a run can bring is within
-what it says, and ``bt_tool check`` warns of the children that are outside of it in every run, and of time limits that
-are over before anything can succeed.
+A rule considers one node and the possible results of its children, not what they do. Every possible result of a run is
+included in the rule. So ``bt_tool check`` can warn of children that no run reaches, and of time limits that expire
+before anything can succeed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .ports import PortValue
 from .status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 Results = frozenset[NodeStatus]
-"""What ticks may give."""
+"""Possible results of ticks."""
 
 _NOTHING: Final[Results] = frozenset()
 _FAILURE: Final = frozenset((FAILURE,))
@@ -30,20 +30,20 @@ _SUCCESS: Final = frozenset((SUCCESS,))
 
 
 class PossibleTick(NamedTuple):
-    """What is possible for a node: the ``results`` of its ticks, and for each child whether it may be ``ticked``."""
+    """The possibilities of a node: the ``results`` of its ticks, and for each child whether it may be ``ticked``."""
 
     results: Results
     ticked: Sequence[bool]
 
 
 Times = Mapping[NodeStatus, float]
-"""The least time that a node takes to give each of its results, s after the tick that begins it. What is not in it, it
-never gives."""
+"""Shortest time until a node returns each of its results, s after the tick that begins it. It never returns a result
+that is missing here."""
 
 
 class Earliest(NamedTuple):
-    """When things can happen at the earliest: the ``results`` of a node, and for each child when it ``begins``, s after
-    the tick that begins the node; infinity: never."""
+    """The earliest times of the ``results`` of a node, and for each child the time at which it ``begins``, s after the
+    tick that begins the node; infinity: never."""
 
     results: Times
     begins: Sequence[float]
@@ -87,7 +87,7 @@ def _milliseconds(values: Mapping[str, PortValue], port: str) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class OneOf(Outcomes):
-    """One of some results, whatever the children give; each of these may be ticked."""
+    """One of several results, independent of those of the children, each of which may be ticked."""
 
     results: tuple[NodeStatus, ...]
 

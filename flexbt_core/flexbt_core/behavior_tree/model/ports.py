@@ -18,7 +18,7 @@ from .status import NodeStatus
 
 
 class PortDirection(Enum):
-    """Whether a node reads a port, writes it, or both."""
+    """The direction of a port: a node reads it, writes it, or both."""
 
     INPUT = 'input'
     OUTPUT = 'output'
@@ -111,7 +111,7 @@ def inout_port(
 
 
 class PortValue(NamedTuple):
-    """What the XML (or a default) says about one port: a literal, or a pointer to a blackboard key.
+    """The value of one port in the XML (or by default): a literal, or a pointer to a blackboard key.
 
     ``literal`` is the value of the literal where it can be shared (or the default that is not text); otherwise the
     text is converted at each read.

@@ -7,7 +7,7 @@ from enum import Enum, IntEnum
 
 
 class NodeStatus(IntEnum):
-    """What a tick of a node gives, and what a node remembers of it.
+    """The result of a tick of a node, and the status that the node stores.
 
     SKIPPED is only ever returned: it is never stored, so a skipped node keeps the status that it had.
     """

@@ -34,14 +34,14 @@ def _queue_of(element: PortType) -> PortType:
 
 
 _END: Final = object()
-"""Takes the place of an element when there is none left."""
+"""Placeholder for an element when none is left."""
 
 
 class Loop(DecoratorNode):
     """Takes the first element of ``queue``, writes it to ``value``, and ticks the child until it completes; and so on.
 
-    FAILURE as soon as the child fails. Whatever else the child gives, skipped included, the node is RUNNING and goes on
-    with the next element at the next tick. When no element is left at the beginning of a tick: ``if_empty``.
+    FAILURE as soon as the child fails. With any other result of the child, also when it is skipped, the node is RUNNING
+    and continues with the next element at the next tick. If none is left at the beginning of a tick: ``if_empty``.
 
     A queue that is written in the XML (elements separated by ``;``) is begun anew by each run of the node. One on the
     blackboard is a ``collections.deque``, from which the elements are removed, so that other nodes may append to it
@@ -55,7 +55,7 @@ class Loop(DecoratorNode):
     running_at_completion = None
     element: ClassVar[PortType]
     queue: ClassVar[PortType]
-    """How a queue is written as text."""
+    """Type of a queue that is written as text."""
 
     def __init_subclass__(cls, element: PortType | None = None) -> None:
         if element is not None:

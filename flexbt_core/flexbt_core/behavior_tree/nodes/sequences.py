@@ -330,7 +330,7 @@ class ReactiveFallback(_ReactiveControl):
 class TryCatch(ControlNode):
     """Runs all children but the last as a Sequence; when one fails, the last, the clean-up, and is FAILURE after that.
 
-    Whatever the clean-up gives, the node fails: it is there to repair, not to succeed instead. With ``catch_on_halt`` a
+    The node fails with any result of the clean-up, which repairs but does not succeed instead. With ``catch_on_halt`` a
     halt of the sequence ticks the clean-up as well, once; if that does not complete it in one tick, it is halted.
     SKIPPED when all children of the sequence were skipped.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes that depend on the time: Timeout, Delay, Sleep. They ask for a wake-up at their deadline."""
+"""Nodes that depend on the time: Timeout, Delay, Sleep. They request a wake-up at their deadline."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCE
 class Timeout(DecoratorNode):
     """FAILURE, with the child halted, when the child is still RUNNING ``msec`` milliseconds after the first tick.
 
-    0 means no limit. The time is up at the tick that finds it so; a wake-up is asked for at the deadline. A child
-    that is not RUNNING at that tick (it was skipped) has no limit any more, as in BehaviorTree.CPP.
+    0 means no limit. The tick at or after the deadline checks it; the node requests a wake-up at the deadline. A child
+    that is not RUNNING at that tick (it was skipped) no longer has a limit, as in BehaviorTree.CPP.
     """
 
     __slots__ = ('_deadline', '_expired')

@@ -20,7 +20,7 @@ from .parser import Assignment, Binary, Comparison, Conditional, Constant, Expre
 from .values import SAME_NUMBER, SMALL_TEXT
 
 Factory = Callable[[Sequence[Entry], Callable[[], 'bool | None']], Callable[[], 'bool | None']]
-"""Makes the code for the entries of one node, and what is called where the code does not fit."""
+"""A function that makes the code for the entries of one node; it also gets the fallback for values that do not fit."""
 
 Kind = Literal['integer', 'bool', 'real', 'text']
 
@@ -36,7 +36,7 @@ _MAX_DEPTH: Final = 40
 
 
 class Variable(NamedTuple):
-    """What is known of an entry: the kind of its value, and between which integers it is (when that matters)."""
+    """The known properties of an entry: the kind of its value, and its integer bounds (when they matter)."""
 
     kind: Kind
     minimum: int

@@ -54,7 +54,7 @@ class CompiledScript:
 
     @property
     def empty(self) -> bool:
-        """Whether it does nothing."""
+        """True if the script does nothing."""
         return not self._statements
 
     def bind(self, board: Blackboard, *, condition: bool = False) -> BoundScript:
@@ -142,8 +142,8 @@ class BoundScript:
 class ScriptLibrary:
     """The enum constants that scripts know, and the scripts that are in use.
 
-    In a script the name of a constant means its number, and is no blackboard entry. A script knows the constants that
-    were there when it was made.
+    In a script the name of a constant means its number, not a blackboard entry. A script knows the constants that
+    existed when it was made.
     """
 
     def __init__(self, warm_up: int = WARM_UP) -> None:
@@ -205,7 +205,7 @@ def _missing(key: str, remedy: str = '') -> BlackboardError:
 
 
 class ClosureCompiler:
-    """Turns expressions into closures."""
+    """A compiler from expressions to closures."""
 
     def __init__(self, script: str, enums: Mapping[str, int]) -> None:
         self._script = script

@@ -234,7 +234,7 @@ class _Parser:
 
 
 class TokenKind(Enum):
-    """What a token is; the value is how an error names it."""
+    """The kind of a token; the value is its name in errors."""
 
     NUMBER = 'a number'
     TEXT = 'a text'

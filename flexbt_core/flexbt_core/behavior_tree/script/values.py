@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the operators of a script do with values: the rules of BehaviorTree.CPP 4.10.
+"""The operators of scripts on values, by the rules of BehaviorTree.CPP 4.10.
 
-A value is what an entry of the blackboard holds: a number (int, float, bool), a text, another object, or EMPTY when the
+A value is the content of a blackboard entry: a number (int, float, bool), a text, another object, or EMPTY when the
 entry was declared but never written. All arithmetic is that of doubles, and its results are floats. Every function
-raises ConversionError for what the language does not allow.
+raises ConversionError for operations that the language does not allow.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, INT64, STRING, U
 from flexbt_core.values.text import short_repr
 
 MAX_TEXT: Final = 100_000
-"""Characters of a text that an operator makes. A loop could double a text until there is no memory left."""
+"""Maximum number of characters of a text that an operator makes. A loop could double a text until memory runs out."""
 
 MAX_TEXTS: Final = 10_000_000
 """Characters of all texts on a blackboard, for an assignment of a text that is larger than SMALL_TEXT."""
@@ -299,8 +299,8 @@ def _fitted(entry: Entry, value: Value, enums: Mapping[str, int]) -> Value:
 
 
 class OutOfBounds(int):
-    """An integer that a script has assigned to an entry whose type is too narrow for it, which is left to the readers
-    to find out: to those who remember that they need not convert an ``int`` it is something else."""
+    """An integer that a script has assigned to an entry whose type is too narrow for it. Readers detect it, also
+    those that skip the conversion of an ``int``, since its class is another."""
 
 
 def _copied(entry: Entry, value: Value) -> Value:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes format 4 of a document in format 3 (BehaviorTree.CPP 3), element by element; places in the file are kept.
+"""Conversion of documents from format 3 (BehaviorTree.CPP 3) to format 4, by element; places in the file are kept.
 
-The rewrites are those that BehaviorTree.CPP's own converter makes, and those that it forgets: nodes in the explicit
+The rewrites are those of BehaviorTree.CPP's own converter, and those that it misses: nodes in the explicit
 form, <remap> children, and the misspelt RetryUntilSuccesful.
 """
 

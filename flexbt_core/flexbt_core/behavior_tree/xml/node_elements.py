@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node elements of a document: which node type they name, their ports and children, and what is wrong with them."""
+"""The node elements of a document: their node types, ports and children, and the problems in them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def elements_of(root: Element) -> Iterator[tuple[str, Mapping[str, str]]]:
 
 
 class NodeReader:
-    """Reads the nodes of one tree; adds what is wrong to ``errors``, and goes on."""
+    """A reader of the nodes of one tree; it adds problems to ``errors`` and continues."""
 
     def __init__(self, source: Source, registry: NodeTypes, errors: list[LoadError]) -> None:
         self._source = source

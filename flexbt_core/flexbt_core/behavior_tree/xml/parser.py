@@ -32,7 +32,7 @@ _NAMED_ENTITIES = {'lt': '<', 'gt': '>', 'amp': '&', 'quot': '"', 'apos': "'"}
 class Element:
     """An element: tag, attributes in document order, children, and offsets into the source.
 
-    Elements that are written alike share their attributes: whoever changes them makes a copy first.
+    Elements that are written alike share their attributes: make a copy before you change them.
     """
 
     __slots__ = ('attributes', 'children', 'offset', 'places', 'tag')
@@ -42,7 +42,7 @@ class Element:
         self.offset = offset
         self.attributes = attributes
         self.places = places
-        """Where each attribute is written, from the beginning of the element on."""
+        """Offset of each attribute from the beginning of the element."""
         self.children: list[Element] = []
 
     def offset_of(self, attribute: str | None) -> int:
@@ -51,7 +51,7 @@ class Element:
 
     @property
     def offsets(self) -> dict[str, int]:
-        """Where each attribute is written."""
+        """Offset of each attribute in the source."""
         return {name: self.offset + place for name, place in self.places.items()}
 
     def __str__(self) -> str:

@@ -30,7 +30,7 @@ from .parser import MAX_BYTES, MAX_DEPTH, Element, decode, parse
 MAX_INCLUDES: Final = 100
 
 IncludeResolver = Callable[[str, 'str | None', str], 'tuple[str, str | bytes]']
-"""Gives (file name, content) for (``path``, ``ros_pkg``, file that includes); raises OSError or BehaviorTreeError."""
+"""A function (``path``, ``ros_pkg``, including file) → (file name, content); raises OSError or BehaviorTreeError."""
 
 
 def load_xml(
@@ -67,7 +67,7 @@ def _without_collector() -> Iterator[None]:
 
 
 class _Loader:
-    """A document with all that it includes."""
+    """A document with everything that it includes."""
 
     def __init__(
         self, registry: DocumentTypes, include: IncludeResolver | None, max_bytes: int, max_depth: int

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which userdata has been written when a state reads it, and by whom: a machine as a graph of states that write keys.
+"""Data-flow analysis of userdata, on a machine as a graph of states: which keys are written before a state reads them,
+and by which states.
 
-A state is taken to write what it declares, whatever outcome it is left by. A machine writes those of its output keys
-that states in it write on a way to the outcome. What a machine declares as input it has from the beginning: whether it
-does is a question about the machine around it.
+A state is assumed to write the keys that it declares, with every outcome. A machine writes those of its output keys
+that its states write on a path to the outcome. It has its declared inputs from the beginning; whether they were really
+written is checked in the machine around it.
 """
 
 from __future__ import annotations

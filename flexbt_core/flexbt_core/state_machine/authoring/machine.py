@@ -93,7 +93,7 @@ class ConcurrencyContainer(OperatableStateMachine):
 
 
 class PriorityContainer(OperatableStateMachine):
-    """A machine during which everything stands still that is active in other children of the containers around it.
+    """A machine that pauses everything active in other children of the containers around it.
 
     That is told by on_pause, and by on_resume when the container was left and has halted. A priority container in it
     has priority over the rest of it; one elsewhere is entered when this one is over.

@@ -46,7 +46,7 @@ def with_retry(
 
 
 class StateWrapper(EventState):
-    """A state around another one: here it is the same in everything. What the engine says of it holds for both."""
+    """A state around another one, with the same properties. Everything that the engine reports applies to both."""
 
     def __init__(self, inner: EventState, extra_outcomes: Collection[str] = ()) -> None:
         given: Any = inner

@@ -72,8 +72,8 @@ def _around(path: str) -> str:
 class Pausing:
     """The parts of one run that are paused, by the paths of its states and machines.
 
-    ``priority`` is the path of the priority container for which everything else is paused. ``has_changed`` until the
-    states have been told.
+    ``priority`` is the path of the priority container for which everything else is paused. ``has_changed`` is true
+    until the states have been notified.
     """
 
     __slots__ = ('_containers', 'has_changed', 'is_paused', 'priority')

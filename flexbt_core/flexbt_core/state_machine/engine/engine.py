@@ -15,9 +15,9 @@ from .events import RunEvent, RunReader
 
 
 class Engine(Protocol):
-    """A run, seen from below. All of it but :meth:`wake` is for the thread of the run.
+    """The view of a run from its parts. Everything except :meth:`wake` is for the thread of the run.
 
-    ``calling`` is the callback that is being called; other threads look at it.
+    ``calling`` is the callback that is being called; other threads read it.
     """
 
     calling: RunningCallback | None
@@ -28,15 +28,15 @@ class Engine(Protocol):
 
     @property
     def services(self) -> Any:
-        """What whoever runs the machine provides to its states."""
+        """Services that the host provides to the states."""
 
     @property
     def controls(self) -> Controls:
-        """What the operator has set."""
+        """Settings of the operator."""
 
     @property
     def pausing(self) -> Pausing:
-        """What stands still."""
+        """Parts of the run that are paused."""
 
     def wake(self) -> None:
         """Ask the host for a step; from any thread."""

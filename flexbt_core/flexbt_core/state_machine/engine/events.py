@@ -20,13 +20,13 @@ from flexbt_core.state_machine.model.state_host import Severity
 
 
 class RunEvent:
-    """Something that happened in a run. An event is a value: nobody changes one."""
+    """An event of a run. Events are immutable values."""
 
     __slots__ = ()
 
 
 class RunReader:
-    """A reader of the events of a run. Reading must take next to no time."""
+    """A reader of the events of a run. Reading must take almost no time."""
 
     reads: ClassVar[Collection[type[RunEvent]]] = ()
     """Types of the events that it reads; () for all of them. The engine makes none that nobody reads."""
@@ -70,7 +70,7 @@ class MachineSwitched(RunEvent):
 
 
 class RunRested(RunEvent):
-    """Nothing more can happen now."""
+    """Nothing more can happen until something wakes the run."""
 
     __slots__ = ()
 

@@ -45,7 +45,7 @@ class LeafRun:
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
         self.entered_at = 0.0
-        """When it was entered, on the clock of the run."""
+        """Time at which the state was entered, on the clock of the run, s."""
         self.is_entered = False
         self.is_paused = False
         self.clock = StateClock(engine.clock)
@@ -63,7 +63,7 @@ class LeafRun:
 
     @property
     def services(self) -> Any:
-        """What the host provides."""
+        """Services that the host provides."""
         return self._engine.services
 
     def wake(self) -> None:
@@ -222,12 +222,12 @@ class LeafRun:
 
     @property
     def _is_running(self) -> bool:
-        """Whether it is executed, and not frozen until the operator has decided."""
+        """True if the state is executed, not frozen until the operator has decided."""
         return self.choice is None and (self.outcome is None or self.runs_while_blocked)
 
     @property
     def runs_while_blocked(self) -> bool:
-        """Whether it is executed although it wants an outcome."""
+        """True if the state is executed although it wants an outcome."""
         return self.state.runs_while_blocked and self.exit_reason is ExitReason.OUTCOME and self.is_entered
 
     def _begin(self) -> None:

@@ -46,19 +46,19 @@ class RegionChild(Protocol):
 
     @property
     def path(self) -> str:
-        """Where it is in the machine."""
+        """Path in the machine."""
 
     @property
     def definition(self) -> StateDefinition | MachineDefinition:
-        """What it is."""
+        """Definition of the child."""
 
     @property
     def choice(self) -> tuple[str, str | None] | None:
-        """What it lets the operator choose; None for a container."""
+        """Choice that it offers to the operator; None for a container."""
 
     @property
     def runs_while_blocked(self) -> bool:
-        """Whether it goes on, and may change its mind, although it wants an outcome."""
+        """True if it continues, and may change its outcome, although it wants one."""
 
     def enter(self, scope: Scope, *, is_resumed: bool = False) -> None:
         """Become active, with the userdata of the machine that it is in."""
@@ -93,7 +93,7 @@ class Container(RegionChild, Protocol):
 
     @property
     def is_ending(self) -> bool:
-        """Whether it has been left, or is to be as soon as everything in it has halted."""
+        """True if it has been left, or will be as soon as everything in it has halted."""
 
     def outcome_after(self, child: RegionChild, outcome: str) -> str | None:
         """Outcome by which it ends when a child is left by an outcome; None when it goes on."""
@@ -114,13 +114,13 @@ class Region:
         self.child: RegionChild | None = None
         self.coming: RegionChild | None = None
         self.is_resumed = False
-        """Whether what is coming goes on where an interrupted run was."""
+        """True if the child to be entered continues an interrupted run."""
         self.decision: Decision | None = None
         self.blocked: TransitionBlocked | None = None
         self.is_leaving = False
-        """Whether the child was left, and halts: by the outcome that it wants, or to be entered again."""
+        """True if the child was left and is halting, by the outcome that it wants or to be entered again."""
         self.is_approved = False
-        """Whether the operator wants what the child wants."""
+        """True if the operator has approved the outcome that the child wants."""
         self._engine = engine
         self._halt_wait = engine.new_halt_wait()
 
@@ -334,7 +334,7 @@ class ContainerRun:
                 self.children[label] = LeafRun(engine, child)
         self._only_region = self.regions[0] if len(self.regions) == 1 else None
         self.advance: Callable[[], bool] = self._advance_regions
-        """Take one step if there is one to take; whether there was. Only while no outcome is wanted."""
+        """Take one step if possible, and return whether it was. Only while no outcome is wanted."""
         if not is_concurrent:  # it is where its region is, and so is what has priority
             self.advance = self.regions[0].advance
         remap = definition.remap
@@ -344,7 +344,7 @@ class ContainerRun:
 
     @property
     def is_ending(self) -> bool:
-        """Whether it has been left, or is to be as soon as everything in it has halted."""
+        """True if it has been left, or will be as soon as everything in it has halted."""
         return not self.is_active or self.ending is not None
 
     def leaves(self) -> Iterator[LeafRun]:

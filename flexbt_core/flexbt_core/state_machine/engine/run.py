@@ -45,7 +45,7 @@ from .region import ContainerRun, Region
 _Arguments = ParamSpec('_Arguments')
 
 STOP_TIMEOUT: Final = 30.0
-"""How long the end of a run waits until it is confirmed that everything has halted, s."""
+"""Time that the end of a run waits for the confirmation that everything has halted, s."""
 
 MAX_TRANSITIONS: Final = 1000
 """Transitions in one step, with nothing waited for, that count as a livelock."""
@@ -129,7 +129,7 @@ class MachineRun:
         for key, value in (userdata or {}).items():
             self.scope.set(key, value)
         self.decision_count = 0
-        """How many decisions the run has asked the operator for; the next one has the next number as its id."""
+        """Number of decisions that the run has requested from the operator; the next one gets the next number as id."""
         self._commands: deque[tuple[object, Callable[..., str | None], tuple[Any, ...], dict[str, Any]]] = deque()
         self._refusal: str | None = None
         self._transitions = 0
@@ -224,7 +224,7 @@ class MachineRun:
 
     @property
     def next_wake(self) -> float | None:
-        """When a step is due if nothing wakes the run before, on its clock; None when nothing is."""
+        """Time of the run's clock at which a step is due if nothing wakes the run before; None if no step is due."""
         if self._end is not None or self.pausing.is_paused:
             return None
         due = self.root.next_wake()
@@ -257,12 +257,12 @@ class MachineRun:
 
     @property
     def is_paused(self) -> bool:
-        """Whether the operator has paused the run."""
+        """True if the operator has paused the run."""
         return self.pausing.is_paused
 
     @property
     def decisions(self) -> list[Decision]:
-        """What waits for the operator, oldest first."""
+        """Decisions that wait for the operator, oldest first."""
         found = [region.decision for region in self.regions() if region.decision is not None]
         return sorted(found, key=lambda decision: int(decision.id)) if len(found) > 1 else found
 
@@ -288,7 +288,7 @@ class MachineRun:
 
     @property
     def blocked(self) -> list[TransitionBlocked]:
-        """What is not left since something is locked, outermost first."""
+        """States and machines that a lock keeps from being left, outermost first."""
         if not self.controls.locked:
             return []
         return [region.blocked for region in self.regions() if region.blocked is not None]
@@ -350,7 +350,7 @@ class MachineRun:
 
     @property
     def is_ending(self) -> bool:
-        """Whether it is being left for good, or has been."""
+        """True if the run is being left for good, or has been."""
         return self._end is not None
 
     def close_commands(self, reason: str) -> None:

@@ -28,11 +28,11 @@ DEFAULT_RATE: Final = 10.0
 """Rate at which a state is executed while nothing wakes it, Hz (as in FlexBE)."""
 
 EXIT_TIMEOUT: Final = 3.0
-"""How long a state that was left may take to halt, s."""
+"""Time that a state that was left may take to halt, s."""
 
 
 class ExitReason(Enum):
-    """Why a state is being left."""
+    """The reason why a state is being left."""
 
     OUTCOME = 'the state returned an outcome'
     FORCED = 'the operator forced an outcome'
@@ -44,12 +44,12 @@ class ExitReason(Enum):
 
     @property
     def is_of_the_run(self) -> bool:
-        """Whether it holds for all states that are left at that moment: the whole run ends."""
+        """True if it applies to all states that are left at that moment: the whole run ends."""
         return self in (ExitReason.PREEMPTED, ExitReason.FAULT)
 
 
 class EventState:
-    """A state of one's own derives from this, declares outcomes and keys, and implements callbacks.
+    """The base of your own states: derive from it, declare outcomes and keys, and implement callbacks.
 
     ``outcomes`` are the labels by which the state can be left. ``input_keys`` are read from userdata, ``output_keys``
     written, ``io_keys`` both. ``desired_rate`` is the rate in Hz at which ``execute`` is called while nothing wakes the
@@ -57,18 +57,18 @@ class EventState:
     """
 
     is_instant: ClassVar[bool] = False
-    """Whether it always leaves when it is first executed, so that a loop of such states does not wait for anything."""
+    """True if the state always leaves when it is first executed, so that a loop of such states never waits."""
 
     skill: Skill = Skill()
-    """What the state needs and brings about, beyond what its keys and outcomes tell; see ``flexbt_core.skills``.
+    """Needs and effects of the state, beyond those shown by its keys and outcomes; see ``flexbt_core.skills``.
 
     A class declares it; a state that was made for one object binds it: ``self.skill = self.skill.bound(door=door)``."""
 
     runs_while_blocked: ClassVar[bool] = False
-    """Whether it is executed on while its outcome waits for the operator, or is locked in.
+    """True if it is still executed while its outcome waits for the operator, or while a lock keeps it.
 
-    By default a state is frozen then. One that is not may change its mind: what it gives last counts, and None takes
-    the outcome back.
+    By default a state is frozen then. One that is not may change its outcome: the last one that it returns counts,
+    and None withdraws the outcome.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class EventState:
         self.desired_rate = desired_rate
         self.exit_reason: ExitReason | None = None
         self.is_resumed = False
-        """In on_enter and after it: whether a run goes on here that was interrupted, and not the state is reached."""
+        """True in and after on_enter if an interrupted run continues in this state."""
         self._host: StateHost | None = None
 
     # -- callbacks ---------------------------------------------------------------------------------------------------
@@ -164,12 +164,12 @@ class EventState:
 
     @property
     def type_name(self) -> str:
-        """What people call this kind of state."""
+        """Name of this kind of state for people."""
         return type(self).__name__
 
     @property
     def made_with(self) -> Mapping[str, str]:
-        """What requirements can say that it has: texts, numbers and truths among its attributes, and in dataclasses."""
+        """Values that requirements can refer to: texts, numbers, booleans among its attributes, and in dataclasses."""
         found: dict[str, Any] = {}
         for value in vars(self).values():
             if is_dataclass(value) and not isinstance(value, type):
@@ -195,7 +195,7 @@ class EventState:
 
     @property
     def services(self) -> Any:
-        """What whoever runs the machine provides to its states."""
+        """Services that the host provides to the states."""
         return self._bound().services
 
     def wake(self) -> None:

@@ -40,7 +40,7 @@ class StateHost(Protocol):
 
     @property
     def services(self) -> Any:
-        """What whoever runs the machine provides to its states."""
+        """Services that the host provides to the states."""
 
     def wake(self) -> None:
         """Execute the state soon; from any thread."""
@@ -96,7 +96,7 @@ class StateClock:
 
     @property
     def is_behind(self) -> bool:
-        """Whether it shows another time than the run, or stands still."""
+        """True if it shows another time than the run, or stands still."""
         return self.behind != 0.0 or self._stopped_at is not None
 
     def stop(self) -> None:
@@ -176,5 +176,5 @@ class Progress:
 
     @property
     def is_known(self) -> bool:
-        """Whether there is more to be said than which tree it is."""
+        """True if there is progress to show besides the tree."""
         return self != Progress(self.tree_run_id)

@@ -24,7 +24,7 @@ class StateMachineError(Exception):
 
 
 class MachineError(StateMachineError):
-    """A machine cannot be run. ``problems`` has everything that is wrong with it, in the order of its states."""
+    """A machine cannot be run. ``problems`` has all its problems, in the order of its states."""
 
     def __init__(self, problems: Iterable[str]) -> None:
         self.problems: tuple[str, ...] = tuple(problems)
@@ -32,7 +32,7 @@ class MachineError(StateMachineError):
 
 
 class UserDataError(StateMachineError):
-    """A userdata key was used that is not declared, or that nobody has written."""
+    """A userdata key was used that is not declared or was never written."""
 
 
 class StateError(StateMachineError):

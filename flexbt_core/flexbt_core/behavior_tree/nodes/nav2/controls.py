@@ -141,7 +141,7 @@ class RoundRobin(Control):
     FAILURE when each child has failed (or was skipped) since the last success, over as many ticks as that takes. A
     success keeps the position, a failure of all and a halt forget it.
 
-    Without ``wrap_around`` the last child ends it: FAILURE then, whatever that child gave, even SUCCESS.
+    Without ``wrap_around`` the last child ends it with FAILURE, even if that child returned SUCCESS.
     """
 
     __slots__ = ('_current', '_failures')
@@ -303,7 +303,7 @@ class PersistentSequence(Control):
 
 
 class PauseState(Enum):
-    """What a PauseResumeController is at. The value is the index of the child that is ticked."""
+    """The phase of a PauseResumeController. The value is the index of the child that is ticked."""
 
     RESUMED = 0
     PAUSED = 1

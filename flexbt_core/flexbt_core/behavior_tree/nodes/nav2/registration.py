@@ -31,7 +31,7 @@ Nav2Branch = Literal['jazzy', 'main']
 NAV2_BRANCHES: Final[tuple[Nav2Branch, ...]] = get_args(Nav2Branch)
 
 JAZZY_TREE: Final = 'MainTree'
-"""What Nav2's own trees in jazzy are called."""
+"""Name of Nav2's own trees in jazzy."""
 
 MAIN_TREES: Final = frozenset(
     (
@@ -52,21 +52,21 @@ MAIN_TREES: Final = frozenset(
         'OdometryCalibration',
     )
 )
-"""What they are called in main."""
+"""Names of Nav2's own trees in main."""
 
 
 class _BranchOf:
     """The branch of Nav2 for which a file was written, by the names and attributes of its elements; None if unknown.
 
-    Nodes that only one branch has tell it. Where there are none, the names of trees do: all of Nav2's own in jazzy are
+    Nodes that only one branch has identify it. If there are none, the names of trees do: all of Nav2's own in jazzy are
     the main tree ``MainTree``, those of main have names of their own. Then ports that only one branch has, of Nav2's
-    own nodes: somebody's class that derives from one inherits them. The trees of kilted, whose nodes behave as those
+    own nodes: a user's class that derives from one inherits them. The trees of kilted, whose nodes behave as those
     of jazzy, have its names, and some ports of main.
     """
 
     def __init__(self, registry: NodeRegistry) -> None:
         self.nodes = set[str]()
-        """Names of those that are Nav2's."""
+        """Names of Nav2's nodes."""
         self._registry = registry
 
     def __call__(self, elements: Iterable[tuple[str, Mapping[str, str]]]) -> str | None:
