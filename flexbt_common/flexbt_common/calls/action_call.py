@@ -454,7 +454,7 @@ class ActionServerLink(ServerLink):
         super().__init__(runtime, name, nodes, f'rt{runtime.node.resolve_topic_name(f"{name}/_action/status")}')
         self.action_type = action_type
         self.listeners: dict[bytes, GoalListener] = {}
-        """Those who are told of goals, by the identifiers of these."""
+        """The listeners to goals, by the identifiers of the goals."""
         node, impl, qos = runtime.node, action_type.Impl, service_qos()
         self._goals = node.create_client(impl.SendGoalService, f'{name}/_action/send_goal', qos_profile=qos)
         self._cancels = node.create_client(impl.CancelGoalService, f'{name}/_action/cancel_goal', qos_profile=qos)

@@ -217,11 +217,11 @@ class GoalServer:
         self._cancelable = cancelable
         self._goals: dict[bytes, ServedGoal] = {}
         self.listed: dict[bytes, _Goal] = {}
-        """The goals that clients are told of, by their identifiers."""
+        """The goals in the published list, by their identifiers."""
         self._is_listed_soon = False
         self._held_cancels: deque[tuple[Any, Any]] = deque(maxlen=MOST_GOALS)
         self.results = _Results()
-        """Those of goals that have ended."""
+        """The results of goals that have ended."""
         self._fault = GoalFault()
         self._is_closed = False
         impl, node = action_type.Impl, runtime.node

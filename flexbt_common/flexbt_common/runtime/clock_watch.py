@@ -67,7 +67,7 @@ class ClockHealth:
         self._runtime = runtime
         self._clock = runtime.node.get_clock()
         self.report: Callable[[str], object] = self.log
-        """How a problem is reported, or '' for its end; not again what comes and goes."""
+        """Function that reports a problem, or '' for its end; a recurring one is reported once."""
         self._listeners: list[Callable[[], object]] = []
         self._reports = RepeatedReports(SHOWN_SECONDS, runtime.steady.now)
         self._reported: tuple[str, ...] = ()

@@ -190,7 +190,7 @@ class _CStream:
         self._fileno, self._flush = libc.fileno, libc.fflush
         self._failed, self._forgive = libc.ferror_unlocked, libc.clearerr_unlocked
         self.unread = 0
-        """Messages that were not written as a whole, and not reported so far."""
+        """Number of messages that were not written completely and are not reported yet."""
 
     def move(self, number: int) -> None:
         """Write to the descriptor ``number`` from now on; do nothing where ``FILE`` is not that of glibc."""

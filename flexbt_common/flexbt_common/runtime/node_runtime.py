@@ -346,9 +346,9 @@ class NodeRuntime:
         override what the arguments say.
         """
         self.has_failed = False
-        """Whether the process ends with exit code 1; see :meth:`fail`."""
+        """True if the process ends with exit code 1; see :meth:`fail`."""
         self.are_parameters_declared = True
-        """Whether all parameters are declared: what is not does not exist. False when a managed node refuses one."""
+        """True if all parameters are declared, so that others do not exist. False if a managed node refuses one."""
         self._closed = threading.Event()
         self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
@@ -376,11 +376,11 @@ class NodeRuntime:
         """rclpy's own, which is opened by what runs users' code. It ends with the runtime."""
         self.name = self.node.get_name()
         self.nodes: list[Node] = [self.node]
-        """Those that are destroyed at the end, the last one first."""
+        """Nodes that are destroyed at the end, the last one first."""
         self.further: list[NodeRuntime] = []
         """Other runtimes of this process, which end with it. The arguments of the process are for their nodes, too."""
         self.is_at_rest = False
-        """Whether everything has come to its end but for the nodes, which are still to be taken out of the graph."""
+        """True if everything has ended except the nodes, which are still to be removed from the graph."""
         self.steady = SteadyClock(lambda error: self.post(lambda: self.report_fault(error, 'a timer of wall time')))
         self._reports = RepeatedReports(COMPLAINT_SECONDS, self.steady.now)
         self.health = Health(self.steady)

@@ -275,9 +275,9 @@ class HandledTime:
         self._ros_clock = ros_clock
         self._seen, self._simulated = steady.now(), 0
         self.looked = 0.0
-        """Up to the last look at what has come."""
+        """Time counted up to the last check for messages, s."""
         self.handled = 0.0
-        """Up to the last look after which all was handled that had come."""
+        """Time counted up to the last check whose messages were all handled, s."""
 
     def sample(self) -> None:
         """Note that what has come by now is about to be handled."""
