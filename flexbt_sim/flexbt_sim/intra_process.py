@@ -2,8 +2,8 @@
 """Messages between nodes of one process, handed over without the middleware, as rclcpp's intra-process communication.
 
 Poses and scans go from the thread of the world to navigation, and commands back, on one and the same thread where
-navigation only waits: neither is sent, and no thread wakes another one. Whoever else listens to such a topic hears it
-as ever.
+navigation only waits: neither is sent, and no thread wakes another one. Other subscribers of the topic receive it as
+usual.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received
 from flexbt_common.runtime.node_runtime import NodeRuntime
 
 LINGER_SECONDS: Final = 1.0
-"""A command that was sent while others listened may still wait for its receiver: when they are gone, so long the next
-ones go the same way, s, so that none overtakes it. This is a time, no promise: a command that takes longer comes
+"""Time for which commands still go through the middleware after its other subscribers are gone, s: an earlier one may
+still be on its way there, and must not be overtaken. This is a time, no promise: a command that takes longer comes
 after the next one."""
 
 Key = tuple[str, type[Any]]
@@ -44,7 +44,7 @@ class IntraProcessTopics:
         self._receivers: dict[Key, _Receiver] = {}
 
     def publisher(self, publisher: Publisher) -> IntraProcessPublisher:
-        """In place of a publisher: who receives in this process gets the messages, or bytes, that it is given."""
+        """A replacement of a publisher: receivers in this process get its messages, or bytes."""
         key = publisher.topic_name, publisher.msg_type
         self._offered.add(key)
         return IntraProcessPublisher(publisher, lambda: self._receivers.get(key))
@@ -107,7 +107,7 @@ class IntraProcessPublisher:
 
 class IntraProcessMessages:
     """The messages handed over on a topic, up to ``depth``, as bytes. ``on_message`` gets them as the executor of
-    ``runtime`` would call it, while ``is_awaited()``; at other times when somebody takes them.
+    ``runtime`` would call it, while ``is_awaited()``; otherwise when a receiver takes them.
     """
 
     def __init__(

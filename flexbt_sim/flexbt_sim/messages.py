@@ -115,7 +115,7 @@ def map_of(grid: OccupancyGrid) -> OccupancyMap:
     return OccupancyMap(cells, float(info.resolution), origin)
 
 
-# What the simulator tells navigation servers of their faults: all that there are, as YAML, each as in a world file:
+# The simulator's announcement of faults to navigation servers: all of them, as YAML, each as in a world file:
 # ``[{fault: server_fails, parameters: {server: spin, error_code: 703}}]``.
 
 _TYPES: Final[Mapping[str, str]] = {
@@ -161,7 +161,7 @@ def check_fault(parameters: FaultModel) -> None:
 
 
 def faults_message(faults: Iterable[ServerFault]) -> String:
-    """Return what is told of the faults that there are."""
+    """Return the message that announces the current faults."""
     return String(data=json.dumps([{'fault': one.name, 'parameters': asdict(one)} for one in faults]))
 
 
@@ -169,7 +169,7 @@ def faults_of(message: String) -> list[ServerFault]:
     """Return the faults that there are.
 
     Raises:
-        FlexbtError, YamlError: the message tells of none, or of what cannot be.
+        FlexbtError, YamlError: the message has no faults, or invalid ones.
     """
     check_limits(message)
     value = load_yaml(message.data)

@@ -106,7 +106,7 @@ def _run(world: World, options: argparse.Namespace) -> str:
 
 
 def _navigator(world: World, robot: str) -> Any:
-    """Return what drives a robot to goals. Raises SimulationError when no such package is installed."""
+    """Return what drives a robot to goals. Raises SimulationError if the package is not installed."""
     points = sorted(entry_points(group=NAVIGATORS), key=lambda point: point.name)
     if not points:
         raise SimulationError('--goal: nothing is installed that navigates; install the package flexbt_navigation')
@@ -133,7 +133,7 @@ def _goal(world: World, text: str) -> tuple[str, Pose]:
 
 
 def _numbers(text: str) -> tuple[float, ...]:
-    """Numbers with commas between them; none where one of them is no number."""
+    """Numbers with commas between them; none if one of them is not a number."""
     try:
         return tuple(map(float, text.split(',')))
     except ValueError:

@@ -31,7 +31,7 @@ def robot_description(
     """Return the URDF of a robot; ``sensors`` are the poses of its sensors by their frames.
 
     The frame of the footprint is that of the base on the ground, which is the same in a flat world; Nav2's robots have
-    both. A footprint that is no circle is drawn as a wall along its sides.
+    both. A footprint that is not a circle is drawn as a wall along its sides.
     """
     robot = Element('robot', name=name)
     base = SubElement(robot, 'link', name=base_frame)
@@ -69,17 +69,17 @@ def _origin(element: Element, pose: Pose) -> None:
     SubElement(element, 'origin', xyz=f'{pose.x:g} {pose.y:g} 0', rpy=f'0 0 {pose.yaw:g}')
 
 
-# What somebody who looks at the world would see of doors and things, as latched topics, told when it changes.
+# The visible state of doors and things, as latched topics, published when it changes.
 #
 # ``simulator/doors`` (JointState) has the doors by name, position 0 (closed) to 1 (open); ``simulator/things``
 # (TFMessage) the poses of the obstacles: in the map, or, of one in a gripper, in the robot of this name. So one message
-# tells where a thing is and who holds it.
+# has the place of a thing and the robot that holds it.
 
 _IN_GRIPPER: Final = Pose(0.0, 0.0, 0.0)
 
 
 class Scene:
-    """Told of the world by whoever changes it, under its lock."""
+    """The caller that changes the world notifies it, under the lock of the world."""
 
     def __init__(self, runtime: NodeRuntime, frame: str) -> None:
         """``frame`` is that of the map."""

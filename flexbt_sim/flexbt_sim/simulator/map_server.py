@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The map as Nav2's map_server has it: a latched topic, and the services ``map_server/map`` and ``load_map``.
 
-It is what a robot is told of the world, not the world: another map changes what is planned, and no wall. The no-go
-zones are told as Nav2's map_server and costmap_filter_info_server tell a KeepoutFilter of its mask.
+It is the robot's knowledge of the world, not the world: another map changes plans, but no wall. The no-go zones are
+published as Nav2's map_server and costmap_filter_info_server publish the mask of a KeepoutFilter.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class MapServer:
         world: OccupancyMap | None,
         allowed_directories: Sequence[Path],
     ) -> None:
-        """``world`` is None where there is no map: then there is none to be had until one is loaded.
+        """``world`` is None if there is no map: then none is available until one is loaded.
 
         ``allowed_directories`` are those, beside the shares of packages, from which the service loads one.
         """

@@ -32,7 +32,7 @@ def stamp_fields(path: str) -> tuple[tuple[str, str], ...]:
 
 
 class MessageTemplate:
-    """The bytes of ``message``, in which the values at ``fields`` are written anew each time.
+    """The bytes of ``message``, in which the values at ``fields`` are replaced each time.
 
     A field is a code of ``struct`` ('d' float64, 'f' float32, 'i' int32, 'I' uint32) and the path to it in the message,
     whose parts are names of fields and indices of lists. ``array`` is the path to a list of float32 whose length is

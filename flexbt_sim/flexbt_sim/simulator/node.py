@@ -50,7 +50,7 @@ from .time_services import TimeServices
 
 
 class Simulator:
-    """The simulator on a running node. The world moves on a thread of its own.
+    """The simulator on a running node. The world moves on its own thread.
 
     ``lock`` is held while the world is stepped, looked at or changed.
     """
@@ -87,9 +87,9 @@ class Simulator:
         runtime.node.get_logger().info(f'{self.parameters.source}: {self._described()}')
 
     def _set_periods(self) -> None:
-        """Of messages, in steps. Each message costs every node that hears it a wake-up: most of what a simulation at
-        rest costs, in all processes. So poses at rest come with every second message of /clock. That itself has to come
-        more often than what others do by it, such as ticking a tree each 0.1 s."""
+        """Of messages, in steps. Each message wakes every node that receives it, which is most of the cost of a
+        simulation at rest, in all processes. So poses at rest come with every second message of /clock. That itself has
+        to come more often than what others do by it, such as ticking a tree each 0.1 s."""
 
         def steps(rate: float) -> int:
             return max(1, round(1.0 / (rate * self.world.step_size)))
@@ -99,7 +99,7 @@ class Simulator:
         self._steps_per_rest = max(self._steps_per_odom, 2 * at_rest)
 
     def _compile(self) -> None:
-        """In a thread of its own: the world would stand still for seconds."""
+        """In a separate thread: otherwise the world would stop for seconds."""
         prepare_world()
         self._can_cast = True
 
@@ -141,7 +141,7 @@ class Simulator:
             self.runtime, namespace, self.parameters.map_frame, self.world.map, self.parameters.allowed_directories
         )
         self._token.add_name(self._stands_in_for(namespace))
-        self._robots = self._robots | {robot.name: topics}  # anew: the thread of the world goes through the old one
+        self._robots = self._robots | {robot.name: topics}  # a new dict: the world's thread iterates over the old
         self._watch_computations()
 
     def _disconnect_robot(self, name: str) -> None:
@@ -166,7 +166,7 @@ class Simulator:
         return f'{self.runtime.node.get_namespace().rstrip("/")}/{namespace}{self.runtime.name}'
 
     def _watch_computations(self) -> None:
-        """Watch who computes, if the world runs as fast as possible and has to wait for them."""
+        """Watch for nodes that compute, if the world runs as fast as possible and has to wait for them."""
         namespaces = {topics.namespace for topics in self._robots.values()} if self.pacer.factor == 0.0 else set()
         self._computations.watch(namespaces)
 
@@ -236,7 +236,7 @@ class Simulator:
             self._began = self.world.nanoseconds
 
     def restart(self) -> None:
-        """Begin anew, as if the simulator had been started.
+        """Restart, as if the simulator had been started.
 
         Raises:
             SimulationError: the world cannot be made any more.
@@ -352,7 +352,7 @@ class Simulator:
             self.runtime.abort(f'the world raised: {"".join(traceback.format_exception(error)).rstrip()}')
 
     def _look_round(self) -> int:
-        """See who listens, and so how many steps it is from one message of /clock to the next."""
+        """Determine the subscribers, and thus the number of steps between two messages of /clock."""
         with self.lock:
             for topics in self._robots.values():
                 topics.look_round(self.world.time, can_cast=self._can_cast)

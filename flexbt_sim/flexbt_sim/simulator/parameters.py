@@ -158,7 +158,7 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
 
 
 def _robot(declare: ParameterDeclarer) -> RobotModel:
-    """Return the model of the robot where there is no world file. Its battery lasts for ever."""
+    """Return the model of the robot if there is no world file. Its battery never runs out."""
     drive, lidar = DriveModel(), LidarModel()
     least, greatest = (
         declare.real('scan_range_min', lidar.range_min, 0.0, 10.0, 'm'),

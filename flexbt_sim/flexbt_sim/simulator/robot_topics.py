@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The topics of one robot and its devices, in its namespace, as far as somebody listens; and its commands.
+"""The topics of one robot and its devices, in its namespace, as far as they are subscribed to; and its commands.
 
 The parts of Nav2's bringup that go with a robot are here too, under their names: robot_state_publisher's description,
 amcl's pose and lifecycle.
@@ -45,11 +45,11 @@ from .message_template import MessageTemplate, set_field, stamp_fields
 from .parameters import SimulatorParameters
 
 UPDATE: Final = (0.25, 0.2)
-"""amcl_pose is published when the robot has moved by so much, m or rad, since the last one: amcl's update_min_d and
+"""Motion since the last amcl_pose after which the next is published, m and rad: amcl's update_min_d and
 update_min_a."""
 
 POSES: Final = 1000
-"""True poses that are kept for who has not taken them yet: the way of a robot is told by all of them."""
+"""Maximum number of true poses that are kept for slow subscribers: all of them make up the way of a robot."""
 
 Stamp = tuple[int, int]
 """Seconds and nanoseconds."""
@@ -93,7 +93,7 @@ class _DeviceTopics:
         return self.device.news not in (None, self.sent)
 
     def messages(self, stamp: Stamp) -> Iterator[Message]:
-        """Yield the message that there is, on each topic that somebody hears."""
+        """Yield the current message of each topic that has subscribers."""
         if not self.has_news or not self.is_heard:
             return
         self.sent = self.device.news
@@ -206,7 +206,7 @@ class RobotTopics:
         self._amcl.close()
 
     def _on_command(self, message: Any) -> None:
-        """On any thread: that of who gives the command, where it is in this process."""
+        """On any thread: that of the sender of the command, if it is in this process."""
         if self._is_lost(names.CMD_VEL) or self._is_late((names.CMD_VEL, self._drive, message), self._commands.time()):
             return
         self._drive(message)
@@ -278,8 +278,8 @@ class RobotTopics:
         return MessageTemplate(TFMessage(transforms=transforms), *fields)
 
     def look_round(self, now: float, *, can_cast: bool) -> None:
-        """See which devices somebody reads, and whether the robot is busy: it is driven, or somebody hears its odometry
-        or transforms. Nothing else is published often.
+        """Determine which devices have subscribers, and whether the robot is busy: it is driven, or its odometry or
+        transforms have subscribers. Nothing else is published often.
 
         ``can_cast`` is whether beams can be cast without holding up the world.
         """
@@ -335,7 +335,7 @@ class RobotTopics:
         return due > now
 
     def _sensed(self, stamp: Stamp, *, moves: bool) -> Iterator[Message]:
-        """Yield the messages of devices, after the pose: whoever drives answers that, and the world waits for the
+        """Yield the messages of devices, after the pose: the driver answers the pose, and the world waits for the
         answer. A scan can be looked at meanwhile."""
         for one in self._devices:
             if moves or one.device.is_prompt:

@@ -48,7 +48,7 @@ class SimulatorParts(Protocol):
         """Return the time of the clock."""
 
     def spawned(self, entity: Entity, namespace: str) -> None:
-        """Something has come: make what it needs, in a namespace of its own unless it is named."""
+        """Make the topics of a new entity, in a namespace of its own unless it is named."""
 
     def is_free_namespace(self, namespace: str) -> bool:
         """Return whether no robot is there."""
@@ -75,7 +75,7 @@ class SimulatorParts(Protocol):
         """Tell the navigation servers which faults they have."""
 
     def restart(self) -> None:
-        """Begin anew, as if the simulator had been started. Raises SimulationError: the file cannot be read now."""
+        """Restart, as if the simulator had been started. Raises SimulationError: the file cannot be read now."""
 
 
 # Doors by command: ``simulator/doors/NAME`` (std_srvs/SetBool) for each door of the world; true opens it.

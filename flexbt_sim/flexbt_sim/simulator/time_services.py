@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The time of the world by the standard services of simulators: play, pause, step, begin anew; and what can be done."""
+"""The time of the world by the standard services of simulators: play, pause, step, restart; and what can be done."""
 
 from __future__ import annotations
 

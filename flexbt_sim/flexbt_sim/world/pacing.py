@@ -3,9 +3,9 @@
 
 As fast as possible (factor 0) means as fast as everybody keeps up whose work the world waits for:
 
-- a *driver*, who answers what it hears of its robot by velocity commands: the world goes on when each has answered;
-- whoever *computes* something that the robot waits for, a plan for example or the first command of a motion: the world
-  goes on in real time meanwhile, since on a robot a plan takes its time too;
+- a *driver*, which answers messages of its robot by velocity commands: the world goes on when each has answered;
+- a node that *computes* something that the robot waits for, such as a plan or the first command of a motion: the
+  world goes on in real time meanwhile, since on a robot a plan takes time too;
 - with neither, at :data:`IDLE_FACTOR`: faster, and the clock alone would keep the nodes of a robot busy.
 
 Somebody may have begun to act, and his message not be handled yet, because the computer is busy. So until what has
@@ -30,12 +30,13 @@ IDLE_FACTOR: Final = 50.0
 """Speed factor of 'as fast as possible' while nobody acts."""
 
 LOOK_SECONDS: Final = 0.02
-"""Wall time, s, from one look whether messages have arrived to the next, at :data:`IDLE_FACTOR`; and by how much 'as
-fast as possible' may be behind its schedule: more is given up at once, it would be a rush past whoever is about to act.
+"""Wall time, s, from one look whether messages have arrived to the next, at :data:`IDLE_FACTOR`; and maximum delay of
+'as fast as possible' behind its schedule: more is given up at once, since catching up would rush past nodes that are
+about to act.
 """
 
 COMPUTING_FACTOR: Final = 1.0
-"""Speed factor of 'as fast as possible' while somebody computes."""
+"""Speed factor of 'as fast as possible' while a node computes."""
 
 ANSWER_SECONDS: Final = 0.02
 """Maximum wall time for which 'as fast as possible' waits for the command that an odometry message causes, s."""
@@ -145,7 +146,7 @@ class Pacer:
     thread."""
 
     def __init__(self, factor: float, post: Post = lambda told: told()) -> None:
-        """``post`` by default for who handles messages at once. Raises ValueError, as :class:`Schedule`."""
+        """Use the default ``post`` if messages are handled at once. Raises ValueError, as :class:`Schedule`."""
         self._schedule = Schedule(factor, time.monotonic())
         self._post = post
         self._looked = -math.inf
@@ -168,7 +169,7 @@ class Pacer:
 
     @factor.setter
     def factor(self, factor: float) -> None:
-        # What is being waited for now was long at the old factor: it is over.
+        # The current wait was computed with the old factor: end it.
         with self._event:
             self._schedule = Schedule(factor, time.monotonic())
             self._event.notify_all()
@@ -194,7 +195,7 @@ class Pacer:
             self._event.notify_all()
 
     def set_computing(self, who: object, is_computing: bool) -> None:
-        """Note that somebody starts or ends a computation that a robot waits for."""
+        """Record that a node starts or ends a computation that a robot waits for."""
         with self._event:
             (self._computing.add if is_computing else self._computing.discard)(who)
             self._event.notify_all()
@@ -220,7 +221,7 @@ class Pacer:
         self.cancel_steps()
 
     def step(self, count: int, on_stepped: OnStepped, piece: int) -> bool:
-        """Have so many steps made while time stands still; False, and nothing, while others are being made, or it does
+        """Have this many steps made while time is paused; False, and nothing, while others are being made, or it does
         not stand still.
 
         ``on_stepped(left, is_over)`` is called after each ``piece`` of them or less, on the thread that steps; when no
@@ -314,7 +315,7 @@ class Pacer:
             self._event.notify_all()
 
     def _wait_for_answers(self, simulated: float, now: float) -> None:
-        """Let those who drive answer, for a short time. Simulated time goes on from then."""
+        """Let the drivers answer, for a short time. Simulated time goes on from then."""
         schedule, began = self._schedule, time.monotonic()
 
         def is_over() -> bool:

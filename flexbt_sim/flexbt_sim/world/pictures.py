@@ -22,7 +22,7 @@ from .scenery import Obstacle
 from .world import World
 
 PIXELS: Final = 900
-"""Longer side of a picture, unless it is told otherwise."""
+"""Default of the longer side of a picture, pixels."""
 
 MAX_PIXELS: Final = 8000
 MAX_FRAMES: Final = 5000
@@ -117,10 +117,10 @@ def draw_world(
     scan.
 
     With a trace, also where the robots have driven up to then; ``paths`` are planned ones by names, dashed. ``pixels``
-    is the longer side, ``time`` what the picture tells as the time, s, by default that of the world.
+    is the longer side, ``time`` the time shown in the picture, s, by default that of the world.
 
     Raises:
-        SimulationError: so many pixels cannot be.
+        SimulationError: the number of pixels is invalid.
     """
     now = frame_of(world)
     drawing = _Drawing(world, pixels, [now, *(trace.frames if trace is not None else ())])

@@ -111,7 +111,7 @@ class Obstacle(Body):
 class Door(Body):
     """A sliding door. ``opening`` is 0 when it is closed and 1 when it is open.
 
-    ``wants_open`` is what it was told, or, of an automatic one, what it has seen to be needed.
+    ``wants_open`` is the last command, or, for an automatic door, what it has detected as needed.
     """
 
     def __init__(self, name: str, model: DoorModel) -> None:

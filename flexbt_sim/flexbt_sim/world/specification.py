@@ -116,8 +116,8 @@ def read(
     """Return what a mapping of plain data specifies; problems are added to the list, and None is returned, if it is
     wrong.
 
-    What the mapping leaves out is as in ``base``, or as by default. Keys ``beside`` those of the specification are for
-    the caller.
+    Keys that the mapping leaves out are as in ``base``, or have their default. Keys ``beside`` those of the
+    specification are for the caller.
     """
     if not isinstance(data, Mapping):
         problems.append(WorldProblem(path, f'expected a mapping of {names(map(written, keys_of(specification)))}, '
@@ -237,7 +237,8 @@ def names(words: Iterable[Any]) -> str:
 
 @dataclass(frozen=True)
 class FaultModel(ModelSpecification):
-    """Base of the parameters of a fault: ``name``, the kinds of entities that can have it, and who carries it out."""
+    """Base of the parameters of a fault: ``name``, the kinds of entities that can have it, and the node that carries it
+    out."""
 
     name: ClassVar[str]
     entities: ClassVar[tuple[str, ...]] = ('robot',)

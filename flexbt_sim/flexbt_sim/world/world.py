@@ -57,7 +57,7 @@ class EntityState:
     estimate: Pose | None = None
     in_contact: bool = False
     devices: Mapping[str, Any] = field(default_factory=dict)
-    """State of each device that has one of its own, by their names: the level of a battery, for example."""
+    """State of each device that has a state, by name: the level of a battery, for example."""
     opening: float | None = None
 
 
@@ -194,7 +194,7 @@ class World:
         return frozenset(self._begun)
 
     def active_faults(self, entity: str) -> Mapping[str, FaultModel]:
-        """Return the parameters of those that an entity has now, by their slots; whoever carries them out."""
+        """Return the parameters of those that an entity has now, by their slots; whichever node carries them out."""
         return {slot: one.parameters for slot, one in self._faults.get(entity, {}).items() if one in self._begun}
 
     # -- changes -----------------------------------------------------------------------------------------------------
@@ -404,7 +404,7 @@ class World:
         of a server or a topic, of the same one.
 
         Raises:
-            SimulationError: there is no such entity or fault, the one cannot have the other, or a value is wrong.
+            SimulationError: the entity or fault does not exist, the one cannot have the other, or a value is wrong.
         """
         values = fault_parameters(fault, parameters or {})
         one = self._entity(entity)
@@ -427,7 +427,7 @@ class World:
         """End a fault of an entity, or keep it from coming; an empty name: all. How many there were.
 
         Raises:
-            SimulationError: there is no such entity.
+            SimulationError: the entity does not exist.
         """
         self._entity(entity)
         ended = [one for one in self._faults.get(entity, {}).values() if fault in ('', one.name)]
@@ -464,7 +464,8 @@ class World:
     # -- time --------------------------------------------------------------------------------------------------------
 
     def step(self, duration: float | None = None) -> None:
-        """Let simulated time pass, s; one step of the world by default. A longer time is so many steps and a rest.
+        """Let simulated time pass, s; one step of the world by default. A longer time is split into steps and a
+        remainder.
 
         Raises:
             SimulationError: the duration is negative or not finite.

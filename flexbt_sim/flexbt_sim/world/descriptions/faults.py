@@ -38,7 +38,7 @@ class LocalizationLost(FaultModel):
 
 @dataclass(frozen=True)
 class DoorJammed(FaultModel):
-    """The door stays as it is, whatever it is told."""
+    """The door stays as it is, whatever its command."""
 
     name: ClassVar[str] = 'door_jammed'
     entities: ClassVar[tuple[str, ...]] = ('door',)
@@ -180,8 +180,8 @@ class ServerFails(ServerFault):
 
 @dataclass(frozen=True)
 class ServerHangs(ServerFault):
-    """A navigation server accepts goals, neither goes on with them nor ends them, and does not answer to a cancel. What
-    it drives comes to rest. At the end of the fault its goals are begun anew, unless they are to be canceled.
+    """A navigation server accepts goals, neither goes on with them nor ends them, and does not answer to a cancel. The
+    robot that it drives stops. At the end of the fault its goals are restarted, unless they are to be canceled.
     """
 
     name: ClassVar[str] = 'server_hangs'
@@ -235,7 +235,7 @@ def fault_parameters(fault: str, values: Mapping[str, Any]) -> FaultModel:
     """Return the parameters of a fault from plain data.
 
     Raises:
-        SimulationError: there is no such fault, or a value is wrong.
+        SimulationError: the fault does not exist, or a value is wrong.
     """
     if fault not in FAULTS:
         raise SimulationError(f"there is no fault '{fault}'{did_you_mean(fault, FAULTS)}")

@@ -110,7 +110,8 @@ class WalkModel(ModelSpecification):
 
 @dataclass(frozen=True)
 class RouteModel(ModelSpecification):
-    """A way along points, at a constant speed. What moves waits while it is blocked, and turns back in the end."""
+    """A way along points, at a constant speed. An obstacle that moves waits while it is blocked, and finally turns
+    back."""
 
     title: ClassVar[str] = 'route'
 

@@ -62,8 +62,8 @@ class Device:
     """Base of what a robot carries. ``model`` is its description; ``is_read`` may be false while nobody reads it.
 
     Each message has the fixed values :meth:`constants`, and at ``fields`` the values :meth:`values`. A field is a code
-    of ``struct`` ('d', 'f'), or '' for a value that is no such number, and the path to it in the message. ``array`` is
-    the path to a list of float32, whose values are :meth:`array_values`.
+    of ``struct`` ('d', 'f'), or '' for a value that is not a number of this kind, and the path to it in the message.
+    ``array`` is the path to a list of float32, whose values are :meth:`array_values`.
     """
 
     name: ClassVar[str]

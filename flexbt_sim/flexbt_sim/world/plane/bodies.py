@@ -14,7 +14,7 @@ import numpy
 from .geometry import Pose, Shape
 
 At = Callable[[float], Pose]
-"""The pose after so many seconds of a movement."""
+"""A function of the seconds since the start of a movement that returns the pose."""
 
 
 class Body:

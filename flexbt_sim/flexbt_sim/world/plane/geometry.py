@@ -68,7 +68,7 @@ def inverse(pose: Pose) -> Pose:
     return Pose(-pose.x * cos - pose.y * sin, pose.x * sin - pose.y * cos, wrap(-pose.yaw))
 
 
-# What bodies take up in the plane, and the distances between them.
+# The areas of bodies in the plane, and the distances between them.
 
 Point = tuple[float, float]
 """x and y, m."""

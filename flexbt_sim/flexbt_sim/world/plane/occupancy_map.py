@@ -38,7 +38,7 @@ for seconds, and 0.4 GB from then on."""
 
 MIN_RESOLUTION: Final = 0.001
 MAX_RESOLUTION: Final = 100.0
-"""Size of a cell, m. What is within reach of the robot is looked for cell by cell."""
+"""Size of a cell, m. Obstacles within reach of the robot are looked for cell by cell."""
 
 FAR: Final = 1e9
 """Distance, m, that stands for no obstacle at all."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ray casting: the ranges of beams on a map with bodies.
 
-What is met is solid, as it is to robots. From within a body, or on its outline, every beam gets 0 m far. A cell of the
-map is met by the beams that go into it: from its edge, not by those that lead away.
+Obstacles are solid, as they are to robots. From within a body, or on its outline, every beam gets 0 m far. A cell of
+the map is met by the beams that go into it: from its edge, not by those that lead away.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 """Distances of bodies on a map to their obstacles, and how far the bodies can move.
 
 Movement is by conservative advancement: a body goes as far as nothing can be, looks again, and so on, so that it never
-jumps over anything and never overlaps anything, whatever its speed and however long the tick. What was found is used
-for as long as it holds: a body that is far from everything costs no look at all.
+jumps over anything and never overlaps anything, whatever its speed and however long the tick. A result is used as long
+as it is valid: a body that is far from everything needs no check at all.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Space:
         self._have_moved = True
         if self._is_changed:
             self._is_changed = False
-            self._near_until = -math.inf  # somebody may have asked meanwhile
+            self._near_until = -math.inf  # another caller may have asked meanwhile
             self._fastest = max((body.top_speed for body in self._bodies.values()), default=0.0)
             for body in self._bodies.values():
                 body.clear_until = -math.inf
