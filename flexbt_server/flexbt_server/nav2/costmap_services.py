@@ -138,8 +138,7 @@ class IsPathValid(_PathChecker, ServiceCondition):
     """Succeeds when no pose of ``path`` is in collision; in main that is ValidatePath.
 
     ``max_cost`` and ``consider_unknown_as_obstacle`` are of kilted: services with the interfaces of Jazzy lack these
-    fields, and it is logged
-    if a tree gives one of these ports, which has no effect.
+    fields, and it is logged if a tree gives one of these ports, which has no effect.
     """
 
     __slots__ = ()
