@@ -44,7 +44,7 @@ class IntraProcessTopics:
         self._receivers: dict[Key, _Receiver] = {}
 
     def publisher(self, publisher: Publisher) -> IntraProcessPublisher:
-        """A replacement of a publisher: receivers in this process get its messages, or bytes."""
+        """Return a replacement of a publisher: receivers in this process get its messages, or bytes."""
         key = publisher.topic_name, publisher.msg_type
         self._offered.add(key)
         return IntraProcessPublisher(publisher, lambda: self._receivers.get(key))
