@@ -132,7 +132,7 @@ autoload -U +X bashcompinit && bashcompinit
 """
 
 _CURSOR: Final = '\0'
-"""Stands for the cursor: no shell can type it."""
+"""Stand-in for the cursor: it cannot be typed in any shell."""
 
 
 class ShellLine(NamedTuple):
@@ -149,7 +149,7 @@ class ShellLine(NamedTuple):
 
     @property
     def names_robot(self) -> bool:
-        """Whether it is the name of a robot that is typed."""
+        """True if the name of a robot is being typed."""
         option = self.last.partition('=')[0] if '=' in self.last else ''.join(self.given[-1:])
         return option in ('--namespace', '--robot')
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What commands do: build a command for the executive, show what the console knows, or query the robot."""
+"""Effects of commands: build a command for the executive, show the console's data, or query the robot."""
 
 from __future__ import annotations
 

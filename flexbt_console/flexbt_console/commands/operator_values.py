@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an operator writes for a value: a level, a namespace, a named place, ``x y yaw``, or the text of any type."""
+"""Values as an operator writes them: a level, a namespace, a named place, ``x y yaw``, or the text of any type."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FRAME: Final = 6
 """Columns, and rows, that the frame of a dialog of the screen, or the prompt, takes from those of the terminal."""
 
 SHELLS: Final = ('bash', 'zsh')
-"""Those in which Tab completes."""
+"""Shells in which Tab completes."""
 
 _NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
 
@@ -269,7 +269,7 @@ _POSE_FORMS: Final[Mapping[str, Callable[[FramedPose], dict[str, Any]]]] = {
     'geometry_msgs/Pose': _pose_plain,
     'geometry_msgs/Pose2D': lambda place: {'x': place.x, 'y': place.y, 'theta': place.yaw},
 }
-"""How a pose becomes plain data of each of :data:`POSE_TYPES`."""
+"""Conversions of a pose to plain data of each of :data:`POSE_TYPES`."""
 
 
 def _checked_text(text: str, type: str) -> str:

@@ -39,7 +39,7 @@ Values = Callable[[Typed], Iterable[str]]
 """The words that may stand for an argument or for the value of an option, the likely ones first."""
 
 Read = Callable[[str], object]
-"""Reads a word; raises UsageError when it is not written as it has to be."""
+"""A reader of a word; raises UsageError if the word is malformed."""
 
 
 class Argument(NamedTuple):
@@ -57,7 +57,7 @@ class Argument(NamedTuple):
 
     @property
     def usage(self) -> str:
-        """As written in a usage line."""
+        """Usage of it, as in a usage line."""
         text = f'{self.name} ...' if self.repeated else self.name
         return text if self.required else f'[{text}]'
 
@@ -78,7 +78,7 @@ class Option(NamedTuple):
 
     @property
     def usage(self) -> str:
-        """As written in a usage line."""
+        """Usage of it, as in a usage line."""
         return self.name if self.value is None else f'{self.name} {self.value}'
 
 
@@ -259,17 +259,17 @@ class CommandSpec:
 
     @property
     def in_prompt(self) -> bool:
-        """Whether the interactive prompt has it too."""
+        """True if the interactive prompt has it too."""
         return not isinstance(self.action, Mode)
 
     @property
     def usage(self) -> str:
-        """How it is written, without the options that every command has."""
+        """Usage without the options that every command has."""
         return self._usage(self.options)
 
     @property
     def prompt_usage(self) -> str:
-        """How it is written at the interactive prompt."""
+        """Usage at the interactive prompt."""
         return self._usage(self.prompt_options)
 
     @property
@@ -283,7 +283,7 @@ class CommandSpec:
 
     @property
     def is_spaced(self) -> bool:
-        """Whether the first argument may be written with spaces."""
+        """True if the first argument may be written with spaces."""
         return bool(self.arguments) and self.arguments[0].spaced
 
     def joined(self, words: Sequence[str]) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which executive the console listens to, and the check that both sides were built from the same interfaces."""
+"""The executive to which the console listens, and the check that both sides were built from the same interfaces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Any, Final
 from flexbt_common.middleware.received_messages import UNKNOWN_NODE, UNKNOWN_WRITER
 
 RETURN_SECONDS: Final = 15.0
-"""For so long one that was replaced is still expected: its computer was busy, or its process was stopped."""
+"""Time for which an executive that was replaced is still expected, s: its computer was busy, or its process was
+stopped."""
 
 _LOOK_SECONDS: Final = 0.2
 _MOST_REPLACED: Final = 16

@@ -30,16 +30,16 @@ JOINED_AT_ONCE: Final = 4
 
 LOOK_SECONDS: Final = 0.5
 LOOK_TOLERANCE: Final = 0.1
-"""From one look for robots that have come to the next, s: nobody waits for them."""
+"""Time between two searches for new robots, s: nobody waits for them."""
 
 LOOK_SHARE: Final = 0.05
 """Share of the executor's time that looks may take: the more topics there are, the less often it looks."""
 
 NEXT_SECONDS: Final = 0.1
-"""From one look to the next while there are robots still to be joined, s."""
+"""Time between two searches while there are robots still to be joined, s."""
 
 FORGET_SECONDS: Final = 600.0
-"""After which a robot that is gone is forgotten, unless somebody has named or opened it."""
+"""Time after which a robot that is gone is forgotten, s, unless it was named or opened."""
 
 _STATUS_TYPE: Final = 'flexbt_msgs/msg/ExecutiveStatus'
 _ENDING: Final = f'/{names.EXECUTIVE_STATUS}'
@@ -77,7 +77,7 @@ class FleetLink:
         self._scan_period = scan_period
         self._joined: dict[str, _Joined] = {}
         self._kept = {self.own, *only}
-        """Those that are never forgotten: they were named, or opened."""
+        """Robots that are never forgotten: they were named, or opened."""
         self._keeping = threading.Lock()
         self._owners: dict[str, bytes] = {}
         """The participant that publishes the statuses of a robot, by its name."""

@@ -247,7 +247,7 @@ _CONVERSIONS: Final[Mapping[Any, Callable[[Any], Any]]] = {
     records.DriveProgress | None: _first_record,
     tuple[tuple[str, int], ...]: _levels,
 }
-"""By the type of a record's field, where the message has it in another form."""
+"""Conversions by the type of a record's field, where the message has it in another form."""
 
 _SPECIAL: Final[Mapping[type, Callable[[Any], Any]]] = {
     BlackboardEntry: _subject_value,

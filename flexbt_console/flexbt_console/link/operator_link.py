@@ -58,16 +58,16 @@ MESSAGE_BYTES: Final = 16_000_000
 PONG_BYTES: Final = 1_000
 
 STATUS_RATE: Final = 100.0
-"""Statuses a second that are taken from one process on average: five times what an executive sends."""
+"""Average rate of statuses that are taken from one process, 1/s: five times what an executive sends."""
 
 STATUS_BURST: Final = 200
-"""Statuses that are taken from one process at once after a quiet time."""
+"""Maximum number of statuses that are taken from one process at once after a quiet time."""
 
 STATUS_DEPTH: Final = 20
-"""Statuses that wait to be taken, from all participants: others must not drive the executive's own out."""
+"""Depth of the queue of statuses, from all participants: others must not drive the executive's own out."""
 
 LIST_DEPTH: Final = 4
-"""Of what is latched once, such as places: those that wait to be taken, from all participants."""
+"""Depth of the queue of topics that are latched once, such as places, from all participants."""
 
 STATUS_BYTES: Final = 4_000_000
 """Bytes of a status, at most."""
@@ -75,7 +75,7 @@ STATUS_BYTES: Final = 4_000_000
 GUARD_RATE: Final = 20.0
 GUARD_BURST: Final = 100
 GUARD_BYTES: Final = 100_000
-"""What is taken of the stop guard, as of the status: it sends some bytes when it stops the robot."""
+"""Limits of the messages of the stop guard, as of the status: it sends some bytes when it stops the robot."""
 
 REPORT_SECONDS: Final = 10.0
 """Between two lines about messages that cannot be read."""

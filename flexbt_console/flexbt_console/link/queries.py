@@ -56,7 +56,7 @@ Goal, Result = SynthesizeBehavior.Goal, SynthesizeBehavior.Result
 _GRACE: Final = 15.0
 """Seconds beyond the time limit for which the answer is waited for: the search has to be started, and ended."""
 _CANCEL_SECONDS: Final = 0.5
-"""For so long the end of the console waits until its cancels are sent."""
+"""Time for which the end of the console waits until its cancels are sent, s."""
 
 _LIVENESS: Final = dict(zip(LIVENESS, (Goal.FAIR, Goal.ADVERSARIAL, Goal.FAIR_OUTCOMES), strict=True))
 

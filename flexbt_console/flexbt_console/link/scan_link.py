@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the lidar of a robot meets, in the frame of its map, into the mirror.
+"""The points that the lidar of a robot sees, in the frame of its map, into the mirror.
 
 Scans and transforms come many times a second, and a screen shows one scan now and then. So they stay with the
 middleware but from the moment in which a scan is due until one has its place.
@@ -36,7 +36,7 @@ from flexbt_core.values.text import one_line
 from .messages import FARTHEST, is_length
 
 MOST_BEAMS: Final = 720
-"""Beams of a scan that are kept; of more, every so many."""
+"""Maximum number of beams of a scan that are kept, evenly spaced."""
 
 SCAN_SECONDS: Final = 3.0
 """A scan that is older, and older than three periods, and than when the next one was to be there, is not shown any
@@ -52,16 +52,16 @@ SAME_SHARE: Final = 0.02
 """Share of the beams that may differ more: those at an edge meet the one or the other side of it."""
 
 PLACE_SECONDS: Final = 2.0
-"""For so long a place is looked for, until it is told to be missing."""
+"""Time for which a place is looked for before it is reported as missing, s."""
 
 STAND_SECONDS: Final = 5.0
-"""After so long in which a robot stands, and its lidar meets the same, its transforms are not heard any more."""
+"""Time after which transforms are no longer subscribed to while a robot stands still and its lidar sees the same, s."""
 
 TOLERANCE: Final = 0.2
 """Part of the time to the next look by which that may come earlier or later, when the executor is awake anyway."""
 
 TF_DEPTH: Final = 10
-"""Transforms that the middleware keeps meanwhile: a scan was taken between two of them."""
+"""Depth of the queue of transforms meanwhile: a scan was taken between two of them."""
 
 MESSAGE_BYTES: Final = 2_000_000
 REPORT_SECONDS: Final = 10.0
@@ -191,7 +191,7 @@ class ScanLink:
 
     @property
     def _pause(self) -> float:
-        """From the last look to the next, s."""
+        """Time from the last check to the next, s."""
         if not self._is_same or self._stand.is_over():
             return self._period
         return self._period * (2.0 if self._mirror.view().running else 4.0)

@@ -30,7 +30,8 @@ class SimulatorLink:
 
     @property
     def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
-        """Those that were dropped here: name, centre (m) and radius (m) of each. None while the simulator is gone."""
+        """Obstacles that were dropped here: name, centre (m) and radius (m) of each. None while the simulator is
+        gone."""
         return tuple((name, *where) for name, where in list(self._dropped.items())) if self._found else ()
 
     def is_possible(self) -> bool:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a screen shows beside the executive: the trees of the BT server, map, plan and scan; into the mirror.
+"""The data that a screen shows in addition to the executive: trees of the BT server, map, plan and scan; into the
+mirror.
 
 A console that only commands does without: it is several times what the operator link itself carries.
 """
@@ -29,7 +30,7 @@ from .messages import is_length, known_constant, record_of
 from .scan_link import REPORT_CHARACTERS, ScanLink
 
 MAP_FRAME: Final = 'map'
-"""As long as no map has come (REP 105)."""
+"""Frame as long as no map has arrived (REP 105)."""
 
 MOST_CELLS: Final = 16_000_000
 """Cells of a map at most, which is 4,000 in a row and as many rows."""
@@ -45,7 +46,7 @@ STATUS_DEPTH: Final = 16
 REPORT_SECONDS: Final = 10.0
 
 _SERVERS: Final = 16
-"""Participants that tell of trees, whose names are remembered."""
+"""Maximum number of participants that publish trees, whose names are remembered."""
 
 
 class SurroundingsLink:

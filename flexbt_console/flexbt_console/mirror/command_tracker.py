@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What became of each command that was sent: pending, then applied, refused, or unanswered."""
+"""The result of each command that was sent: pending, then applied, refused, or unanswered."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ LONGEST_RESEND: Final = 1.0
 """Seconds between two sends of the same command at most."""
 
 _DOUBLINGS: Final = 10
-"""After which the time between two sends is the longest; a command may wait for its answer for hours."""
+"""Number of doublings after which the time between two sends is the longest; a command may wait for its answer for
+hours."""
 
 ANSWER_SECONDS: Final = 3.0
 """An executive answers a STOP before, whatever its behavior and its disk do (other commands wait for the behavior): so

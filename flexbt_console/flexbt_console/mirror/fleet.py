@@ -78,7 +78,7 @@ class Fleet:
         self.left_out = 0
         """Robots that were found and are not among these; see :meth:`note_left_out`."""
         self.is_growing = False
-        """Whether some of them are taken in next."""
+        """True if robots are still to be joined."""
 
     def add(self, name: str, mirror: Mirror) -> None:
         """Take a robot in. It stays until :meth:`remove`, also when it is not heard: somebody has to see that."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How old the picture of the executive is, and so whether it may be shown as the present."""
+"""The age of the picture of the executive, and whether it may be shown as the present."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PING_PERIOD: Final = 30.0
 """Seconds after which the clocks are compared again."""
 
 ECHOES_REMEMBERED: Final = 8
-"""Comparisons of the clocks of which the best one counts."""
+"""Number of comparisons of the clocks, of which the best one counts."""
 
 
 class LinkState(Enum):

@@ -46,10 +46,11 @@ REMEMBERED_EXECUTIVES: Final = 16
 REMEMBERED_STRUCTURES: Final = 4
 
 LISTEN_SECONDS: Final = 2.0
-"""In which an executive that is there is heard: before that nobody can say that there is none."""
+"""Time within which a running executive is received, s: before that it cannot be reported as missing."""
 
 GUARD_SECONDS: Final = 3.0
-"""After which a stop guard that holds the robot should have been heard again: it says so twice a second."""
+"""Time after which a stop guard that holds the robot should have been received again, s: it publishes twice a
+second."""
 
 TRACE_STEP: Final = 0.05
 """Metres from one point of the driven path that is kept to the next."""
@@ -509,7 +510,7 @@ def _copied(value: Any) -> Any:
 # What an executive numbers, such as the lines of its log: put in order, each once, however it arrives.
 
 NUMBERED_EXECUTIVES: Final = 3
-"""Starts of the executive of which something is remembered."""
+"""Number of starts of the executive that are remembered."""
 
 
 class Numbered(Protocol):
@@ -561,7 +562,7 @@ class NumberedList(Generic[N]):
 # Why a state waits for the operator, as far as it, or who was active before it, has said so.
 
 _OLDER_SECONDS: Final = 1.0
-"""What a container says about its outcome may be so much older than its decision."""
+"""Maximum time by which the report of a container about its outcome may be older than its decision, s."""
 
 _PASSING_SECONDS: Final = 1.0
 """A state that was active for a shorter time has only led on from the one before it."""

@@ -457,10 +457,10 @@ class UserdataScope:
 
 
 LIVENESS: Final = ('fair', 'adversarial', 'fair-outcomes')
-"""What can be assumed about failures in a synthesis, in the order of the constants of SynthesizeBehavior."""
+"""Assumptions about failures in a synthesis, in the order of the constants of SynthesizeBehavior."""
 
 SYNTHESIS_SECONDS: Final = 60.0
-"""How long is searched when nothing is said."""
+"""Default time limit of a search, s."""
 
 
 @dataclass(frozen=True, slots=True)

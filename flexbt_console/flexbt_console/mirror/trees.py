@@ -16,7 +16,7 @@ REMEMBERED_TREES: Final = 8
 """Runs of trees that are remembered: those that go on, and the latest that have ended."""
 
 GONE_SECONDS: Final = 60.0
-"""How long a run is remembered whose server is gone."""
+"""Time for which a run is remembered after its server is gone, s."""
 
 BT_SERVER: Final = 'bt_server'
 """Name of the node that runs trees, where a message does not tell it (flexbt_common.names)."""

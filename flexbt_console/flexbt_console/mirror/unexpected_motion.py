@@ -10,18 +10,18 @@ from typing import Final
 from .records import ExecutiveSnapshot, ExecutiveState, FramedPose
 
 BRAKING_SECONDS: Final = 3.0
-"""In which a robot that is to stand may still move, on the clock of the executive."""
+"""Time within which a robot that is to stop may still move, s on the clock of the executive."""
 
 MOVED_METRES: Final = 0.1
 TURNED_RADIANS: Final = 0.2
-"""Of motion from the place where it should stand, from which on it is told."""
+"""Bounds of motion from the place where the robot should stand, above which it is reported."""
 
 NOISE_METRES: Final = 0.01
 NOISE_RADIANS: Final = 0.02
-"""By which the poses of a robot that stands differ, however many of them there are."""
+"""Bounds of the differences between poses of a robot that stands still, however many there are."""
 
 CALM_SECONDS: Final = 5.0
-"""After which a robot that stands again is no alarm any more."""
+"""Time after which a robot that stands still again no longer raises an alarm, s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,12 +61,12 @@ class View:
 
     @property
     def live(self) -> bool:
-        """Whether the picture may be taken for the present."""
+        """True if the picture may be taken for the present."""
         return self.link is LinkState.LIVE
 
     @property
     def running(self) -> bool:
-        """Whether a behavior is being started, runs, is paused or stops."""
+        """True if a behavior is being started, runs, is paused or stops."""
         return self.snapshot is not None and self.snapshot.state not in (
             ExecutiveState.IDLE,
             ExecutiveState.UNKNOWN,
@@ -90,7 +90,7 @@ class View:
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
-        """What waits for the operator, oldest first."""
+        """Decisions that wait for the operator, oldest first."""
         return self.snapshot.decisions if self.snapshot else ()
 
     @property
@@ -115,7 +115,7 @@ class View:
 
     @property
     def drawn(self) -> Surroundings:
-        """What is around the robot as it is to be drawn while the first decision waits: see :meth:`drawn_for`."""
+        """The surroundings of the robot as they are drawn while the first decision waits: see :meth:`drawn_for`."""
         return self.drawn_for(self.decision)
 
     def drawn_for(self, decision: Decision | None) -> Surroundings:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What has changed from one view to the next: events, for people and for programs."""
+"""Changes from one view to the next: events, for people and for programs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .rendering import (
 from .style import Line, Tone, tone_of
 
 SETTLE_SECONDS: Final = 0.3
-"""What is latched beside the first status, such as the log, arrives within so many seconds of it."""
+"""Time after the first status within which other latched messages, such as the log, arrive, s."""
 
 
 class Event(NamedTuple):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the console knows as JSON, for programs. The keys are the fields of the records, and so of the messages."""
+"""The console's data as JSON, for programs. The keys are the fields of the records, and so of the messages."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class Layer(Enum):
 _MET: Final = '*'
 
 Cell = tuple[str, Layer]
-"""What stands in it; '' in the second one of a wide character."""
+"""A cell of the drawing: its character, '' in the second cell of a wide one, and its layer."""
 Point = tuple[float, float]
 
 
@@ -271,10 +271,10 @@ def _line_dots(points: tuple[Point, ...], frame: Frame) -> Iterable[tuple[int, i
 # The map as an image: walls, what the lidar meets, plan, driven path, places, goal, and the robot.
 
 PIXELS: Final = 1200
-"""Of the longer side."""
+"""Default length of the longer side, pixels."""
 
 _GRAYS: Final = bytes(40 if OCCUPIED <= value <= 100 else 255 if value < OCCUPIED else 205 for value in range(256))
-"""What is occupied, free and unknown, as map_server draws it: dark, white and gray."""
+"""Gray levels of occupied, free and unknown cells, as map_server draws them: dark, white and gray."""
 
 _DRIVEN: Final = '#8a8a8a'
 _PLAN: Final = '#0072b2'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the console knows as lines of text for a person. Everything that came over the network is escaped."""
+"""The console's data as lines of text for a person. Everything that came over the network is escaped."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ from flexbt_core.values.text import escape_lines, one_line, pluralize
 from .style import Line, Tone, tone_of
 
 BOOLEANS: Final = ('false', 'true')
-"""What a parameter that is a bool is written as."""
+"""Texts of the values of a parameter that is a bool."""
 
 LABEL_LENGTH: Final = 40
-"""How many characters are shown of what a command is called."""
+"""Maximum number of characters shown of the name of a command."""
 
 SUBJECT_LENGTH: Final = 60
-"""How many characters are shown of a value that a decision is about."""
+"""Maximum number of characters shown of the subject of a decision."""
 
 VALUE_LENGTH: Final = 200
-"""How many characters of a value of userdata are shown."""
+"""Maximum number of characters shown of a value of userdata."""
 
 PLACE_RADIUS: Final = 0.5
 """Metres within which a goal is called by the name of a place."""

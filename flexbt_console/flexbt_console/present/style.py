@@ -124,7 +124,7 @@ ASCII: Final = Glyphs(
 
 
 _COERCED: Final = frozenset({'C.UTF-8', 'C.utf8', 'UTF-8'})
-"""What Python makes of LC_CTYPE in the locale C (PEP 538)."""
+"""Locales that Python sets as LC_CTYPE in the locale C (PEP 538)."""
 
 
 def glyphs() -> Glyphs:

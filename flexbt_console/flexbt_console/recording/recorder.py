@@ -30,7 +30,7 @@ MAX_SIZE: Final = 4_000_000_000
 """Bytes of a recording, where no parameter says otherwise."""
 
 DISCOVERY_SECONDS: Final = 1.0
-"""How long is listened for who is there before the recorder says that it hears all of them."""
+"""Time for which the recorder searches for participants before it reports that it receives all of them, s."""
 
 _LOOK_SECONDS: Final = 0.1
 

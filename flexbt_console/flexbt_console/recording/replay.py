@@ -29,7 +29,7 @@ from .run_file import DAMAGED, read_run, recover_run
 from .topics import NOT_REPLAYED, TOPICS, fields_of, full_definition
 
 DISCOVERY_SECONDS: Final = 1.0
-"""How long is listened for a real executive before anything is published."""
+"""Time for which a real executive is searched for before anything is published, s."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -39,7 +39,7 @@ MOST_RECORD: Final = 64_000_000
 _MAGIC: Final = b'\x89MCAP0\r\n'
 
 DAMAGED: Final = 'lacks its end: its recorder was killed, or the file was cut off or damaged'
-"""What is told of a recording for which :func:`read_run` has called ``at_damage``."""
+"""Warning about a recording for which :func:`read_run` has called ``at_damage``."""
 
 RELATIVE_NAME: Final = 'flexbt_topic'
 """Key of a channel's metadata: the name of the topic in the namespace of its robot."""

@@ -16,7 +16,7 @@ from flexbt_common import names
 from flexbt_console.link.scan_link import MESSAGE_BYTES
 
 SCAN_PERIOD: Final = 0.5
-"""As the screen shows it."""
+"""Period as on the screen, s."""
 
 
 class Topic(NamedTuple):
@@ -53,7 +53,8 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.PLAN: Topic('nav_msgs/msg/Path', QoSProfile(depth=10)),
     names.CMD_VEL: Topic('geometry_msgs/msg/Twist', qos_profile_sensor_data),
 }
-"""By relative name. A late subscriber gets what is latched, so that a recording that begins in a run is complete."""
+"""Topics by relative name. A late subscriber gets the latched ones, so a recording that begins during a run is
+complete."""
 
 NOT_REPLAYED: Final = frozenset({names.EXECUTIVE_COMMAND, names.EXECUTIVE_STOP, names.CMD_VEL})
 """Commands: shown in the file, and never given to anybody again."""

@@ -60,13 +60,13 @@ _INTERACTIVE = {Mode.PROMPT: 'prompt_toolkit', Mode.SCREEN: 'textual'}
 """The modes that need a terminal, and the library of each."""
 
 COMPLETION_SECONDS = 1.5
-"""What completes a word waits so long for the robot."""
+"""Time for which the completion of a word waits for the robot, s."""
 
 DEFAULT_PORT = 8465
-"""Of the page."""
+"""Default port of the page."""
 
 LEAVING = 'the robot goes on'
-"""What happens when the operator leaves."""
+"""Consequence of leaving for the robot."""
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _CLOSE_SECONDS = 10.0

@@ -19,7 +19,7 @@ Possible = Callable[[View], str]
 """Why it cannot work now; '' when it can."""
 
 Written = Callable[[View, str | None], list[str]]
-"""What a key of this operator stands for, as it would be typed: one line, or several of which one is meant."""
+"""A function that returns the meaning of a key as it would be typed: one line, or several of which one is meant."""
 
 
 @dataclass(frozen=True)
@@ -358,7 +358,7 @@ _OF_SCREEN: Final = (
 )
 
 SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state wants'))
-"""What the decision bar marks its answers with."""
+"""Signs with which the decision bar marks its answers."""
 
 KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
 

@@ -31,7 +31,7 @@ class Obstacles(Protocol):
 
     @property
     def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
-        """Those that were dropped here: name, centre (m) and radius (m) of each."""
+        """Obstacles that were dropped here: name, centre (m) and radius (m) of each."""
 
     def is_possible(self) -> bool:
         """Return whether there is a simulator."""
@@ -186,7 +186,7 @@ class Session:
 # screen.
 
 REMEMBERED: Final = 200
-"""Spells of dealing with a decision."""
+"""Maximum number of remembered periods of dealing with a decision."""
 
 
 DecisionKey = tuple[str, str]

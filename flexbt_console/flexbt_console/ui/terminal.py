@@ -22,14 +22,14 @@ from flexbt_common.command_line import restored_signals
 from flexbt_core.values.text import one_line
 
 UNSEEN_SECONDS: Final = 30.0
-"""Who sees nothing of what happens for so long is not present."""
+"""Time after which an operator who sees no updates is not present, s."""
 
 END_SECONDS: Final = 10.0
 """Within which a user interface that was told to end has ended; else the process ends all the same."""
 
 _SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 _SUSPENDING: Final = (signal.SIGTSTP, signal.SIGCONT)
-"""For which Textual's driver leaves handlers of its own, which need the event loop."""
+"""Signals for which Textual's driver leaves its own handlers, which need the event loop."""
 
 _CHECK_SECONDS: Final = 5.0
 _FULL_SECONDS: Final = 0.5
@@ -37,8 +37,8 @@ _SIGN_OFF_SECONDS: Final = 1.0
 
 
 class TerminalWatch:
-    """Has the process end by SIGTERM when the terminal on its standard streams, or the server of the browser, is gone,
-    or has taken nothing for :data:`UNSEEN_SECONDS`.
+    """A watch that ends the process by SIGTERM when the terminal on its standard streams, or the server of the browser,
+    is gone, or has accepted no output for :data:`UNSEEN_SECONDS`.
 
     What writes to a full terminal waits for ever: Textual and prompt_toolkit, on the main thread, also when they are to
     end. So whoever handles a signal that ends the process says so by :meth:`signaled`. Where the terminal takes
@@ -129,7 +129,7 @@ class TerminalWatch:
 # What others write to the terminal, such as the log of the middleware, as lines of our own.
 
 LINE_BYTES = 4_000
-"""Of a line at most; what is more begins another one."""
+"""Maximum bytes of a line; the rest begins another one."""
 
 
 class _Terminal(io.FileIO):

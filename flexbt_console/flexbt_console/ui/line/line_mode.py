@@ -32,7 +32,7 @@ from flexbt_core.values.text import one_line
 T = TypeVar('T')
 
 LATCHED_SECONDS: Final = 1.0
-"""How long to wait for latched messages once the status has arrived."""
+"""Time to wait for latched messages once the status has arrived, s."""
 
 QUIET_SECONDS: Final = 0.1
 """The latched lines of the log arrive one by one. They are complete when none arrives for this long."""
@@ -215,7 +215,7 @@ ROBOTS_QUIET_SECONDS: Final = 1.0
 """Robots are found one after the other: they are all there when none comes, and none becomes live, for so long."""
 
 HEAR_SECONDS: Final = 5.0
-"""For so long a robot that was found, and not heard yet, is waited for."""
+"""Time for which a robot that was found, but not received yet, is awaited, s."""
 
 NAME_SECONDS: Final = 1.2
 """The names of robots are all there when none has come for so long, which is longer than from look to look."""
@@ -283,7 +283,7 @@ def _settled(
 # What a command waits for is said, beside its answer: on standard error, and only when it takes long.
 
 SILENT_SECONDS: Final = 1.0
-"""For so long nobody wonders what is going on."""
+"""Time for which no progress needs to be shown, s."""
 
 
 def report_wait(clock: Clock, what: Callable[[], str], timeout: float) -> AbstractContextManager[None]:

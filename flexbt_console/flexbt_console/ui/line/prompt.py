@@ -43,7 +43,7 @@ from .raw_input import MOST_TYPED, RawInput, is_gone
 from .toolbar import toolbar
 
 AGE_SECONDS: Final = 0.5
-"""How often the age of the picture is drawn anew while nothing else happens."""
+"""Period at which the age of the picture is redrawn while nothing else happens, s."""
 
 REDRAW_SECONDS: Final = 0.1
 """Shortest time between two drawings, which limits what goes over a slow terminal connection."""

@@ -52,14 +52,14 @@ REDRAW_SECONDS: Final = 0.05
 """Shortest time between two drawings, which limits what goes over a slow connection."""
 
 AGE_SECONDS: Final = 0.7
-"""How long after a look at what time alone changes the next one is: longer than from one status to the next."""
+"""Time between two checks of values that only time changes, s: longer than from one status to the next."""
 
 PLAY_SECONDS: Final = 0.1
-"""From one picture of a recording that plays to the next."""
+"""Time between two pictures of a recording that plays, s."""
 
 
 _BESIDE_VIEW: Final = frozenset({Change.LOG, Change.EVENTS, Change.COMMAND})
-"""What changes without a view that tells so."""
+"""Changes that are not reported by a view."""
 
 
 class ScreenRobots(Protocol):

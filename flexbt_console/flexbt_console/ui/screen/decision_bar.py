@@ -27,7 +27,7 @@ ROWS: Final = 4
 """Rows of the bar: it stays at its place, also while nothing waits."""
 
 CHOICE_ROWS: Final = 2
-"""Of them, for what may be answered."""
+"""Rows of the decision bar for the possible answers."""
 
 LEAST_CELLS: Final = 7
 """Cells of a choice of one letter, with the gap behind it."""
@@ -37,13 +37,13 @@ BURST_SECONDS: Final = 0.7
 down sooner than that (X11: after 0.66 s)."""
 
 BURST_SIGNS: Final = 20
-"""Of them that are kept: a key that is held down types for ever."""
+"""Maximum number of signs of a burst that are kept: a key that is held down repeats without end."""
 
 _ENTER: Final = '\u23ce'
-"""Stands for an Enter in what was typed."""
+"""Sign for an Enter in what was typed."""
 
 _ALONE: Final = re.compile(f'(.*{_ENTER})?[0-9]|')
-"""What may be typed just before an Enter that answers: nothing, or a number that picks, also behind a list."""
+"""Pattern of the input that may precede an Enter that answers: nothing, or a number that picks, also after a list."""
 
 NARROWEST: Final = 16
 """Cells that a choice has at least where there is no room for all of its text."""

@@ -44,10 +44,10 @@ if TYPE_CHECKING:
     from .textual_app import ImageWidget
 
 IMAGE_SECONDS: Final = 2.0
-"""From one image of the map to the next: each is some ten kilobytes."""
+"""Time between two images of the map, s: each has some ten kilobytes."""
 
 MOST_ROWS: Final = 100
-"""Of one line."""
+"""Maximum rows of one line."""
 
 
 class Entry(NamedTuple):

@@ -123,11 +123,11 @@ def keys_text(view: View, columns: int, operator: str | None, focused: str = '',
 KEYS_OF_LINE: Final = 'Enter does it  Tab completes  Up Down: another one  Esc leaves  F8 STOP'
 
 NAME_COLUMNS: Final = 24
-"""Of what an offer becomes; behind it stands what that does."""
+"""Columns for the text of an offer, before its description."""
 
 
 class CommandInput(Input):
-    """Belongs to the decision that was on the screen when it was begun, which is ``bound``."""
+    """A command input that belongs to the decision on the screen when it was begun, which is ``bound``."""
 
     _marked = 0
 

@@ -31,7 +31,7 @@ MOVES: Final = {
     'end': 'jump_forward',
     'home': 'jump_back',
 }
-"""What each key does on the time line."""
+"""Effect of each key on the time line."""
 
 KEYS: Final = (
     ('Space', 'Play or pause; at the end, play from the beginning'),
@@ -45,7 +45,7 @@ KEYS: Final = (
 )
 
 HELP: Final = ('q quits', 'space plays', '? keys', ', . step', '[ ] speed', '/ finds', 'Home End 10 s')
-"""As many of them as there is room for beside a line of LEAST cells."""
+"""Hints, of which as many are shown as fit next to a line of LEAST cells."""
 
 LEAST: Final = 10
 
@@ -80,7 +80,7 @@ class NoLink(NullRobot):
 
 
 class ReplayBar:
-    """Plays a recording in the time of ``clock``."""
+    """A bar that plays a recording in the time of ``clock``."""
 
     def __init__(self, player: Player, clock: Clock) -> None:
         self.player = player

@@ -61,8 +61,7 @@ class _Ranked(NamedTuple):
 
 
 class MachinePane:
-    """Draws machine and trees: what is of now, as much as there is room for, or all of it from where it was scrolled
-    to."""
+    """A pane that draws machine and trees: the current part, as much as fits, or all of it from the scroll position."""
 
     def __init__(self, signs: Glyphs) -> None:
         self._signs = signs
@@ -218,7 +217,7 @@ LEAST_ROWS: Final = 3
 
 
 class MapPane:
-    """Draws the map. The cursor belongs to one decision, and is gone with it."""
+    """A pane that draws the map. The cursor belongs to one decision, and disappears with it."""
 
     def __init__(self, signs: Glyphs) -> None:
         self._canvas = MapCanvas(signs)
@@ -321,8 +320,8 @@ _INDENT: Final = ' ' * 12
 
 
 class LogPane:
-    """Shows the latest, or what was there when it was scrolled back: that stands still. ``operator`` is the one at this
-    screen, who is told of own commands in another way."""
+    """A pane that shows the latest lines, or a fixed part when it is scrolled back. ``operator`` is the one at this
+    screen, who is notified of own commands in another way."""
 
     def __init__(self, operator: str | None) -> None:
         self._operator = operator

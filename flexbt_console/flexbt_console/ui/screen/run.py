@@ -18,7 +18,7 @@ from .replay_bar import NOTHING_SENT, NoLink, Player, ReplayBar
 from .textual_app import image_widget
 
 LAYOUT_FILE = f'{USER_DIRECTORY}/screen_layout'
-"""Where the layout is kept from one time to the next."""
+"""File that keeps the layout from one session to the next."""
 
 
 def run_screen(station: Station, clock: Clock, on_signal: OnSignal, robots: ScreenRobots | None = None) -> None:

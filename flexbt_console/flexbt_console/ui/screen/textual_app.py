@@ -37,7 +37,7 @@ FIELD_SECONDS: Final = 0.5
 
 
 class OrderedApp(App[None]):
-    """Its operator has to be able to act whatever happens: an error of what a key does is told."""
+    """An app whose operator can act at any time: an error in the handling of a key is reported."""
 
     _opening: AwaitMount | None = None
 
@@ -117,7 +117,7 @@ class OrderedApp(App[None]):
 # Textual's driver for a terminal: it sleeps while nothing is typed, and goes on where the process was stopped.
 
 LOOK_SECONDS: Final = 0.1
-"""From one look to the next at whether a sequence of a key, which has begun, is none."""
+"""Time between two checks whether a key sequence that has begun is not one, s."""
 
 READ_BYTES: Final = 4096
 

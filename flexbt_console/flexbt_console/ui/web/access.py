@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who may use the page: checks of the headers Host and Origin, and the token; and how often one may be wrong."""
+"""Access to the page: checks of the headers Host and Origin, and the token; and the allowed rate of wrong ones."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ CLOSED_HEADERS: Final = {
     'Cross-Origin-Opener-Policy': 'same-origin',
     'Cross-Origin-Resource-Policy': 'same-origin',
 }
-"""Of each answer: pages of other sites get nothing of it, and are told nothing of this one."""
+"""Headers of each answer, so that pages of other sites cannot read it or learn about this one."""
 
 
 GUESSES: Final = 5
 """Wrong tokens from one address that are answered at once."""
 
 GUESS_SECONDS: Final = 2.0
-"""After those, one more is looked at each time that this has passed."""
+"""Time after which one more guess is checked once the maximum is used up, s."""
 
 _ADDRESSES: Final = 4096
 

@@ -37,7 +37,8 @@ MOST_AT_ONCE: Final = 4
 """Requests of a page that wait for the robot or the simulator at the same time; more are refused."""
 
 DRAWINGS_KEPT: Final = 16
-"""Drawings that a page is taken to have. It keeps more of them, since they come in another order than asked for."""
+"""Number of drawings that a page is assumed to have. It keeps more of them, since they arrive in another order than
+requested."""
 
 _LOGGER: Final = logging.getLogger(__name__)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the page shows, as plain data: the parts of a picture, of which only those that have changed are sent."""
+"""The contents of the page as plain data: the parts of a picture, of which only those that have changed are sent."""
 
 from __future__ import annotations
 
@@ -59,13 +59,14 @@ RESTS: Final = 3.0
 
 LOG_LINES: Final = 200
 LINE_CHARACTERS: Final = 4_000
-"""Of a line of the log, at most."""
+"""Maximum characters of a line of the log."""
 
 MOST_LISTED: Final = 500
-"""Elements of a list, such as the nodes of a tree, that a page gets; how many are left out is said there."""
+"""Maximum number of elements of a list, such as the nodes of a tree, that a page gets. The number that is left out is
+shown."""
 
 NODE_CHARACTERS: Final = 100
-"""Of the name of a node of a tree, at most."""
+"""Maximum characters of the name of a node of a tree."""
 
 MOST_CELLS: Final = 1_000_000
 """Cells of a map that a page gets; of a larger one several cells become one."""

@@ -23,7 +23,7 @@ from flexbt_console.ui.station import RobotRequest, Session, Station
 from flexbt_core.values.json_data import load_json
 
 LEAVING: Final = 'close the page: the robot goes on'
-"""What "quit" on a page answers."""
+"""Answer to "quit" on a page."""
 
 
 class PageRobots(Protocol):
@@ -46,7 +46,7 @@ class PageRobots(Protocol):
 # What a page asks for: read with bounds, and carried out as the prompt and the screen do it.
 
 MESSAGE_BYTES: Final = 65_536
-"""Of a message of a page, at most."""
+"""Maximum bytes of a message of a page."""
 
 RATE: Final = 20.0
 """Messages a second that a page may send for long; BURST at once."""
@@ -89,10 +89,10 @@ def read(text: str) -> dict[str, Any]:
 
 
 Told = OperatorCommand | Reading
-"""What becomes of a request: the command that was sent, or lines to read; without a title they are for the log."""
+"""The result of a request: the command that was sent, or lines to read. Lines without a title are for the log."""
 
 PageRequest = Callable[[], Told]
-"""What has to wait for the robot or the simulator, and ends with the page. Raises ConsoleError."""
+"""A request that has to wait for the robot or the simulator, and ends with the page. Raises ConsoleError."""
 
 
 def answered(

@@ -34,14 +34,14 @@ from .picture import Pictures
 from .requests import MESSAGE_BYTES, PageRobots
 
 MOST_PAGES: Final = 32
-"""Pages that are open at the same time."""
+"""Maximum number of pages that are open at the same time."""
 
 MOST_GREETING: Final = 32
-"""Connections at the same time that have not said yet what a page says first; the oldest of the source that has the
-most gives way to one more."""
+"""Maximum number of connections at the same time that have not sent the first message of a page yet. The oldest of the
+source that has the most is closed for a new one."""
 
 GREETING_OF_SOURCE: Final = 8
-"""Of these, from one source."""
+"""Maximum number of these from one source."""
 
 PING_SECONDS: Final = 10.0
 
@@ -49,7 +49,8 @@ _TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript'
 
 
 class WebServer:
-    """Serves the pages of robots, also of those that come later; ``station`` makes what the page of one needs."""
+    """A server of the pages of robots, including those that appear later; ``station`` makes the objects that the page
+    of one needs."""
 
     def __init__(self, robots: PageRobots, station: Callable[[Mirror, RobotCommands], Station], access: Access) -> None:
         self._robots = robots
@@ -195,7 +196,7 @@ class WebServer:
 SHUTDOWN_SECONDS: Final = 1.0
 
 MOST_CONNECTIONS: Final = 256
-"""Connections at the same time."""
+"""Maximum number of connections at the same time."""
 
 REQUEST_SECONDS: Final = 10.0
 """A connection has asked for something by then, or is ended; and so long after an answer it may ask for more."""
@@ -261,8 +262,8 @@ async def serving(application: web.Application, address: str, port: int) -> Asyn
 
 
 class _Connections:
-    """Of those that ask for nothing the oldest give way, those of the source that has the most first, so that there are
-    no more than MOST_CONNECTIONS and what came at the same moment.
+    """The connections of a server. Idle ones are closed, the oldest of the source with the most first, so that there
+    are no more than MOST_CONNECTIONS plus those that arrived at the same moment.
 
     A connection needs no token, and aiohttp waits for its first request for ever: here, for REQUEST_SECONDS.
     """
@@ -311,7 +312,8 @@ def _source(transport: asyncio.Transport) -> str:
 
 
 class _MalformedRequests(logging.Filter):
-    """Of what aiohttp logs of requests that are none, which anybody may send: a line now and then, without a trace."""
+    """A filter of aiohttp's log of malformed requests, which anybody may send: it passes an occasional line, without a
+    trace."""
 
     def __init__(self) -> None:
         super().__init__()
