@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Arguments of the commands that prove, and how they tell what they have found."""
+"""Arguments of the commands that prove, and the output of their results."""
 
 from __future__ import annotations
 

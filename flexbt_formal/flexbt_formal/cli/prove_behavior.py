@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``behavior_tool prove``: follows all that can happen to a behavior, and tells what is wrong with the shortest way to
-it."""
+"""``behavior_tool prove``: explore everything that can happen to a behavior, and report violations with the shortest
+way to each."""
 
 from __future__ import annotations
 

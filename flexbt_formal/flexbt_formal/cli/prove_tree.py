@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``bt_tool prove``: follows all that can happen to a tree, and tells what is wrong with the shortest way to it.
+"""``bt_tool prove``: explore everything that can happen to a tree, and report violations with the shortest ways.
 
-The main file of a model in the format of AS2FM is known by its first element: see ``prove_model``.
+The main file of a model in the format of AS2FM is recognized by its first element: see ``prove_model``.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Two versions of a tree, or of a machine, side by side: where can it be told which of them runs?
+"""Comparison of two versions of a tree, or of a machine: the steps at which they can be told apart.
 
-Both make the same steps, with the same answers, from their beginnings on. What is told apart is what the environment
-and the operator see: what begins, with which inputs, what ends, what can happen next, and how long it takes. By which
-controls and conditions a version comes to that is its own affair.
+Both make the same steps with the same answers from the start. Only differences that the environment and the operator
+can see count: what begins, with which inputs, what ends, what can happen next, and how long it takes. The controls and
+conditions by which a version gets there do not matter.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .model import TIMER, EnvironmentChoices, Label, System
 from .virtual_time import VirtualClock
 
 _DIGITS: Final = 6
-"""Of seconds that are compared."""
+"""Number of decimal digits of seconds that are compared."""
 _UNNAMED: Final = re.compile(r'::\d+$')
 
 
@@ -71,12 +71,12 @@ class Comparison:
 
     @property
     def is_complete(self) -> bool:
-        """Whether everything was followed."""
+        """True if everything was explored."""
         return not self.stopped_by
 
     @property
     def is_same(self) -> bool:
-        """Whether no step was found that tells the versions apart."""
+        """True if no step was found at which the versions differ."""
         return not self.differences and not self.more
 
 
@@ -218,7 +218,7 @@ class _Version:
 
 
 class _SharedChoices(EnvironmentChoices):
-    """Answers of one step of both: what one was told, the other is told, too, whenever it asks."""
+    """The answers of one step of both versions: whenever one asks, it gets the answer that the other got."""
 
     def __init__(self, given: Sequence[int] = ()) -> None:
         super().__init__(given)

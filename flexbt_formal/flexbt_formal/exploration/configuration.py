@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Configurations of running engines: kept, restored in place, and told apart by what can follow from them.
+"""Configurations of running engines: saved, restored in place, and distinguished by what can follow from them.
 
-A configuration is what all objects hold that can be reached from some roots. It is found by walking over them, so
-that nothing is forgotten that an engine, a node or a state remembers; what never changes once a run was made
-(definitions, wiring, functions) is left out by :class:`Layout`.
+A configuration is the contents of all objects that can be reached from some roots. It is found by walking over them,
+so that it includes everything that an engine, a node or a state remembers; :class:`Layout` leaves out the parts that
+never change after a run is made (definitions, wiring, functions).
 
-Two configurations have the same key when they differ only in what has no part in what follows: the time that has
+Two configurations have the same key when they differ only in parts without influence on what follows: the time that has
 passed (of points in time only their order counts), messages for people, numbers that are only counted up, the contents
 of messages on a blackboard (only whether there is one).
 """
@@ -141,10 +141,10 @@ _ABSENT: Final = object()
 
 
 class StateSnapshotter:
-    """Keeps and restores the configurations of what can be reached from ``roots``.
+    """A snapshotter that saves and restores the configurations of the objects that can be reached from ``roots``.
 
-    Objects are looked into when their class is of the same package as a root, or as one of ``classes``. What is only
-    reached by those of the roots that are ``unread`` is restored, and has no part in the key, as they.
+    Objects are inspected if their class is of the same package as a root, or as one of ``classes``. Objects that are
+    only reached from ``unread`` roots are restored but, like these roots, have no part in the key.
     """
 
     def __init__(
@@ -205,10 +205,10 @@ _SET: Final = 'set'
 
 _Part = tuple[Any, Any, Any]
 _Fragments = list[dict[tuple[int, ...], tuple[_Part, bytes]]]
-"""Of each root, by what its slots hold: what restores it, and its text, where both are the same in all
-configurations."""
+"""Fragments of each root, by the contents of its slots: the data that restores it, and its text, if both are the same
+in all configurations."""
 _MOST_FRAGMENTS: Final = 1000
-"""Of a root."""
+"""Maximum number of fragments of a root."""
 _QUIET: Final = b''
 """The text of what has no part in the key."""
 

@@ -26,7 +26,7 @@ DEFAULT_CONFIGURATIONS: Final = 200_000
 ANSWERS_OF_A_STEP: Final = 4096
 """Ways to answer in one step that are tried; there may be more where many conditions are asked in one tick."""
 _CHECKED: Final = 100
-"""Of so many configurations one is compared with what the steps from the beginning lead to."""
+"""One of this many configurations is compared with the result of the steps from the beginning."""
 _ALIKE: Final = 3
 """Counterexamples of one property that are reported; the rest are counted."""
 
@@ -41,7 +41,7 @@ def unreported(*_: object) -> None:
 
 @dataclass
 class ExplorationLimits:
-    """Limits at which an exploration ends early: ``seconds`` of processor time, whatever else the machine does, and a
+    """Limits at which an exploration ends early: ``seconds`` of processor time, independent of other load, and a
     number of configurations. ``whole`` is the time of which ``seconds`` are a part, where several
     explorations share it."""
 
@@ -62,7 +62,7 @@ class _Found:
 
 
 class RestoreError(AssertionError):
-    """A configuration that was restored is not what the steps lead to: something is remembered that is not kept."""
+    """A restored configuration differs from the result of its steps: something that is remembered is not saved."""
 
 
 def explore(
@@ -282,7 +282,7 @@ class _Exploration:
 
 
 class Moment(NamedTuple):
-    """A step on a way that was made just now on ``system``: what was chosen in it, and what is wrong with it."""
+    """A step that was just made on ``system``: the choices in it, and its violations."""
 
     system: System
     label: Label

@@ -13,7 +13,7 @@ from flexbt_core.monitors.requirements import Possible
 from .model import LabelEffect, Move
 
 _Ways = frozenset[LabelEffect | None]
-"""How a step may be made without a stop: by what servers answer, and None for what needs none."""
+"""Ways to make a step without a stop: the effects of the servers' answers, and None for a step that needs none."""
 _STOPS: _Ways = frozenset()
 _ANY: _Ways = frozenset((None,))
 _Before = dict[bytes, list[tuple[bytes, _Ways]]]
@@ -30,10 +30,10 @@ class ConfigurationGraph:
     def __init__(self) -> None:
         self.ended: dict[bytes, str | None] = {}
         self.over: set[bytes] = set()
-        """Where it is settled how it ends."""
+        """Configurations whose end is decided."""
         self.waiting: set[bytes] = set()
         self.asking: set[bytes] = set()
-        """Where a person is asked, who can do something else than answer."""
+        """Configurations in which a person is asked and can also do something other than answer."""
         self.unfinished: set[bytes] = set()
         self.broken: set[bytes] = set()
         self.depth = 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Models of the leaves of a tree in an exploration: they do whatever the real ones may do.
+"""Models of the leaves of a tree in an exploration: they can do everything that the real ones may do.
 
 An action is RUNNING until the environment gives its result; halted, it goes on until the environment confirms that it
 has ended, and like an ActionLeaf of the BT server it does not begin while something of its tree is still ending. What
@@ -118,7 +118,7 @@ class Environment:
     ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths,
     with what the tree waits for.
     ``answers`` were given in the step that is under way, in which the leaves ``begun`` began, and conditions and
-    decorators that look at the robot were ``asked``, each with what ``described`` told of it then. ``due`` is when an
+    decorators that look at the robot were ``asked``, each with what ``described`` returned then. ``due`` is when an
     attempt has to be given up, by its skill.
     """
 
@@ -262,7 +262,7 @@ class _Model(LeafNode):
 
 
 class ModelInstant(_Model):
-    """Done within one tick: a condition, or an action that only computes."""
+    """A leaf that is done within one tick: a condition, or an action that only computes."""
 
     __slots__ = ()
 
@@ -286,7 +286,7 @@ class ModelInstant(_Model):
 
 
 class ModelAction(_Model, StatefulAction):
-    """Works until the environment gives a result, or confirms that it was canceled."""
+    """An action that works until the environment returns a result, or confirms that it was canceled."""
 
     __slots__ = ('before', 'is_asked_anew', 'is_waiting', 'result')
 
@@ -353,7 +353,7 @@ def mark_asked_anew(nodes: Iterable[TreeNode]) -> None:
 
 
 class ModelGate(Decorator):
-    """Lets its child begin, or not; one that runs is ticked."""
+    """A gate that lets its child begin, or not; a running child is ticked."""
 
     __slots__ = ()
 

@@ -27,7 +27,7 @@ class Needs(NamedTuple):
 
     ``effects`` are those of its results, and whether that is how things are now, rather than what it has changed.
     ``ends`` are places of arguments, by predicates of which one object holds at most there. ``changes`` is what may be
-    otherwise once it has begun, whatever comes of it: None for anything, when nobody has said what it brings about.
+    different once it has begun, with any result: None for anything, if its effects are not declared.
     ``is_at_once``: it does its work within a tick.
     """
 

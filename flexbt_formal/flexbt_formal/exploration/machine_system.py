@@ -49,13 +49,13 @@ PAUSE: Final = 'operator pauses'
 RESUME: Final = 'operator resumes'
 
 _DEFAULT: Final = '(default)'
-"""What a key has that nobody has written, where that is looked at."""
+"""Value of a key that was never written, where it is read."""
 _TRANSITIONS: Final = 60
 _WAKES: Final = 50
 
 
 class Operator(Enum):
-    """What the operator does: nothing; answers what is asked; and may force, pause and go on."""
+    """The activity of the operator: none; answers to questions; or also forcing, pausing and resuming."""
 
     NONE = 'none'
     ANSWERS = 'answers'
@@ -64,7 +64,7 @@ class Operator(Enum):
 
 @dataclass(frozen=True)
 class MachineBounds:
-    """Of what is explored: the operator's commands, how many outcomes are forced, how many cancels are ignored."""
+    """The bounds of an exploration: the operator's commands, the number of forced outcomes and of ignored cancels."""
 
     operator: Operator = Operator.ANSWERS
     forces: int = 0
@@ -123,7 +123,7 @@ _VIEWS: Final = {Decision: {'': lambda decision: (decision.kind.name, decision.p
 
 
 class _Counted:
-    """What was used up of the bounds, and what has happened since the beginning."""
+    """The used part of the bounds, and the events since the beginning."""
 
     def __init__(self) -> None:
         self.is_started = False
@@ -133,7 +133,7 @@ class _Counted:
 
 
 class MachineSystem(RunReader):
-    """A machine on a clock of its own. ``models`` says what stands for a state; ``requirements`` are checked, too.
+    """A machine with its own clock. ``models`` returns the model of a state; ``requirements`` are checked, too.
 
     With ``reduces``, situations after a stop differ only in what has not halted yet, and of children of a container
     that are interchangeable, and in the same situation, one is followed (where nothing is required, which might be
@@ -198,11 +198,11 @@ class MachineSystem(RunReader):
         self._alike = interchangeable(self._definition) if reduces and not requirements else []
         self._is_starting = False
         self._moved = ''
-        """What makes the step that is under way: the subject of its label."""
+        """Cause of the current step: the subject of its label."""
 
     @property
     def run(self) -> MachineRun:
-        """The run, for who shows it."""
+        """The run, for code that shows it."""
         return self._run
 
     # -- what an exploration needs -----------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ class EnvironmentChoice(NamedTuple):
 
 
 class EnvironmentChoices:
-    """The answers of one step: those that are ``given``, and the first option for whatever is asked after them."""
+    """The answers of one step: the ``given`` ones, then the first option of each further question."""
 
     def __init__(self, given: Sequence[int] = ()) -> None:
         self._given = tuple(given)
@@ -74,7 +74,7 @@ class Label(NamedTuple):
 
     @property
     def is_stop(self) -> bool:
-        """Whether it is that everything be stopped."""
+        """True if the label stops everything."""
         return self.kind == STOP
 
     @property
@@ -107,10 +107,10 @@ class Move(NamedTuple):
 
 
 class LabelEffect(NamedTuple):
-    """The effect of a label that ends something which needs a server, or which somebody has to cause.
+    """The effect of a label that ends something which needs a server or an external cause.
 
-    ``server`` is the one that it needs ('' for none). ``is_caused``: it happens because of what is there; otherwise
-    only when somebody outside makes it happen, such as who cancels a goal.
+    ``server`` is the one that it needs ('' for none). ``is_caused``: the system itself causes it; otherwise only an
+    outside cause makes it happen, such as a client that cancels a goal.
     """
 
     server: str
@@ -156,7 +156,7 @@ class System(Protocol):
 
     @property
     def is_over(self) -> bool:
-        """Whether it is settled how it ends; what was canceled may still go on."""
+        """True if its end is decided; canceled work may still continue."""
 
     @property
     def written(self) -> frozenset[str]:
@@ -164,11 +164,11 @@ class System(Protocol):
 
     @property
     def waits(self) -> str:
-        """For whom it waits visibly, if it does: '' for nobody."""
+        """Name of the one that it visibly waits for; '' if it waits for none."""
 
     @property
     def is_asking(self) -> bool:
-        """Return whether a person is asked how to go on, who can do something else, too."""
+        """True if a person is asked how to continue and can also do something else."""
 
     def position(self) -> str:
         """Return where it is, in words."""
@@ -198,7 +198,7 @@ def livelock(system: System) -> Violation:
 
 @dataclass(frozen=True)
 class Counterexample:
-    """A violation, and the shortest way to it, which ``lines`` tell in words."""
+    """A violation, and the shortest way to it, which ``lines`` describe in words."""
 
     violation: Violation
     moves: tuple[Move, ...]
@@ -235,16 +235,16 @@ class Report:
 
     @property
     def holds(self) -> bool:
-        """Whether nothing is wrong in what was covered."""
+        """True if no violation was found in the covered part."""
         return not self.counterexamples
 
     @property
     def is_proof(self) -> bool:
-        """Whether everything was followed: what comes after something wrong is not known. What never happens is."""
+        """True if everything was explored. What follows a violation is not, except that something never happens."""
         never = (Property.REACHABLE, Property.LIMITS, Property.LISTENS)
         return self.is_complete and all(one.violation.property in never for one in self.counterexamples)
 
     @property
     def is_dead_code(self) -> bool:
-        """Whether nothing is wrong but that something can never come about: a success, an outcome, a state, a node."""
+        """True if the only violation is that something can never happen: a success, an outcome, a state, a node."""
         return not self.holds and all(one.violation.property is Property.REACHABLE for one in self.counterexamples)

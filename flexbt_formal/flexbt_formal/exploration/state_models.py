@@ -46,7 +46,7 @@ class StateModel:
     ``reads`` are what it needs of the blackboards of trees when it begins, ``writes`` what is there after an outcome,
     and ``outputs`` what it is known to write there while it works.
     ``server`` is what it needs to succeed ('' for nothing), ``successes`` are the outcomes by which it does, and
-    ``canceled`` those that come only when somebody outside cancels what it has begun.
+    ``canceled`` those that occur only when an outside cause cancels what it has begun.
     """
 
     kind: StateModelKind
@@ -139,7 +139,7 @@ class MachineEnvironment:
     have ``begun`` in it.
 
     ``active`` are the states that work, ``ending`` those that were left and have something to end, by their paths;
-    ``overdue`` are those for which nobody waits any more. ``board`` is what is on the blackboards of trees.
+    ``overdue`` are those that nothing waits for any more. ``board`` is what is on the blackboards of trees.
     """
 
     def __init__(self, found: Callable[[Violation], None]) -> None:
@@ -154,7 +154,7 @@ class MachineEnvironment:
 
 
 class ModelState(EventState):
-    """Stands for a state: the same outcomes and keys."""
+    """A stand-in for a state, with the same outcomes and keys."""
 
     def __init__(self, state: EventState, model: StateModel, path: str, environment: MachineEnvironment) -> None:
         super().__init__(state.outcomes, desired_rate=None)

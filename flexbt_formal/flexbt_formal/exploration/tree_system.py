@@ -152,12 +152,12 @@ def _goes_on_for_ever(node: TreeNode) -> bool:
 
 
 class TreeSystem:
-    """A tree on a clock of its own.
+    """A tree with its own clock.
 
-    ``models`` says what stands for a node. ``given`` are keys that are on the blackboard from the beginning; so are
+    ``models`` returns the model of a node. ``given`` are keys that are on the blackboard from the beginning; so are
     those that something reads and nothing in the tree writes. ``stops``: whether it may be canceled at any time.
     ``requirements`` are checked after each tick. ``observed`` are keys that others read, after its end. With
-    ``reduces``, keys that nothing reads do not tell situations apart.
+    ``reduces``, keys that nothing reads do not distinguish situations.
     """
 
     def __init__(
@@ -301,7 +301,7 @@ class TreeSystem:
                     self._questions.append((key, entry, options))
                 found.append((key, at in needed))
         self.needed = frozenset(key for key, is_needed in found if is_needed)
-        """Those of ``given`` without which a node fails."""
+        """Keys of ``given`` without which a node fails."""
         return tuple(sorted({key for key, _ in found}))
 
     def _tested(self, scripts: Iterable[str]) -> dict[int, tuple[Any, ...]]:
@@ -317,7 +317,7 @@ class TreeSystem:
 
     @property
     def tree(self) -> Tree:
-        """The tree, for who shows it."""
+        """The tree, for code that shows it."""
         return self._tree
 
     # -- what an exploration needs -----------------------------------------------------------------------------------

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The time of an exploration: a clock that stands still, and points in time that are told from durations.
+"""The time of an exploration: a clock that stands still, and points in time that are distinct from durations.
 
-What an engine remembers of the time is either a point in time or a duration. Only the former changes as time goes by,
-and only its place among the others matters for what can happen. So the clock gives :class:`Instant`, which arithmetic
-keeps: a point and a duration make a point, two points a duration.
+An engine remembers either points in time or durations. Only the former change as time goes by, and only their order
+matters for what can happen. So the clock returns :class:`Instant`, which arithmetic keeps: a point and a duration make
+a point, two points a duration.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class VirtualTimer:
 
 
 class VirtualClock:
-    """A clock that goes on only when it is told to. For one thread; a state of it can be kept and restored."""
+    """A clock that advances only on request. For one thread; a state of it can be kept and restored."""
 
     def __init__(self) -> None:
         self.time = Instant(0.0)

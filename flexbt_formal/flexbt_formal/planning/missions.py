@@ -200,7 +200,7 @@ MOST_FACTS: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """The facts (atoms of objects) that leaves can tell, and which leaf each."""
+    """The facts (atoms of objects) that leaves can measure, and the leaf for each."""
 
     leaves: dict[Literal, Leaf]
 

@@ -12,7 +12,8 @@ from .problem import Domain, PlanningError
 from .search import RegressionStep
 
 MOST_BRANCHES: Final = 500
-"""Of a tree, beside those of the ways that it needs: a tree of thousands is slow, and nobody reads it."""
+"""Maximum number of branches of a tree, besides those of the ways that it needs: a tree of thousands is slow and
+unreadable."""
 
 
 class Branch(NamedTuple):

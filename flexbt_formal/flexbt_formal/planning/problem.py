@@ -42,11 +42,11 @@ class Action:
 
 
 class Domain:
-    """Actions as bit sets: bit ``i`` of a number stands for ``literals[i]``. ``known`` are literals beside those of
+    """Actions as bit sets: bit ``i`` of a number stands for ``literals[i]``. ``known`` are literals besides those of
     the actions.
 
     Raises:
-        PlanningError: two actions have one name, or a cost is no number from 0.
+        PlanningError: two actions have one name, or a cost is not a number of at least 0.
     """
 
     def __init__(self, actions: Iterable[Action], known: Iterable[str] = ()) -> None:

@@ -4,7 +4,7 @@
 A set is found from a literal: whoever makes one of the set true has to make the others false, or takes the place of
 one that it needed and made false; what is lacking for that joins the set (invariants as in Helmert, *Concise
 finite-domain representations for PDDL planning tasks*, 2009, here on grounded actions). Not all such sets are found:
-what is told is true, and what is not told may be true.
+each result is true, but the results are not complete.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 from .problem import Domain, bits
 
 _MOST_PAIRS: Final = 4
-"""That are tried for a literal."""
+"""Maximum number of pairs that are tried for a literal."""
 
 
 class Exclusions:
@@ -240,7 +240,7 @@ class Reachability:
 
 
 class Cut(NamedTuple):
-    """Whatever makes one of the literals ``zone`` (a bit set) true does one of the ``actions``; ``cost`` counts."""
+    """A cut: one of the ``actions`` is needed to make a literal of ``zone`` (a bit set) true; ``cost`` counts."""
 
     zone: int
     actions: tuple[int, ...]

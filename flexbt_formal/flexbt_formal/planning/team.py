@@ -22,7 +22,7 @@ from .search import SearchOutcome, SearchProgress
 from .team_policy import WAITS, Divider, TeamBranch, TeamPolicy, branches_of
 
 _ROBOT: Final = 'robot'
-"""The parameter of a skill for who does it, and the type of robots."""
+"""The parameter of a skill for the robot that does it, and the type of robots."""
 _MOST: Final = 8
 
 
@@ -30,11 +30,11 @@ _MOST: Final = 8
 class Team:
     """A problem to plan for several robots.
 
-    ``doers`` tells for each action of the problem, by its name, which of the ``robots`` does it. A robot does one
+    ``doers`` maps each action of the problem, by its name, to the one of the ``robots`` that does it. A robot does one
     action at a time. Costs are durations where the time that the team needs is to count.
 
     Raises:
-        PlanningError: there is no robot, or more than 8; or nobody of them does an action.
+        PlanningError: there is no robot, or there are more than 8; or none of them does an action.
     """
 
     problem: PlanningProblem

@@ -89,8 +89,8 @@ class Divided:
 
 
 class Divider:
-    """Divides the ways to one goal of a domain, from any state. ``doers`` are by the numbers of actions, '' for what
-    only says that one of the ``goals`` is reached."""
+    """A divider of the ways to one goal of a domain, from any state. ``doers`` are by the numbers of actions, '' for
+    one that only says that one of the ``goals`` is reached."""
 
     def __init__(
         self,
@@ -196,7 +196,7 @@ class Divider:
 # end.
 
 MOST_ORDERS: Final = 2000
-"""Of one division: what was done until a moment. Beyond that only the order of its plan is kept."""
+"""Maximum number of orders of one division (what was done until a moment). Beyond it only the plan's order is kept."""
 
 WAITS: Final = -1
 """In the place of an action: others go on from here."""
@@ -231,7 +231,7 @@ class TeamPolicy:
             compact([Branch(one.condition, one.actions[robot], one.left[1]) for one in self.branches])
             for robot in range(len(self.robots))
         )
-        """By the number of a robot its branches, compacted; where others go on, its action is WAITS."""
+        """Compacted branches of each robot, by its number; where the others continue, its action is WAITS."""
 
     def is_reached(self, state: int) -> bool:
         """Return whether one of the goals holds."""

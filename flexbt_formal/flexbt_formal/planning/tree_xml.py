@@ -34,7 +34,7 @@ _FAILED: Final = 'failed'
 _IN_VAIN: Final = 'succeeded without its effects'
 _MARGIN: Final = 3
 _NAME: Final = re.compile(r'[^\W\d][\w-]*')
-"""Of types and ports: BehaviorTree.CPP 4.8 takes leaves as tags of their types only."""
+"""Pattern of the names of types and ports: BehaviorTree.CPP 4.8 accepts leaves only as tags of their types."""
 _LONGEST_LINE: Final = 120
 _ATTRIBUTE: Final = re.compile(r' (?=[\w:-]+="[^"]*")')
 _BUILTIN: Final = ('ScriptCondition', 'Script')
@@ -55,7 +55,7 @@ def _rows(line: str) -> Iterable[str]:
 
 
 class LeafWriter:
-    """Writes the leaves of a problem, and keeps which node types there are."""
+    """A writer of the leaves of a problem, which keeps the node types that occur."""
 
     def __init__(self, problem: PlanningProblem, domain: Domain) -> None:
         self._problem = problem

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The environment of a behavior in a proof: what its states may do, and what its trees write on blackboards."""
+"""The environment of a behavior in a proof: the possible actions of its states, and the keys that its trees write."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Bla
 
 @dataclass(frozen=True)
 class Blackboards:
-    """The keys that each tree needs before it begins, and what is known of who writes them."""
+    """The keys that each tree needs before it begins, and their known writers."""
 
     needed: Mapping[TreeKey, frozenset[str]]
 

@@ -43,7 +43,7 @@ from .proof_report import Compared, moves_of
 from .tree_proof import compare_trees, prove_tree, replay_in, requirements_text
 
 _SHARE_OF_TREES: Final = 0.8
-"""Of the time that is left, for all trees that are left."""
+"""Share of the remaining time for all remaining trees."""
 _FIRST_SECONDS: Final = 2.0
 """For each tree, before those that need more are begun again."""
 

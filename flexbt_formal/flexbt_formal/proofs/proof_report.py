@@ -114,7 +114,7 @@ class Compared(NamedTuple):
 
     @property
     def is_same(self) -> bool:
-        """Whether nothing was found that tells the versions apart."""
+        """True if no difference between the versions was found."""
         return not self.only and self.comparison.is_same
 
 

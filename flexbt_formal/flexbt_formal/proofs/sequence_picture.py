@@ -23,7 +23,7 @@ takes part; the width of a character, at most on the average."""
 
 _LABEL: Final = 26
 _NOTE: Final = 56
-"""Characters of a line in the box of who takes part, and in a note."""
+"""Maximum number of characters of a line in the box of a participant, and in a note."""
 
 _TEXT: Final = 4000
 """Characters of a text that are shown."""
@@ -31,7 +31,7 @@ _TEXT: Final = 4000
 
 @dataclass(frozen=True)
 class Arrow:
-    """One tells another one something; one that tells itself is a loop."""
+    """A message from one participant to another; a message to itself is a loop."""
 
     start: str
     end: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A tree by itself, proved with whatever its leaves may do."""
+"""Proofs of single trees, with every possible behavior of their leaves."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .proof_cache import NOTE, ProofCache, digest_of
 from .proof_report import Compared, moves_of
 
 GOALS: Final = ('goal', 'goals')
-"""Keys that whoever runs a tree writes before, as Nav2's navigators do."""
+"""Keys that the runner of a tree writes before, as Nav2's navigators do."""
 TREE_BOUNDS: Final = 'any result of each leaf at any time, cancels confirmed soon or late, a stop at any time'
 
 

@@ -35,7 +35,7 @@ from flexbt_formal.planning.tree_xml import FAILURE_ENTRY, failed_action, tree_e
 from flexbt_server.leaves import LeafServices
 
 LONGEST_SEARCH: Final = 3600.0
-"""Of the port ``time_limit``, s."""
+"""Maximum of the port ``time_limit``, s."""
 
 MOST_ATTEMPTS: Final = 1000
 
@@ -44,11 +44,11 @@ _PLANNED: Final = 'PlannedTree'
 
 T = TypeVar('T')
 SearchClock = Callable[[], float]
-"""The time, s; raises Halted when nobody wants the result of the search any more."""
+"""A clock of a search, s; it raises Halted when the result is no longer wanted."""
 
 
 class _NoWayError(PlanningError):
-    """From what was measured the goal cannot be reached."""
+    """The goal cannot be reached from the measured state."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A synthesis as a program, ``python3 -m flexbt_formal.requests.search``: the executive runs it for its operators.
 
-The request is a line of JSON on the standard input: ``system`` or ``capabilities``, and what SynthesizeBehavior has
-besides; ``directories`` of capability files, ``memory`` (bytes) and ``seconds`` are limits. On the standard output come
-lines of JSON: ``doing``, and in the end ``code`` with the machine, its notes, or why there is none. The program ends
-when the standard input does: then nobody wants the answer any more.
+The request is a line of JSON on the standard input: ``system`` or ``capabilities``, and the other fields of
+SynthesizeBehavior; ``directories`` of capability files, ``memory`` (bytes) and ``seconds`` are limits. The standard
+output has lines of JSON: ``doing``, and in the end ``code`` with the machine, its notes, or why there is none. The
+program ends when the standard input does: the answer is then no longer wanted.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from flexbt_tools.errors import UsageError
 from flexbt_tools.files import read_text_file
 
 MAX_BYTES: Final = 4_000_000
-"""Of a file of a synthesis, at most."""
+"""Maximum size of a file of a synthesis, bytes."""
 
 T = TypeVar('T')
 

@@ -23,7 +23,7 @@ from .system import NANOSECONDS, GlobalState, ModelStep, one_of
 _CHAIN: Final = 2_000
 """Steps without a choice that are made as one."""
 _REUSE: Final = 4
-"""How often a round has to come again, so that it pays to keep all that may follow in it."""
+"""Number of repetitions of a round from which it pays to keep everything that may follow in it."""
 _RUN: Final = 1_000_000
 """Steps of a random run, after which it is undecided."""
 _ORDERS: Final = {Order.TURNS: 'taking turns', Order.RANDOM: 'in random order', Order.ANY: 'in any order'}
@@ -77,7 +77,7 @@ class Result:
 
     @property
     def holds(self) -> bool | None:
-        """Whether the value is what is demanded; None when that is not decided."""
+        """True if the value meets the demand; None if that is not decided."""
         if self.is_exact:
             return self.asked.holds(self.value)
         if self.asked.demand is None:
@@ -359,7 +359,7 @@ class _Explorer:
 
 
 class _Runs(Protocol):
-    """Random runs. ``way`` tells of the one that was made last, in words."""
+    """Random runs. ``way`` describes the last one in words."""
 
     steps: int
 

@@ -13,7 +13,7 @@ PRECISION: Final = 1e-12
 _ROUNDS: Final = 1_000_000
 
 GraphChoices = list[list[tuple[float, int]]]
-"""Of each choice where it leads to, and how probably."""
+"""Targets of each choice, with their probabilities."""
 
 
 def reach(graph: Sequence[GraphChoices], is_least: bool) -> list[float]:

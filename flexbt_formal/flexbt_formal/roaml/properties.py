@@ -264,7 +264,7 @@ def event_of(name: str, events: Events) -> tuple[str, str]:
 
 
 Judge = Callable[[Sequence[tuple[Any, ...] | None]], bool]
-"""Whether an expression is true of what was seen of the watched events."""
+"""A function that returns whether an expression is true of the observed values of the watched events."""
 
 
 def judge_of(expression: Expression, events: Events, watched: Sequence[int]) -> Judge:

@@ -16,10 +16,10 @@ from .system import GlobalState, ModelStep, ModelSystem
 
 
 class Order(Enum):
-    """In which order automata go on that could at the same time."""
+    """The order of automata that could continue at the same time."""
 
     TURNS = 'turns'
-    """What was sent first is delivered first; who has waited longest goes on."""
+    """The event that was sent first is delivered first; the automaton that has waited longest continues."""
     RANDOM = 'random'
     """Each with the same probability, as statistical model checkers do."""
     ANY = 'any'
@@ -77,7 +77,7 @@ class EndlessError(Exception):
 
 
 class OverError(Exception):
-    """Time was over."""
+    """The time limit was exceeded."""
 
 
 class RoundLayer(NamedTuple):
@@ -90,8 +90,8 @@ class RoundLayer(NamedTuple):
 class Rounds:
     """The states at which time goes on, by numbers, and the rounds between them.
 
-    ``most``: so many states of one round are followed side by side. Attributes: ``stuck``, why time cannot go on;
-    ``is_cut``, whether the time was over in a round that had taken most of it.
+    ``most`` is the number of states of one round that are followed in parallel. Attributes: ``stuck``, the reason why
+    time cannot go on; ``is_cut``, whether the time was over in a round that had taken most of it.
     """
 
     def __init__(self, path: Path, most: int) -> None:
@@ -275,7 +275,7 @@ class Flow:
 
     @property
     def has_failed(self) -> bool:
-        """Whether the property fails on a way."""
+        """True if the property fails on a path."""
         return self._fails is not None
 
     def way(self) -> tuple[str, ...]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A model as a whole: automata, tree and timers side by side, and which steps they can make.
 
-Of each event one is under way at a time: whoever sends the next waits until all receivers have taken it, at once. An
-event for which a receiver has no transition is discarded by it; those of ticks, services and actions wait. Time goes on
-when nothing else can happen: timers that are due at once follow one another, in the order of the files.
+Only one instance of each event is under way at a time: the sender of the next one waits until all receivers have taken
+it, at once. A receiver discards an event for which it has no transition; those of ticks, services and actions wait.
+Time goes on when nothing else can happen: timers that are due at once follow one another, in the order of the files.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Clocked(NamedTuple):
 class GlobalState(NamedTuple):
     """``slots``: events under way, the oldest first. ``tree``: the number of its situation, and whether what is pending
     was sent. ``seen``: of the events that are watched, what was sent last; None: nothing. ``time`` in ns; ``due``:
-    which of the timers of this time is next. ``last``: who has made the last step, plus 1."""
+    which of the timers of this time is next. ``last``: the number of the automaton that made the last step, plus 1."""
 
     time: int
     due: int
@@ -247,7 +247,7 @@ class ModelSystem:
 
     @property
     def is_timeless(self) -> bool:
-        """Whether what follows when timers are due does not depend on when that is."""
+        """True if the consequences of due timers do not depend on the time."""
         return not self._is_clock_used and (self.tree is None or not self.tree.asks_time)
 
     def due_at(self, time: int) -> tuple[int, ...]:

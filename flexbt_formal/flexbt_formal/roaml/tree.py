@@ -55,7 +55,7 @@ _KEY: Final = re.compile(r'(output_key\s*=\s*["\'])\s*\{([^{}]*)\}\s*(["\'])')
 _PORT_TYPES: Final[Mapping[type[Any], PortType]] = {bool: BOOL, float: DOUBLE, int: INT64, str: STRING}
 
 Ports = Mapping[str, tuple[bool, DataType]]
-"""Whether a port is an output, and its type."""
+"""Ports by name: true for an output, and the type."""
 
 
 class PluginAnswer(NamedTuple):
@@ -102,9 +102,9 @@ class _Services:
 
 
 class _Plugin(TreeNode):
-    """A node that is an automaton. It is told of a halt whenever its parent sets it back, also when it is not RUNNING.
+    """A node that is an automaton. It gets a halt whenever its parent resets it, even if it is not RUNNING.
 
-    AS2FM's controls do so; in BehaviorTree.CPP nothing is to be halted then, so nobody is told.
+    AS2FM's controls do so; BehaviorTree.CPP sends no halt then, since there is nothing to halt.
     """
 
     def __init__(self, config: NodeConfig) -> None:
@@ -181,7 +181,7 @@ class Situation:
 
 
 Seen = tuple[tuple[int, tuple[Any, ...]], ...]
-"""Events that nobody has to receive, as they happened: results of nodes, and values on the blackboard."""
+"""Events that need no receiver, in the order of their occurrence: results of nodes, and values on the blackboard."""
 
 
 class TreePlayer:
@@ -322,7 +322,7 @@ class TreePlayer:
 
     @property
     def asks_time(self) -> bool:
-        """Whether a node has ever asked what time it is."""
+        """True if a node has ever read the time."""
         return self._clock.was_asked
 
     def __getitem__(self, number: int) -> Situation:
@@ -464,7 +464,7 @@ class TreePlayer:
 
 
 class _Clock(VirtualClock):
-    """Simulated time; knows whether a node has ever asked for it."""
+    """Simulated time, which records whether a node has ever read it."""
 
     def __init__(self) -> None:
         super().__init__()

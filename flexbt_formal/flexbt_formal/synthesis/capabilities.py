@@ -17,7 +17,7 @@ from flexbt_core.values.yaml_data import line_of
 from .yaml_nodes import YamlEntry, YamlFile
 
 DEFAULT_OUTCOMES: Final = ('completed', 'failure')
-"""What outcomes of states are normalized to where nothing else is said; the first is the one that is hoped for."""
+"""Default outcomes to which those of states are normalized; the first is the desired one."""
 
 DEFAULT_AUTONOMY: Final = 1
 """The level of an outcome for which none is given (low)."""
@@ -290,7 +290,7 @@ class UnknownParameterError(ValueError):
 
 
 class Interfaces(Protocol):
-    """Finds what a state class declares."""
+    """A finder of the declarations of state classes."""
 
     def __call__(self, name: str, parameters: Mapping[str, Any]) -> StateInterface:
         """Return the interface of a class with these parameters. Raises LookupError or ValueError, fit for the user;

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Plays in which the world prevents a goal, and their text in the words of the capabilities.
 
-Outside of the winning states the world has a move after which the system is still outside, whatever it answers. A
-play goes on for ever without the guarantee that starves, or ends where the system has no answer.
+Outside of the winning states the world has a move after which the system is still outside, with every answer. A play
+continues forever without meeting the starved guarantee, or ends where the system has no answer.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class CounterPlay:
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether the goal is out of reach from here, even if the world helps from now on."""
+        """True if the goal is out of reach from here, even if the world helps from now on."""
         return self.state is not None and not self._of.has(self._named(self.state), self._game.hopeful)
 
     def nearest_answer(self) -> int:
@@ -145,7 +145,7 @@ class CounterPlay:
 # Plays in the words of capabilities.
 
 MAX_STEPS: Final = 40
-"""Steps that are told at most."""
+"""Maximum number of steps that are shown."""
 
 
 class PlayStep(NamedTuple):

@@ -2,7 +2,7 @@
 """Explanations why there is no machine: the smallest conflict, in the words of the request.
 
 The questions are asked in this order, and the first answer counts: can it begin at all; could it succeed if the world
-helped; is there always something left to do; and only then: what does the world do to prevent the goal for ever.
+helped; is there always something left to do; and only then: what does the world do to prevent the goal forever.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .counter_play import CounterPlay, PlayStep, played
 from .translation import OBJECTIVE, ONE_ACTIVE, SynthesisProblem
 
 SEARCH_TIME: Final = 10.0
-"""How long a smallest conflict is looked for, once a minimal one is known, s."""
+"""Time limit of the search for a smallest conflict, once a minimal one is known, s."""
 
 
 class FailureKind(Enum):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """From the strategy of a game to a machine: its states and transitions, the fewest of them, and its userdata.
 
-A node where nothing is active is passed; one where the machine has ended is that outcome. Where no outcome arrives a
-state goes on. What follows an outcome has to be told by it alone: a machine sees nothing else of the world.
+A node where nothing is active is skipped; one where the machine has ended is that outcome. A state continues while no
+outcome arrives. The outcome alone has to determine what follows: a machine sees nothing else of the world.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from .translation import Options, SynthesisProblem, Translation
 from .vocabulary import CAPABILITY, Vocabulary, suffixes
 
 BEGIN: Final = 'begin_game'
-"""A capability by which specifications begin; it is no state."""
+"""A capability by which specifications begin; it is not a state."""
 
 
 def is_whole(given: SpecificationFile, capabilities: CapabilityFile) -> bool:

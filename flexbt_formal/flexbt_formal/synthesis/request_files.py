@@ -15,7 +15,7 @@ from .errors import SynthesisError
 from .yaml_nodes import YamlEntry, YamlFile
 
 FAILURE_OUTCOMES: Final = frozenset({'failed', 'failure', 'aborted', 'canceled'})
-"""Outcomes of a machine that are no success."""
+"""Outcomes of a machine that are not a success."""
 
 _KEYS: Final = (
     'initial_conditions',
@@ -93,7 +93,7 @@ _SECTIONS: Final = (*_DECLARING, *(section.value for section in Section))
 @dataclass(frozen=True, slots=True)
 class SpecificationFile:
     """Variables that are declared, and formulas by section with the line of each; ``more`` are entries of YAML that
-    are no sections."""
+    are not sections."""
 
     source: str
     name: str = ''

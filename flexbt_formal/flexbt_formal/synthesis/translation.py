@@ -53,8 +53,8 @@ ONE_ACTIVE: Final = 'one capability, or outcome of the machine, is active, or se
 class Liveness(Enum):
     """The assumptions about failures, and the definition of success.
 
-    FAIR: who is tried again and again in the same state completes at some time; nothing but the goal is success.
-    ADVERSARIAL: nothing is assumed, but failing again and again is success, too (flexbe_synthesis' default).
+    FAIR: a capability that is tried repeatedly in the same state completes at some time; only the goal is success.
+    ADVERSARIAL: nothing is assumed, but failing repeatedly is success, too (flexbe_synthesis' default).
     FAIR_OUTCOMES: again and again each capability is inactive or completes (flexbe_synthesis' other one).
     """
 
@@ -65,7 +65,7 @@ class Liveness(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of a translation. ``retries``: a capability that failed so often once more in a row is given up."""
+    """Options of a translation. ``retries``: a capability is given up after this many further failures in a row."""
 
     liveness: Liveness = Liveness.FAIR
     retries: int | None = None
@@ -129,7 +129,7 @@ def translated(
 
 
 class Translation:
-    """Puts formulas together, section by section; what is wrong is collected."""
+    """A translator that assembles formulas section by section and collects problems."""
 
     def __init__(
         self,

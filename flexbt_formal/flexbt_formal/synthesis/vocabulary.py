@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Names of activations, outcomes and memory in formulas, and how a valuation is read back.
+"""Names of activations, outcomes and memory in formulas, and the reading of valuations.
 
 Either each capability ``a`` has an activation ``a_a`` and its outcomes ``a_c``, ``a_f`` (the first letters of
-``completed``, ``failure``, as many as make them different), or (*parsed*) an integer ``capability`` tells which one is
+``completed``, ``failure``, as many as make them different), or (*parsed*) an integer ``capability`` says which one is
 active, and the outcomes are inputs by their full names.
 """
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads ASCXML: SCXML with elements for ROS and for behavior trees.
+"""A reader of ASCXML: SCXML with elements for ROS and for behavior trees.
 
-Reading is in two steps, since what an event carries is known when all who send it were read: :meth:`Ascxml.declare` for
-all files, then :meth:`Ascxml.automata`.
+Files are read in two steps, since the data of an event is known only when all its senders were read:
+:meth:`Ascxml.declare` for all files, then :meth:`Ascxml.automata`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Automata: states with transitions, whose bodies are compiled to code with addresses, and how one runs by itself.
+"""Automata: states with transitions, whose bodies are compiled to code with addresses, and the run of one by itself.
 
-An automaton rests in a state, or is about to send. What it does between is its own: nobody else sees it. So it runs
-on, from one event, to its next sending or to the next state in which no transition without event can be taken; a
-transition without event has precedence over events, as in SCXML.
+An automaton rests in a state, or is about to send. Its steps between are invisible to the others. So from one event it
+runs to its next sending, or to the next state in which no transition without event can be taken; a transition without
+event has precedence over events, as in SCXML.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ Branches = list[tuple[float, LocalState]]
 
 class Automaton:
     """One automaton of a model, compiled. ``uid`` is the number of the node of the tree that it is, 0 for others.
-    ``draws``: something in it is by lot."""
+    ``draws``: part of it is random."""
 
     def __init__(
         self,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 FIELD: Final = 'ros_fields__'
-"""What precedes the name of a field of a ROS message among the parameters of an event."""
+"""Prefix of the names of fields of ROS messages among the parameters of an event."""
 TIMER: Final = 'ros_time_rate.'
 SET: Final = 'bt_blackboard_set_'
 FIRST_NODE: Final = 1000
@@ -170,7 +170,7 @@ BT_CHILD_TRIGGERS: Final[Mapping[str, str]] = {'bt_tick_child': 'tick_asked', 'b
 """Between a plugin with children and the tree, which ticks the children: so the events are not those of the child."""
 
 STATUSES: Final[Mapping[str, int]] = {'SUCCESS': 1, 'FAILURE': 2, 'RUNNING': 3}
-"""What expressions and properties write for the status of a node."""
+"""Numbers of the statuses of nodes in expressions and properties."""
 
 TRANSITIONS: Final = (
     'transition',

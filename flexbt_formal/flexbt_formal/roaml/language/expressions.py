@@ -112,7 +112,7 @@ _FUNCTIONS: Final = {
     'tan': 1,
     'trunc': 1,
 }
-"""Of ``Math``, with the number of operands; 0: one or more; -1: none."""
+"""Functions of ``Math`` with their number of operands; 0: one or more; -1: none."""
 
 
 def parse_expression(text: str) -> Expression:
@@ -191,11 +191,11 @@ def _number(token: Any) -> int | float:
 # -- compiling -------------------------------------------------------------------------------------------------------
 
 Evaluated = Callable[[Any, Any, Any], Any]
-"""Gives the value, of the data of an automaton, the parameters of the event at hand, and what is around them."""
+"""A function that returns the value from the data of an automaton, the parameters of the event, and their context."""
 
 Resolver = Callable[[tuple[str, ...]], str]
-"""Gives the Python that a name means, of ``d`` (data), ``e`` (parameters) and ``b`` (around). Raises
-ExpressionError."""
+"""A function that returns the Python code for a name, in terms of ``d`` (data), ``e`` (parameters) and ``b`` (context).
+It raises ExpressionError."""
 
 
 def _remainder(left: Any, right: Any) -> Any:
@@ -302,7 +302,7 @@ def _spread(expression: Expression) -> tuple[Expression | None, Expression]:
 
 
 LOTS: Final = ('random', 'whole by lot', 'below by lot')
-"""Calls that draw by lot."""
+"""Calls that return random values."""
 
 
 def is_random(expression: Expression, calls: Collection[str] = LOTS[:1]) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""XML elements with their file, and errors that tell the place."""
+"""XML elements with their file, and errors with their place."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Games of the form GR(1) between the world and the system: specifications, who wins, how, and the proof of it."""
+"""GR(1) games between the world and the system: specifications, the winner, its strategy, and the proof."""

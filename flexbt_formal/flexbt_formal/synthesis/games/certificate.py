@@ -5,8 +5,8 @@ Formulas are evaluated as they were parsed, and the moves of the world are enume
 That each guarantee is met again and again follows from the ranks: a move that does not meet the guarantee of its node
 leads to a node of lower rank, or waits at the same rank while the assumption of the node does not hold, or (nodes of
 kind ``fair``) is one of several of which the world takes one that leads on at some time. If a guarantee were never
-met again, the rank could sink only so often; in the lowest nodes that are visited for ever, either the assumption
-would fail for ever or the world would never take a move that it has to take.
+met again, the rank could sink only finitely often; in the lowest nodes that are visited forever, either the assumption
+would fail forever or the world would never take a move that it has to take.
 """
 
 from __future__ import annotations

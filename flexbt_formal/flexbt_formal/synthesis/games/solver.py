@@ -35,9 +35,9 @@ class RankLayer:
 
 @dataclass(slots=True)
 class Removal:
-    """States from which guarantee ``goal`` cannot be met for ever: what the world does about them.
+    """States from which guarantee ``goal`` cannot be met forever, and how the world prevents it.
 
-    ``kept`` are the states that were winning before; ``reached`` those from which the guarantee can be met once more.
+    ``kept`` are the states that were winning before; ``reached`` those from which the guarantee can be met again.
     ``waits[i]`` are the shrinking sets in which assumption ``i`` has not been met yet.
     """
 

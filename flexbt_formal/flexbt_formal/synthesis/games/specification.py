@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A specification of the form GR(1): what the world may do, and what is to be done whatever it does.
+"""A GR(1) specification: the possible moves of the world, and what is guaranteed against all of them.
 
 In each step the world moves first (values of the inputs), then the system, which sees that move (values of the
 outputs). The specification is (θe ∧ □ρe ∧ ⋀□◇A) → (θs ∧ □ρs ∧ ⋀□◇G), read step by step: the system keeps ρs as long

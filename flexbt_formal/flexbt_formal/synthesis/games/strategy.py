@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A winning strategy as a graph: what the system answers to each move of the world.
+"""A winning strategy as a graph: the system's answer to each move of the world.
 
 The graph is the same whenever it is made: each choice is by the nearest layer, then for a node that exists, then for
 what was changed after the same inputs before, then for the least change, then by the order of the variables.
