@@ -29,7 +29,7 @@ from flexbt_tools.trees.files import read_library, shown_name
 from .findings import BROKEN_TREE, NO_TREE, Finding
 
 _MAX_BYTES: Final = 4_000_000
-"""Of the file of a machine."""
+"""Maximum size of the file of a machine, bytes."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +97,13 @@ class TreeUse:
 
     @property
     def runs_unknown(self) -> bool:
-        """Whether it runs a tree of which nothing is known."""
+        """True if it runs an unknown tree."""
         return self.use.tree is not None and self.key is None
 
 
 @dataclass
 class UsedTrees:
-    """The trees of a behavior, and what is wrong with how it names them."""
+    """The trees of a behavior, and the problems with their names in it."""
 
     uses: Sequence[TreeUse] = ()
     library: TreeLibrary = field(default_factory=lambda: TreeLibrary([]))

@@ -208,7 +208,7 @@ def _clash(type: str, declared: str) -> bool:
 # that they need.
 
 Users = Mapping[str, str]
-"""The actuators that something needs, and who needs it, as it is named to users; one of several."""
+"""The actuators that something needs, each with the name of one of its users."""
 
 _NO_TIME: Final = (0.0, 0.0)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rules for suspicious parts of a state machine that the engine accepts.
 
-A machine is looked at as a graph: its states and its outcomes are the nodes, the transitions are the edges.
+A machine is treated as a graph: its states and outcomes are the nodes, the transitions are the edges.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .findings import (
 MachineNode = StateDefinition | MachineDefinition
 
 MachineGraph = Mapping[str, Iterable[str]]
-"""Where the edges of each node lead."""
+"""Targets of the edges of each node."""
 
 
 def machine_findings(machine: MachineDefinition) -> Iterator[Finding]:
@@ -106,7 +106,7 @@ def _never(machine: MachineDefinition, outcomes: Collection[str]) -> Iterator[Fi
 _SUCCESSES: Final = (OutcomeClass.COMPLETED,)
 _FAILURES: Final = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT)
 _OF_FAILURE: Final = re.compile(r'recover|abort|error|fail', re.IGNORECASE)
-"""What names of states have that are there for failures."""
+"""Pattern of the names of states that handle failures."""
 
 
 def _outcomes_of(node: MachineNode, classes: Collection[OutcomeClass]) -> list[str]:

@@ -71,7 +71,7 @@ def run_check(options: argparse.Namespace) -> ExitCode:
 # ``bt_tool show``: trees as text.
 
 _WIDTH: Final = 120
-"""Characters of a line where there is no terminal."""
+"""Line length without a terminal, characters."""
 
 
 def add_show_arguments(parser: argparse.ArgumentParser) -> None:

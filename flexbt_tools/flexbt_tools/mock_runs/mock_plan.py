@@ -126,7 +126,7 @@ def _no_status(name: object) -> str:
 
 
 class _Reader:
-    """Reads one file; adds what is wrong to ``errors``, and goes on."""
+    """A reader of one file, which adds problems to ``errors`` and continues."""
 
     def __init__(self, file: str) -> None:
         self._file = file

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mocks: leaves that follow a script, in the place of those that need a robot."""
+"""Mocks: leaves that follow a script and replace those that need a robot."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _LEAVES: Final = (NodeKind.ACTION, NodeKind.CONDITION)
 
 
 class Mock(LeafNode):
-    """Follows the steps of its class, one for each activation, the last one over and over."""
+    """A leaf that follows the steps of its class, one for each activation, and repeats the last one."""
 
     __slots__ = ('_activations', '_end')
 
     steps: ClassVar[tuple[MockStep, ...]]
     synchronous: ClassVar[bool]
-    """Whether every tick of a node that has completed is an activation; otherwise its result stands."""
+    """True if every tick of a completed node is an activation; otherwise its result stays."""
     needed: ClassVar[tuple[str, ...]]
     """Inputs that are read when an activation begins, as the real node would."""
 
@@ -99,7 +99,7 @@ def written(value: Any, kind: PortType | None) -> Any:
 
 
 class _Pass(Decorator):
-    """Only ticks its child."""
+    """A decorator that only ticks its child."""
 
     __slots__ = ()
 
@@ -108,7 +108,7 @@ class _Pass(Decorator):
 
 
 class Mocking:
-    """Puts mocks into a tree; afterwards it knows what is :meth:`wrong` with the plan for that tree.
+    """A builder that puts mocks into a tree; afterwards :meth:`wrong` returns the problems of the plan for that tree.
 
     A rule is for leaves and sub-trees, by their path, name or type, and for other nodes that are not of the engine, by
     their type. Leaves of the engine are only mocked by a rule that names them in full.

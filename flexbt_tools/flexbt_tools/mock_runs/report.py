@@ -50,7 +50,7 @@ def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, FailureTrace 
 
 
 class TextPrinter:
-    """Prints for people: a line for each change of a status, and then the result."""
+    """A printer for people: a line for each change of a status, and then the result."""
 
     def transition(self, time: float, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
         print(one_line(f'{time:10.3f}  {before.name:7} -> {after.name:7}  {node.path}'))
@@ -69,7 +69,7 @@ class TextPrinter:
 
 
 class JsonPrinter:
-    """Prints for programs: an object a line."""
+    """A printer for programs: one object per line."""
 
     def transition(self, time: float, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
         event = {

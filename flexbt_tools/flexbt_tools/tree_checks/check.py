@@ -89,7 +89,7 @@ def findings(
 class _Board(NamedTuple):
     """The entries of trees that run on one blackboard: their ``names`` there, and the keys ``given`` from outside.
 
-    ``is_main`` tells that a file names one of the trees as its main one: no other file hands it anything.
+    ``is_main`` is true if a file names one of the trees as its main one: no other file passes values to it.
     """
 
     usages: Sequence[EntryUsage]

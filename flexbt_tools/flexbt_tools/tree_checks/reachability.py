@@ -22,7 +22,7 @@ _ANYTHING: Final = OneOf((SUCCESS, FAILURE, RUNNING, SKIPPED))
 _ANYTHING_AT_ONCE: Final = OneOf((SUCCESS, FAILURE, SKIPPED))
 
 _CONDITIONS: Final = {'_failureIf': FAILURE, '_successIf': SUCCESS, '_skipIf': SKIPPED, '_while': SKIPPED}
-"""What a pre-condition may give in place of its node."""
+"""Possible results of pre-conditions in place of their nodes."""
 
 
 class NeverTicked(NamedTuple):

@@ -26,7 +26,7 @@ _WRITERS_OF_CODES: Final[Mapping[str, tuple[str, ...]]] = {
     'WouldASmootherRecoveryHelp': ('SmoothPath',),
     'WouldARouteRecoveryHelp': ('ComputeRoute', 'ComputeAndTrackRoute'),
 }
-"""Of whom a condition on an error code is: Nav2's."""
+"""Node types that write the error code of each of Nav2's conditions."""
 _SELECTED: Final = re.compile(r'selected_(\w+)')
 _CHOSEN: Final = re.compile(r'(\w+)_id')
 _ADDRESS: Final = re.compile(r'topic|service|server')

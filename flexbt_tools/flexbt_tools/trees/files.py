@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tree files of this computer: what they include, what is wrong with them, and the order of their trees."""
+"""Tree files of this computer: their includes, their errors, and the order of their trees."""
 
 from __future__ import annotations
 

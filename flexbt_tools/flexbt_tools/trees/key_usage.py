@@ -136,7 +136,7 @@ class EntryUsage:
 
     @property
     def is_read(self) -> bool:
-        """Whether something reads it, or may: a node takes an entry of this name for a port that is not given."""
+        """True if something reads it or may read it: a node uses an entry of this name for a port that is not given."""
         return bool(self.readers) or self.may_be_read
 
     def add(self, place: NodePlace) -> None:
@@ -148,12 +148,12 @@ class EntryUsage:
 
     @property
     def given(self) -> bool:
-        """Whether it has a value from the start, by an attribute of a sub-tree or a default of a model."""
+        """True if it has a value from the start, by an attribute of a sub-tree or a default of a model."""
         return self.entry.value is not EMPTY
 
 
 class _Inert(ControlNode):
-    """Takes the place of any node."""
+    """A stand-in for any node."""
 
     __slots__ = ()
 

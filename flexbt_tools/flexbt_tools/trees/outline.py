@@ -22,13 +22,13 @@ _ARROWS: Final = {None: '=', PortDirection.INPUT: '=', PortDirection.OUTPUT: 'â†
 _ASCII_ARROWS: Final = {**_ARROWS, PortDirection.OUTPUT: '->', PortDirection.INOUT: '<->'}
 
 PORTS: Final = ('given', 'all', 'none')
-"""Which ports and conditions of a node are shown: those that the file gives, also the defaults of ports, or none."""
+"""Choices of the ports and conditions that are shown: those in the file, also the defaults of ports, or none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
     """A node in its place. ``parent`` is the position of its parent in the list, None for the root of the tree;
-    ``last`` tells that no sibling follows it. ``tree`` has the definition of the node."""
+    ``last`` is true if no sibling follows it. ``tree`` has the definition of the node."""
 
     node: NodeDefinition
     tree: TreeDefinition

@@ -47,8 +47,8 @@ UNKNOWN_PORT: Final = Port(PortDirection.INOUT, declares=False)
 
 
 class StandIn:
-    """Marks the classes of node types that are not installed here. They cannot be ticked. ``is_guessed``: no file says
-    of which kind they are."""
+    """The mark of classes of node types that are not installed here. They cannot be ticked. ``is_guessed``: no file
+    declares their kind."""
 
     __slots__ = ()
 
