@@ -28,7 +28,7 @@ class BtLoaderState(GoalState):
     -- xml          string      XML text to load in addition; empty for none
 
     <= done                     Everything is loaded.
-    <= failed                   Something was refused, nothing was loaded; the operator is told file, line and reason.
+    <= failed                   Something was refused, nothing was loaded; file, line and reason are logged.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class BtGetDataState(GoalState):
     #> KEY                      Each key of outputs: a value of the declared type.
 
     <= done                     All values were read.
-    <= failed                   A value is missing or has another type; the operator is told why. No key is written.
+    <= failed                   A value is missing or has another type; the reason is logged. No key is written.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class BtSetDataState(GoalState):
     ># KEY                      Each key of inputs: a value of the declared type.
 
     <= done                     All values were written.
-    <= failed                   A value was refused and none was written; the operator is told why.
+    <= failed                   A value was refused and none was written; the reason is logged.
     """
 
     def __init__(

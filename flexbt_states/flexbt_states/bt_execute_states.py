@@ -24,7 +24,7 @@ from .parameter_checks import checked_timeout, checked_topic, checked_tree, chec
 
 
 class TreeState(GoalState):
-    """Runs a tree on the BT server until it ends; what is left to a state of its own is to call :meth:`_run_tree`.
+    """The base of states that run a tree on the BT server until it ends; a derived state calls :meth:`_run_tree`.
 
     ``inputs`` and ``outputs`` are blackboard keys with their types, ``writes`` all that is written before the first
     tick. ``userdata_keys`` are the userdata keys of those outputs that have another name there.
@@ -207,8 +207,8 @@ class BtExecuteState(TreeState):
     """
     Run a behavior tree on the BT server until it ends.
 
-    When the tree fails or is canceled, those keys are given that are on the blackboard: on one that trees share, also
-    what a tree before has left there.
+    When the tree fails or is canceled, the state returns the keys that exist on the blackboard. On a shared blackboard
+    these include values left by earlier trees.
 
     -- bt_topic     string      Name of the action of the BT server
     -- bt_file      string      Tree identifier, or package/relative/path.xml; empty for the server's default tree
@@ -220,9 +220,9 @@ class BtExecuteState(TreeState):
     ># KEY                      Each key of inputs: a value of the declared type.
     #> KEY                      Each key of outputs: a value of the declared type.
 
-    <= done                     The tree succeeded, and its outputs are there.
-    <= canceled                 The tree was canceled by somebody else, or replaced by another goal.
-    <= failed                   The tree failed, could not run, or took too long; the operator is told why.
+    <= done                     The tree succeeded, and its outputs are available.
+    <= canceled                 The tree was canceled by another client, or replaced by another goal.
+    <= failed                   The tree failed, could not run, or took too long; the reason is logged.
     """
 
     def __init__(
@@ -253,8 +253,8 @@ class BtExecuteGoalState(TreeState):
     With the goal_id "goal", a pose goes to the blackboard key "goal" and a list of several to "goals", as Nav2's
     trees expect. With another goal_id, a value of any type goes to that key; "goals" is always a list.
 
-    When the tree fails or is canceled, those keys are given that are on the blackboard: on one that trees share, also
-    what a tree before has left there.
+    When the tree fails or is canceled, the state returns the keys that exist on the blackboard. On a shared blackboard
+    these include values left by earlier trees.
 
     -- bt_topic         string  Name of the action of the BT server
     -- bt_file          string  Tree identifier, or package/relative/path.xml; empty for the server's default tree
@@ -273,9 +273,9 @@ class BtExecuteGoalState(TreeState):
     #> data                     The requested value; only with a request_id.
     #> KEY                      Each key of outputs: a value of the declared type.
 
-    <= done                     The tree succeeded, and its outputs are there.
-    <= canceled                 The tree was canceled by somebody else, or replaced by another goal.
-    <= failed                   The tree failed, could not run, or took too long; the operator is told why.
+    <= done                     The tree succeeded, and its outputs are available.
+    <= canceled                 The tree was canceled by another client, or replaced by another goal.
+    <= failed                   The tree failed, could not run, or took too long; the reason is logged.
     """
 
     def __init__(
@@ -360,10 +360,10 @@ _PATIENCE_SECONDS: Final = 0.5
 
 
 class TreePause:
-    """Asks the BT server to pause and resume the run of one goal, one request at a time, until it is as wanted.
+    """A client that pauses and resumes the run of one goal on the BT server, one request at a time.
 
-    A run that the server does not know yet is asked for again when its feedback comes. From any thread. What the server
-    says that goes on all the same is told by :meth:`not_paused`.
+    If the server does not know the run yet, the request is repeated when feedback arrives. From any thread.
+    :meth:`not_paused` returns the leaves that the server reports as still working.
     """
 
     def __init__(self, state: EventState, link: ServiceLink, run_id: str) -> None:
@@ -394,7 +394,7 @@ class TreePause:
 
     @property
     def wanted(self) -> bool:
-        """Whether the tree is to be paused."""
+        """True if the tree is to be paused."""
         return self._wanted
 
     def not_paused(self) -> Sequence[str]:

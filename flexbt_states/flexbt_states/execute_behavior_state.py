@@ -36,9 +36,9 @@ class ExecuteBehaviorState(GoalState):
     ># KEY                      Each key of inputs: a value of the declared type.
     #> KEY                      Each key of outputs: a value of the declared type.
 
-    <= OUTCOME                  The behavior ended by that outcome, and its outputs are there.
-    <= canceled                 The behavior was stopped by somebody else.
-    <= failed                   It could not be started, ended otherwise, or took too long; the operator is told why.
+    <= OUTCOME                  The behavior ended by that outcome, and its outputs are available.
+    <= canceled                 The behavior was stopped by another client.
+    <= failed                   It could not be started, ended otherwise, or took too long; the reason is logged.
     """
 
     def __init__(

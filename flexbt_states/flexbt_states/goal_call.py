@@ -19,12 +19,12 @@ from flexbt_onboard.behaviors.run_context import READY_SECONDS, state_services
 from .parameter_checks import checked_type
 
 SERVER_SECONDS: Final = 1.0
-"""How long a server is waited for when all nodes that are alive are ready, s of wall time."""
+"""Time to wait for a server when all nodes that are alive are ready, s of wall time."""
 
 _ENDED: Final = frozenset(
     (GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.REJECTED, GoalStatus.NO_SERVER)
 )
-"""Ends of a goal after which it is certain that nobody works on it."""
+"""Ends of a goal after which certainly no server works on it."""
 
 
 class GoalCall:
@@ -63,13 +63,13 @@ class GoalCall:
 
     @property
     def is_over(self) -> bool:
-        """Whether it is certain that nobody works on the goal that was sent last."""
+        """True if certainly no server works on the last goal."""
         outcome = None if self._last is None else self._last.outcome
         return outcome is not None and outcome.status in _ENDED
 
     @property
     def last_result(self) -> Any:
-        """What the server has given for the goal that was sent last; None when it gave nothing, or has not yet."""
+        """Result of the last goal; None if the server returned none, or has not yet."""
         outcome = None if self._last is None else self._last.outcome
         return None if outcome is None else outcome.result
 
@@ -236,4 +236,4 @@ class UsesBtServer(Protocol):
 
     @property
     def bt_use(self) -> BtUse:
-        """What it wants of the server."""
+        """Use that the state makes of the server."""

@@ -74,7 +74,7 @@ class OperatorInputState(GoalState):
 
     <= received                 The operator has answered.
     <= declined                 The operator has declined to answer.
-    <= failed                   Nobody could be asked, or there was no answer in time; the operator is told why.
+    <= failed                   No operator could be asked, or there was no answer in time; the reason is logged.
     """
 
     def __init__(

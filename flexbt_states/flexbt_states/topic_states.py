@@ -188,7 +188,7 @@ class SubscriberState(EventState):
 
 
 class StateSubscription:
-    """Keeps the newest message that came since :meth:`open`, and wakes the state for each.
+    """A subscription that keeps the newest message since :meth:`open`, and wakes the state for each.
 
     Opened and closed on the executor thread in the order of the calls, which come from the thread of the state.
     """

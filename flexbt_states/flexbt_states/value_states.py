@@ -21,7 +21,7 @@ class CalculationState(EventState):
 
     -- calculation  function    Function of one value
 
-    ># input_value              What the function is given.
+    ># input_value              Argument of the function.
     #> output_value             What the function returns.
 
     <= done                     The value was computed.
@@ -47,7 +47,7 @@ class CheckConditionState(EventState):
 
     -- predicate    function    Function of one value, whose result is taken as true or false
 
-    ># input_value              What the function is given.
+    ># input_value              Argument of the function.
 
     <= true                     The condition holds.
     <= false                    The condition does not hold.
@@ -68,12 +68,12 @@ class CheckConditionState(EventState):
 
 class LogState(EventState):
     """
-    Tell the operator a line.
+    Log a line for the operator.
 
     -- text         string      The line
     -- severity     Severity    Its weight
 
-    <= done                     It was told.
+    <= done                     The line was logged.
     """
 
     is_instant = True
@@ -95,14 +95,14 @@ class LogState(EventState):
 
 class LogKeyState(EventState):
     """
-    Tell the operator a value of the userdata.
+    Log a value of the userdata for the operator.
 
-    -- text         string      The line, with one {} where the value shall be
+    -- text         string      The line, with one {} in place of the value
     -- severity     Severity    Its weight
 
     ># data                     The value.
 
-    <= done                     It was told.
+    <= done                     The line was logged.
     """
 
     is_instant = True

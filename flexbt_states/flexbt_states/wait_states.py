@@ -51,19 +51,19 @@ class WaitState(EventState):
 # State that waits until servers are ready.
 
 _PERIOD: Final = 0.2
-"""From one look for action servers to the next, s of wall time: the graph tells nobody that they come."""
+"""Period of the check for action servers, s of wall time: the graph does not notify when they appear."""
 
 
 class WaitForServersState(EventState):
     """
     Wait until servers are ready, for instance after one has died and is being restarted.
 
-    -- nodes        string[]    Names of nodes that say that they are ready: BT server, executive, simulator, navigation
+    -- nodes        string[]    Names of nodes that report their readiness: BT server, executive, simulator, navigation
     -- actions      dict        Action servers of other nodes, with their types, e.g. nav2_msgs/action/FollowPath
     -- timeout      float       Seconds (wall time) to wait; None for no limit
 
     <= ready                    All of them are ready.
-    <= timeout                  Some were not ready in time; the operator is told which.
+    <= timeout                  Some were not ready in time; their names are logged.
     """
 
     def __init__(
