@@ -144,7 +144,7 @@ _ARITHMETIC: Final[Mapping[type[ast.operator], Callable[[Any, Any], Any]]] = {
 
 
 class _Defaults:
-    """Evaluates what is written as the default of a parameter, without calling code of others."""
+    """An evaluator of the source text of parameter defaults, which calls no user code."""
 
     def __init__(self, module: ModuleType | None, behavior_class: type[Any], tree: ast.Module) -> None:
         self._module = module

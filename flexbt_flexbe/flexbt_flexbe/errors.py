@@ -2,9 +2,9 @@
 """The errors of flexbt_flexbe.
 
 FlexbtError
-├── ProxyError          a proxy was used against its rules, or what it asked for cannot be given
-│   └── NoResultError   a goal or request ended without anything that could be taken for a result
-├── ShimError           FlexBE's modules cannot be stood in for
+├── ProxyError          a proxy was used against its rules, or cannot provide what was requested
+│   └── NoResultError   a goal or request ended without a result
+├── ShimError           FlexBE's modules cannot be replaced
 └── FlexbeManifestError a behavior's manifest, or its source, cannot be used
 """
 
@@ -18,11 +18,11 @@ class ProxyError(FlexbtError, ValueError):
 
 
 class NoResultError(ProxyError):
-    """A goal or request ended without a result; the text says how it ended."""
+    """A goal or request ended without a result; the text describes the end."""
 
 
 class ShimError(FlexbtError, ImportError):
-    """FlexBE's modules cannot be stood in for."""
+    """FlexBE's modules cannot be replaced."""
 
 
 class FlexbeManifestError(FlexbtError):

@@ -28,7 +28,7 @@ from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_onboard.behaviors.run_context import StateServices
 
 REST_SECONDS: Final = 3.0
-"""How long a behavior that was stopped waits for a goal to end."""
+"""Time that a stopped behavior waits for a goal to end, s."""
 
 _FAILED: Final = 'failed'
 

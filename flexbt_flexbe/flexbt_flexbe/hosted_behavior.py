@@ -27,7 +27,7 @@ _SLASH: Final = '/'
 
 
 class HostedBehavior(Behavior):
-    """Has the parameters of the manifest, and makes FlexBE's behavior when the run builds its state machine.
+    """A behavior with the parameters of the manifest; it makes FlexBE's behavior when the run builds its state machine.
 
     Arguments may also name parameters of embedded behaviors by their path, as in ``/Inner/speed``.
     """

@@ -16,7 +16,7 @@ from flexbt_onboard.errors import OnboardError
 from .errors import FlexbeManifestError
 
 _PARAMETERS: Final = ('params/param', 'params/parameter', 'param', 'parameter')
-"""Where manifests have their parameters. FlexBE's editor writes the first; FlexBE's engine does not read them."""
+"""Paths of the parameters in manifests. FlexBE's editor writes the first; FlexBE's engine does not read them."""
 
 
 class ParameterKind(Enum):
@@ -40,7 +40,7 @@ class FlexbeParameter:
 
 @dataclass(frozen=True)
 class FlexbeManifest:
-    """One manifest: the class ``class_name`` of the module ``module``, and what the operator is told of it."""
+    """One manifest: the class ``class_name`` of the module ``module``, and its description for the operator."""
 
     file: Path
     module: str

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """FlexBE's modules, ``flexbe_core``, ``flexbe_states`` and ``flexbe_testing``, for code that imports them.
 
-They are real packages in a directory of their own, which is on Python's path only when somebody asks for that, so that
-an installed FlexBE is never shadowed by accident. The modules in them come from a table (:data:`MODULES`): each package
+They are real packages in a separate directory, which is on Python's path only on request, so that an installed FlexBE
+is never shadowed by accident. The modules in them come from a table (:data:`MODULES`): each package
 calls :func:`fill` when it is imported, and from then on a finder makes them. In a program::
 
     from flexbt_flexbe import shim
@@ -27,7 +27,7 @@ from typing import Final
 from .errors import ShimError
 
 DIRECTORY: Final = Path(__file__).resolve().parent / 'compat'
-"""Where the packages are."""
+"""Directory of the packages."""
 
 PACKAGES: Final = ('flexbe_core', 'flexbe_states', 'flexbe_testing')
 """FlexBE's own. Beside them is ``flex_bt_flexbe_states``, which yields to an installed package of that name."""
@@ -153,7 +153,7 @@ def fill(package: str) -> None:
 
 
 class _Finder(MetaPathFinder, Loader):
-    """Finds the modules below ``packages``, which are ours: installed packages of these names have their own."""
+    """A finder of the modules below ``packages``, which are ours: installed packages of these names have their own."""
 
     def __init__(self) -> None:
         self.packages: set[str] = set()

@@ -28,7 +28,7 @@ class Behavior:
     """Base of FlexBE's behaviors, whose constructor takes the node.
 
     The executive runs it; see :mod:`flexbt_flexbe.hosted_behavior`. FlexBE's calls for that (``confirm``,
-    ``execute``, ``prepare_for_switch``, ``preempt``) are not here, since a run is no matter of the behavior.
+    ``execute``, ``prepare_for_switch``, ``preempt``) do not exist here, since the executive controls the run.
     """
 
     def __init__(self) -> None:

@@ -19,7 +19,7 @@ from flexbt_onboard.behaviors.run_context import RunContext, current_run
 from .run_proxy import Listeners, RunProxy, calling_state
 
 SERVER_SECONDS: Final = 2.0
-"""How long a server may take to be discovered after the client was made; later it counts as not there."""
+"""Time in which a server has to be discovered after the client was made, s; later it counts as missing."""
 
 _STATUS: Final = {
     GoalStatus.SUCCEEDED: RosGoalStatus.STATUS_SUCCEEDED,
@@ -45,7 +45,7 @@ class _Client:
 
     @property
     def ended(self) -> GoalOutcome | None:
-        """How the last goal ended, unless that was removed."""
+        """Outcome of the last goal, unless that was removed."""
         return self.call.outcome if self.call is not None and not self.is_removed else None
 
     def forget_result(self) -> None:
@@ -82,11 +82,11 @@ class _Results:
 
 
 class ProxyActionClient(RunProxy):
-    """Sends goals, one at a time on each action, and keeps what comes back.
+    """A client that sends goals, one at a time on each action, and keeps the results.
 
-    Each proxy has its own goals: two states that use the same action do not disturb each other. Nothing waits: a goal
-    is sent when its server is there, and when none appears, or the goal is rejected, lost, or aborted without a word,
-    :meth:`get_result` raises an error that says so, instead of giving a result that nobody has sent.
+    Each proxy has its own goals: two states that use the same action do not disturb each other. Nothing blocks: a goal
+    is sent when its server is available. If none appears, or the goal is rejected, lost, or aborted without a result,
+    :meth:`get_result` raises an error with the reason instead of returning an invented result.
     """
 
     _result: Final = _Results()
@@ -268,10 +268,10 @@ class ProxyActionClient(RunProxy):
 # FlexBE's proxy for services.
 
 RESPONSE_SECONDS: Final = 30.0
-"""How long a service may take to answer a request that is not waited for."""
+"""Time limit for the answer to a request that is not waited for, s."""
 
 BLOCKING_SECONDS: Final = 5.0
-"""How long :meth:`ProxyServiceCaller.call` waits for an answer."""
+"""Time that :meth:`ProxyServiceCaller.call` waits for an answer, s."""
 
 
 @dataclass
@@ -284,7 +284,7 @@ class _Service:
 
 
 class ProxyServiceCaller(RunProxy):
-    """Sends requests to services, one at a time on each, and keeps the responses."""
+    """A client that sends requests to services, one at a time on each, and keeps the responses."""
 
     def __init__(self, topics: Mapping[str, type[Any]] | None = None, wait_duration: float = 10.0) -> None:
         super().__init__()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What all proxies have in common: the run that they belong to, and the states that wait for what arrives."""
+"""The common part of all proxies: the run that they belong to, and the states that wait for messages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Method = TypeVar('Method', bound=Callable[..., Any])
 
 
 class RunProxy:
-    """Base of the proxies: belongs to the run in which it is made."""
+    """The base of the proxies, which belongs to the run in which it is made."""
 
     def __init__(self) -> None:
         self._run = current_run()
@@ -58,7 +58,7 @@ def calling_state() -> EventState | None:
 
 
 class Listeners:
-    """The states that asked about something, and are woken when it arrives."""
+    """The states that requested something and are woken when it arrives."""
 
     def __init__(self) -> None:
         self._states: set[EventState] = set()

@@ -59,7 +59,7 @@ class _RunPublishers:
 
 
 class ProxyPublisher(RunProxy):
-    """Publishes messages. The topics are those of all proxies of the run."""
+    """A publisher of messages. All proxies of the run share their topics."""
 
     def __init__(
         self,
@@ -245,7 +245,7 @@ class _RunFeeds:
 
 
 class ProxySubscriberCached(RunProxy):
-    """Subscribes to topics. What has come is that of all proxies of the run; states that asked for it are woken."""
+    """A subscriber to topics. All proxies of the run share the messages; states that requested one are woken."""
 
     def __init__(
         self,
@@ -393,7 +393,7 @@ class _RunTransforms:
 
 
 class ProxyTransformListener(RunProxy):
-    """Listens to transforms from its construction on. ``buffer.lookup_transform`` without a timeout does not wait."""
+    """A listener to transforms since its construction. ``buffer.lookup_transform`` without a timeout does not wait."""
 
     def __init__(self) -> None:
         super().__init__()

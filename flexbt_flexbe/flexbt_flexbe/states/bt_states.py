@@ -27,7 +27,7 @@ def full_type(name: str) -> str:
 
 
 class _ShortTypes(GoalState):
-    """Takes such names for the types of its parameters."""
+    """A base that accepts such names for the types of its parameters."""
 
     def _checked_type(self, parameter: str, name: str, package: str = '') -> str:
         return super()._checked_type(parameter, name if package else full_type(name), package)

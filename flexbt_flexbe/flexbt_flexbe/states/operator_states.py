@@ -84,16 +84,16 @@ class InputState(_OperatorInputState):
     """
     Ask the operator for a value. The input request is withdrawn when the state is left.
 
-    -- request      uint8       0 int, 1 float, 2 to 4 as many floats, 10 Pose, 11 PoseStamped, 12 string
+    -- request      uint8       0 int, 1 float, 2 to 4 that many floats, 10 Pose, 11 PoseStamped, 12 string
     -- message      string      Text of the input request
-    -- timeout      float       Of no effect: that nobody can be asked is known after a second
+    -- timeout      float       No effect: a missing operator is detected after a second
     -- action_topic string      Name of the action of the executive that asks; None for the usual one
 
     #> data                     The answer; None when there is none.
 
     <= received                 The operator has answered.
     <= aborted                  The operator has declined to answer.
-    <= no_connection            Nobody could be asked.
+    <= no_connection            No operator could be asked.
     <= data_error               The answer has another type or length.
     """
 
@@ -116,7 +116,7 @@ class SelectionState(_OperatorInputState):
     Let the operator select one of several texts.
 
     -- message      string      Text of the input request
-    -- timeout      float       Of no effect: that nobody can be asked is known after a second
+    -- timeout      float       No effect: a missing operator is detected after a second
     -- action_topic string      Name of the action of the executive that asks; None for the usual one
 
     ># items                    A list; the text of each item can be selected.
@@ -124,8 +124,8 @@ class SelectionState(_OperatorInputState):
 
     <= received                 The operator has selected.
     <= aborted                  The operator has declined to.
-    <= no_connection            Nobody could be asked.
-    <= data_error               There is nothing to select from, or the answer is no text.
+    <= no_connection            No operator could be asked.
+    <= data_error               There is nothing to select from, or the answer is not a text.
     """
 
     def __init__(self, message: str, timeout: float = 1.0, action_topic: str | None = None) -> None:

@@ -68,7 +68,7 @@ class PublisherStringState(_PublisherState):
 
     -- topic        string      Name of the topic
 
-    ># value                    What to publish; its text when it is no string.
+    ># value                    Value to publish; converted to text if it is not a string.
 
     <= done                     The message was handed to the middleware.
     """
@@ -96,7 +96,7 @@ class SubscriberState(EventState):
     #> message                  The message; None when there is none.
 
     <= received                 There is a message.
-    <= unavailable              Nobody publishes, so that the type is not known; or there is none and it does not wait.
+    <= unavailable              No publisher exists, so the type is not known; or no message came and it does not wait.
     """
 
     def __init__(

@@ -145,12 +145,12 @@ class UserdataState(EventState):
 
 class LogState(EventState):
     """
-    Tell the operator something.
+    Log a value as text for the operator.
 
-    -- text         object      What to tell; shown as text
+    -- text         object      Value to log; shown as text
     -- severity     uint8       Logger.REPORT_DEBUG, _INFO, _HINT, _WARN or _ERROR
 
-    <= done                     It was told.
+    <= done                     The line was logged.
     """
 
     is_instant = True
@@ -169,14 +169,14 @@ class LogState(EventState):
 
 class LogKeyState(EventState):
     """
-    Tell the operator a value.
+    Log a value with a text for the operator.
 
-    -- text         string      What to tell, with {} where the value goes, as in str.format
+    -- text         string      Text with {} in place of the value, as in str.format
     -- severity     uint8       Logger.REPORT_DEBUG, _INFO, _HINT, _WARN or _ERROR
 
     ># data                     The value.
 
-    <= done                     It was told.
+    <= done                     The line was logged.
     """
 
     is_instant = True
