@@ -117,7 +117,7 @@ def declare_manager_parameters(node: Node) -> ManagerParameters:
 
 
 class LifecycleManager:
-    """The manager on a running node. A node that is already where a command would bring it is left alone: as those of
+    """The manager on a running node. A node that is already in the target state of a command is left alone: as nodes of
     this project begin as active, a start-up has nothing to do.
     """
 

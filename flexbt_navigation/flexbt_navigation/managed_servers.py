@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nav2's navigation servers as managed nodes, for those who look for them. Each has some of the actions of one node,
-and those of its parameters that can be set while it works."""
+"""Nav2's navigation servers as managed nodes, for programs that look for them. Each has some of the actions of one
+node, and those of its parameters that can be set while it works."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def manage_servers(runtime: NodeRuntime, controller: ControllerParameters, plann
     """Have a lifecycle manager decide for each of them whether it works, when all actions are served. One that is not
     active rejects goals; those that it works on are aborted. On the executor thread.
 
-    What is set of a controller counts from the next path on, of a progress checker for a goal that replaces none, and
-    of a planner from the next plan on. The parameters of ``runtime`` tell what all of them are at the start.
+    Parameters of a controller take effect with the next path, of a progress checker with a goal that replaces none, and
+    of a planner with the next plan. The parameters of ``runtime`` set the state of all of them at the start.
     """
     parts = {name: _manage(runtime, name, actions) for name, actions in names.ACTIONS_OF_SERVERS.items()}
 

@@ -104,7 +104,7 @@ class Navigator:
         return trip
 
     def start(self, goal: Pose, timeout: float = 3600.0) -> Trip:
-        """Begin to drive to a goal, in place of the one before; the trip is told what becomes of it when it is over."""
+        """Begin to drive to a goal, in place of the one before; the trip gets the result at the end."""
         trip = Trip(goal)
         self._steps = self._drive_to(trip, timeout)
         return trip

@@ -25,7 +25,7 @@ def prepare_navigation(
 ) -> None:
     """Load what is compiled, or compile it on a computer's first start: some seconds that no goal has to wait for.
 
-    What plans for a robot that steers as a car does, or whose footprint is a polygon, is loaded for such a one only.
+    Planners for a robot that steers as a car does, or whose footprint is a polygon, are loaded for these robots only.
     """
     cells = numpy.zeros((20, 20), numpy.int8)
     cells[0] = 100

@@ -102,7 +102,7 @@ class RobotInterface:
         self._waiting: list[Callable[[], None]] = []
         node = runtime.node
         self._demand = demand = Demand(runtime, in_process)
-        demand.reasons.append(lambda: self._is_moving)  # somebody else drives: what is seen on the way is to be kept
+        demand.reasons.append(lambda: self._is_moving)  # another node drives: keep the obstacles seen on the way
         demand.subscribe(PoseStamped, parameters.pose_topic, QoSProfile(depth=1), self._receive_pose)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.transient_local_qos())
         KeepoutFilter(runtime, costmaps, parameters.map_frame, self._receive_mask)

@@ -42,7 +42,7 @@ class Simulation:
         rules = (f'__node:={names.NAVIGATION}', f'__ns:={namespace}')
         there = ['--ros-args', *(word for rule in rules for word in ('-r', f'{names.NAVIGATION}:{rule}')), '--']
         runtime = NodeRuntime(names.NAVIGATION, args=[*there, *self._args], parameters={'use_sim_time': True})
-        for other in self._simulator.further:  # to whom it would tell all that it makes, and takes back at the end
+        for other in self._simulator.further:  # to which it would report all that it makes, and withdraw at the end
             ignore_each_other(runtime.node, other.node)
         self._simulator.further.append(runtime)
         told = f'{names.NAVIGATION} in {namespace} cannot go on'

@@ -26,7 +26,7 @@ class Demand:
 
     Poses and scans are needed at once while a goal goes on, and while one of ``reasons`` gives True. At other times
     they would only wake the node: they stay with the middleware, as many as the queues take, until :meth:`take`, and
-    for LOOK_SECONDS at most: by what is heard then one knows that somebody else drives the robot.
+    for LOOK_SECONDS at most: the messages received then show that another node drives the robot.
     """
 
     def __init__(self, runtime: NodeRuntime, in_process: IntraProcessTopics) -> None:
@@ -41,7 +41,7 @@ class Demand:
     def subscribe(
         self, message_type: type[Any], topic: str, qos: QoSProfile, on_message: Callable[[Received], object]
     ) -> None:
-        """Have ``on_message`` called for what comes on a topic, of as many bytes as a message may have."""
+        """Call ``on_message`` for messages of a topic, up to the maximum size of a message."""
         node, heard = self._runtime.node, -math.inf
 
         def hear(received: Received) -> None:
@@ -63,7 +63,7 @@ class Demand:
             )
 
     def take(self) -> None:
-        """Somebody asks: hear what has come, unless the executor does so anyway."""
+        """Receive the waiting messages for a caller, unless the executor does so anyway."""
         if not self.is_there:
             self.take_all()
 

@@ -64,7 +64,7 @@ T = TypeVar('T')
 
 
 class Computation:
-    """The thread. What a goal wants is computed in the order of the goals; what nobody wants any more is left out."""
+    """The thread. Results are computed in the order of the goals; what nobody wants any more is left out."""
 
     def __init__(self, runtime: NodeRuntime, name: str) -> None:
         self._runtime = runtime

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map.
 
-The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot
-turn or drive for ever.
+The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot turn
+or drive without end.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def finite_pose(message: Any, name: str, code: str) -> Pose:
     """Return the pose of a geometry_msgs/Pose.
 
     Raises:
-        NavigationError: with ``code`` when it is no place: NaN, infinite, or beyond FARTHEST.
+        NavigationError: with ``code`` if it is not a valid place: NaN, infinite, or beyond FARTHEST.
     """
     pose = pose_of(message)
     if not pose.is_place:
@@ -89,7 +89,7 @@ OnError = Callable[[Exception], None]
 
 
 class Asked(NamedTuple):
-    """A geometry_msgs/Pose of a request with its header; what it is called; the code of one that is no place."""
+    """A geometry_msgs/Pose of a request with its header; what it is called; the code of an invalid one."""
 
     header: Any
     pose: Any
@@ -119,9 +119,9 @@ def asked_path(path: Any) -> list[Asked]:
 class MapFrame:
     """On the executor thread. An empty frame counts as that of the map.
 
-    As in Nav2 a stamp of 0 means the latest transform, any other one the transform at that time. What is not known
-    yet is waited for, at most for the parameter ``transform_tolerance``; the first time for TRANSFORM_TIMEOUT, since
-    the node begins to hear ``tf`` then. So nothing is spent on it where all requests are in the frame of the map.
+    As in Nav2 a stamp of 0 means the latest transform, any other one the transform at that time. What is not known yet
+    is waited for, at most for the parameter ``transform_tolerance``; the first time for TRANSFORM_TIMEOUT, since the
+    node starts to receive ``tf`` then. So nothing is spent on it where all requests are in the frame of the map.
     """
 
     def __init__(self, runtime: NodeRuntime, parameters: RobotParameters) -> None:
@@ -140,8 +140,7 @@ class MapFrame:
         """Give poses in the frame of the map: at once, or when their transforms are known, or never after ``timeout``
         seconds of wall time instead of those that hold for all.
 
-        ``on_error`` instead, with NavigationError: TF_ERROR when no transform is known, the code of a pose that is no
-        place.
+        ``on_error`` instead, with NavigationError: TF_ERROR if no transform is known, the code of an invalid pose.
         """
         firsts = {one.source: one for one in asked if one.header.frame_id not in ('', self._name)}
         transforms: dict[tuple[str, int, int], Rigid] = {}

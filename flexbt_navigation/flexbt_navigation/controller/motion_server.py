@@ -40,8 +40,8 @@ class RunningMotion:
 
     ``asked``: the number of :meth:`MotionArbiter.ask`, for a motion that was prepared for a while.
 
-    ``began`` and ``now`` are the times of the first and of the latest pose, s. By these the motion goes, not by the
-    node's clock, which hears of the time by another topic: on a busy machine it may stand still meanwhile.
+    ``began`` and ``now`` are the times of the first and of the latest pose, s. The motion uses these, not the node's
+    clock, which gets the time by another topic: on a busy machine it may stand still meanwhile.
     """
 
     goal: ServedGoal

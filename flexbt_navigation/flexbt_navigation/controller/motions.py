@@ -33,7 +33,7 @@ SIDE_TIME: Final = 0.4
 """Minimum distance from a movable obstacle, m, and time for which it may come nearer unseen, s."""
 
 SLOWEST: Final = 0.01
-"""Speed, m/s, below which nothing that rests is approached: the robot would creep for ever, and not arrive."""
+"""Speed, m/s, below which nothing that rests is approached: the robot would creep without end, and never arrive."""
 
 PASSING: Final = 0.05
 """Speed, m/s, at which the robot passes what rests, however near the path leads to it."""
@@ -50,11 +50,11 @@ SAME_GAP: Final = 1e-6
 """Gaps, m, that differ by no more are the same: headings and distances are rounded."""
 
 JUMP: Final = 0.1
-"""Distance, m, beyond that driven which the robot moves from one step to the next if it has been localized anew:
-earlier observations are then void."""
+"""Distance, m, beyond that driven which the robot moves from one step to the next if it has been relocalized: earlier
+observations are then void."""
 
 FASTEST: Final = 1.0
-"""Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
+"""Maximum speed of an approaching obstacle, m/s: a faster one is not a moving body."""
 
 COMPANY_TIME: Final = 3.0
 """Time since its last motion for which something counts as a moving person or robot, s."""
@@ -104,7 +104,7 @@ class TurnLimits:
     acceleration: float = 1.6
 
     def speed(self, remaining: float) -> float:
-        """Speed at which to turn when so much is left: such that the robot can brake."""
+        """Speed at which to turn with this angle left, so that the robot can brake."""
         return min(self.maximum, max(self.minimum, math.sqrt(2.0 * self.acceleration * abs(remaining))))
 
 
@@ -197,7 +197,7 @@ class Sight(NamedTuple):
 class KeepingApart:
     """A limiter that keeps a moving robot apart from movable obstacles; ``top_speed`` is the robot's own, m/s.
 
-    Look-ahead finds what is on the arc. This finds what comes from the side, between two scans.
+    Look-ahead finds what is on the arc. This finds obstacles that approach from the side, between two scans.
     """
 
     def __init__(self, top_speed: float) -> None:
@@ -233,7 +233,7 @@ class KeepingApart:
         return self._here < 0.0 or now - self._seen_moving <= COMPANY_TIME
 
     def leaves(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> bool:
-        """Return whether somebody is within ``PERSONAL_SPACE``, and the robot comes no nearer to them."""
+        """Return whether a person or robot is within ``PERSONAL_SPACE``, and the robot does not come nearer to them."""
         swing = abs(velocity.angular) * costmap.inflation.outer_radius if costmap.inflation.corners else 0.0
         if self._here >= PERSONAL_SPACE:
             return False
@@ -244,7 +244,7 @@ class KeepingApart:
         return self._grows(costmap, pose, velocity, escape, (SIDE_TIME / 2.0, SIDE_TIME))
 
     def _grows(self, costmap: Costmap, pose: Pose, velocity: Velocity, speed: float, times: tuple[float, ...]) -> bool:
-        """Return whether the gap is so much greater, for each second, at these times."""
+        """Return whether the gap grows by this much per second, at these times."""
         gaps = (costmap.gap_seen(drive(pose, *velocity, time), self._reach) for time in times)
         return all(gap >= self._here + speed * time - SAME_GAP for gap, time in zip(gaps, times, strict=True))
 
@@ -253,7 +253,7 @@ class KeepingApart:
         the robot would go at less than ``SLOWEST``.
 
         For what has moved lately the robot stops earlier, by as much as that may move until the robot stands, and
-        waits. What rests it passes as near as the path leads, slowly.
+        waits. It passes obstacles at rest as near as the path leads, slowly.
         """
         inflation = costmap.inflation
         here, closing = self._here, self._closing
@@ -262,7 +262,7 @@ class KeepingApart:
         if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
             return velocity
         if here < 0.0 and swing > SLOWEST:
-            return None  # whoever touches it may follow, and is met by another corner
+            return None  # a body that touches it may follow, and be hit by another corner
         escape = max(closing, ESCAPE * speed if here < 0.0 else AWAY * swing)
         # Who runs away has to do so for longer: after a corner that swings away there comes another one.
         times = (SIDE_TIME / 2.0, SIDE_TIME) if closing or here < 0.0 else (SIDE_TIME / 2.0,)

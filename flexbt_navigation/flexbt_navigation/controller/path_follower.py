@@ -82,8 +82,8 @@ class FollowerLimits:
 
     With a ``turning_radius`` the robot steers as a car does: no bend is narrower, and nothing is turned on the spot. A
     path that it can drive, as that of the planner for such a robot, is followed closely, backward where its poses head
-    away from where it leads, if the robot ``reverses``; on another path the point that it is directed to is no nearer
-    than the radius. A goal whose heading it does not have there is not reached.
+    away from where it leads, if the robot ``reverses``; on another path the point that it is directed to is at least
+    the radius away. A goal whose heading it does not have there is not reached.
     """
 
     speed: float = 0.26
@@ -136,9 +136,9 @@ class FollowerLimits:
 class ProgressChecker:
     """A checker that notices when the robot makes no progress. It outlives a change of the path.
 
-    What counts is the time in which the robot was driven: where time runs away from a busy machine, a controller that
-    was held up for long between two checks says nothing about the robot. It was held up when it took more than twice as
-    long as the shortest time between two checks before, and more than ``HELD_UP``.
+    Only the time in which the robot was driven counts: if time runs away from a busy machine, a long delay of the
+    controller between two checks says nothing about the robot. It was held up when it took more than twice as long as
+    the shortest time between two checks before, and more than ``HELD_UP``.
     """
 
     def __init__(self, limits: FollowerLimits) -> None:
@@ -152,7 +152,7 @@ class ProgressChecker:
     def check(self, pose: Pose, now: float, turning: bool, left: float, yielding: bool) -> None:
         """``left``: m to the goal; ``yielding``: gives way to others since the last check.
 
-        Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress of its own.
+        Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress, too.
         """
         passed, self._checked = now - self._checked, now
         if left < self._least - self._limits.progress_distance:
@@ -265,8 +265,8 @@ class PathFollower:
         """See :class:`Motion`.
 
         Raises:
-            NavigationError: that of the drift; FAILED_TO_MAKE_PROGRESS; PATIENCE_EXCEEDED when an obstacle stays in
-                the way, or NO_VALID_CONTROL at once when there is no patience.
+            NavigationError: that of the drift; FAILED_TO_MAKE_PROGRESS; PATIENCE_EXCEEDED if an obstacle stays in
+                the way, or NO_VALID_CONTROL at once without patience.
         """
         limits = self._limits
         self._drive.advance(now)
@@ -464,7 +464,7 @@ class PathFollower:
         return collides(self._costmap, coming, velocity, seconds, inertia)
 
     def _give_way(self, pose: Pose) -> Velocity:
-        """To somebody who is in the way: to where the gap to them grows most, if that leads away from them, or wait."""
+        """Drive to where the gap to a body in the way grows most, if that leads away from it, or wait."""
         costmap = self._costmap
         ways = (pose.yaw, pose.yaw + math.pi, *ASIDE)
         places = [drive(pose._replace(yaw=way), PERSONAL_SPACE, 0.0, 1.0)._replace(yaw=pose.yaw) for way in ways]

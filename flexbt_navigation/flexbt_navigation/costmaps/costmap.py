@@ -35,7 +35,7 @@ class Inflation:
 
     ``robot_radius`` in m: within it of an obstacle the robot's centre is in collision. ``radius`` in m: how far costs
     reach; ``scaling`` in 1/m: how fast they fall off, as exp(-scaling * distance beyond the robot's radius).
-    ``corners`` are those of a robot that is no circle, m from its centre; then its radius is the inscribed one.
+    ``corners`` are those of a robot that is not a circle, m from its centre; then its radius is the inscribed one.
     """
 
     robot_radius: float = 0.22
@@ -83,7 +83,7 @@ class CellBox:
         return slice(self.bottom, self.top), slice(self.left, self.right)
 
     def grown(self, by: int, shape: Sequence[int]) -> CellBox:
-        """With so many cells more on each side, within a grid."""
+        """Return the box with this many more cells on each side, within a grid."""
         return CellBox(
             max(0, self.bottom - by),
             min(shape[0], self.top + by),
@@ -108,14 +108,14 @@ class Costmap:
         self.squares, self.costs = self._inflated(CellBox(0, world.height, 0, world.width))
 
     def copy(self) -> Costmap:
-        """As it is now; for another thread, or for obstacles of its own."""
+        """As it is now; for another thread, or for separate obstacles."""
         other = object.__new__(Costmap)
         other.world, other.inflation, other._reach = self.world, self.inflation, self._reach
         other.obstacles, other.squares, other.costs = self.obstacles.copy(), self.squares.copy(), self.costs.copy()
         return other
 
     def refresh(self, box: CellBox) -> None:
-        """``obstacles`` were changed in a box: compute anew what is near it."""
+        """Recompute the costs near a box in which ``obstacles`` were changed."""
         near = box.grown(self._reach, self.obstacles.shape)
         self.squares[near.cells], self.costs[near.cells] = self._inflated(near)
         self.__dict__.pop('regions', None)

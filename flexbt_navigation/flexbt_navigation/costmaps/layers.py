@@ -63,7 +63,7 @@ class Observation:
 
 
 class LayeredCostmap:
-    """A costmap that follows what is seen. Only what has changed is computed anew.
+    """A costmap that follows what is seen. Only changes are recomputed.
 
     ``costmap`` is changed in place; another thread uses a copy of it.
     """

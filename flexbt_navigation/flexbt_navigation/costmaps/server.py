@@ -80,7 +80,7 @@ _SHOWN: Final = numpy.array([0, *(1 + 97 * (cost - 1) // 251 for cost in range(1
 
 @dataclass
 class _Kept:
-    """A costmap, with what is known of its updates. ``shared`` is a copy for other threads, after so many changes."""
+    """A costmap, with what is known of its updates. ``shared`` is a copy for other threads, after this many changes."""
 
     layers: LayeredCostmap
     updated: float = -math.inf
@@ -150,7 +150,7 @@ class CostmapServer:
         """The local costmap, which follows what is seen: for the executor thread only.
 
         Raises:
-            NavigationError: UNKNOWN while there is no map.
+            NavigationError: UNKNOWN while no map is loaded.
         """
         return self._known(LOCAL).layers.costmap
 
@@ -269,7 +269,7 @@ class CostmapServer:
         return any(shown.get_subscription_count() for publishers in self._publishers.values() for shown in publishers)
 
     def _publish(self, name: str) -> None:
-        """To whoever listens; who comes later gets what was published last."""
+        """For current subscribers; a later one gets the last message."""
         shown, raw, footprint = self._publishers[name]
         if shown.get_subscription_count():
             box, info = self._shown_part(name)
@@ -321,7 +321,7 @@ class CostmapServer:
     # -- services ----------------------------------------------------------------------------------------------------
 
     def _clear(self, name: str, clear: Callable[[Any, LayeredCostmap], None], request: Any, response: Any) -> Any:
-        """Jazzy's services answer nothing: what is wrong is told in the log."""
+        """Jazzy's services return no error: problems are logged."""
         try:
             check_limits(request)
             clear(request, self._known(name).layers)

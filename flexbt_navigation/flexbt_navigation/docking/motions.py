@@ -195,7 +195,7 @@ class StagingMotion:
 class DockMotion:
     """A drive from the staging pose onto a dock, which waits for the charge. If it fails, it goes back and tries again.
 
-    ``state`` and ``retries`` are what the feedback tells.
+    ``state`` and ``retries`` are the contents of the feedback.
     """
 
     def __init__(
@@ -335,7 +335,7 @@ class UndockMotion:
             raise NavigationError('FAILED_TO_CONTROL', f'the robot has not left the dock within {self._seconds:g} s')
         velocity = _back(self._costmap, pose, self._staging, self._limits, spent)
         if velocity is None and self._charges and self._senses.is_charging():
-            return STOP  # until it is told that the charge has ended
+            return STOP  # until the end of the charge is reported
         return velocity
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The actions dock_robot and undock_robot, the service that reads the database of docks anew, and the parameters of
-both with Nav2's names.
+"""The actions dock_robot and undock_robot, the service that reloads the database of docks, and the parameters of both
+with Nav2's names.
 
 battery_state reports that the robot is charged; detected_dock_pose where a dock is seen, when that is used.
 
-That the robot is charged is told by battery_state; where a dock is seen, when that is used, by detected_dock_pose.
+The charge of the robot is reported by battery_state; where a dock is seen, when that is used, by detected_dock_pose.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ CHARGING_CURRENT: Final = 0.5
 """A, from which on a battery is charged whatever its status: Nav2's charging_threshold."""
 
 LONGEST: Final = 1e6
-"""s; longer ones are for ever."""
+"""s; longer ones are without limit."""
 
 
 class DockingServer:

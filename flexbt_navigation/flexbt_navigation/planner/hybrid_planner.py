@@ -61,9 +61,9 @@ class HybridPlanner(OutlinePlanner):
     long either end may be hard to get to: then ways from both to a place with room between them are tried.
 
     Of a path ``before``, of this planner and to the same goal, the rest is the plan as long as it is free and the robot
-    nearly on it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the same one
-    begins forward and the other backward, and a robot that is told now this one and now that one gets nowhere.
-    NavigationError TIMEOUT is raised, too, when the search is given up.
+    nearly on it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the same, one
+    begins forward and the other backward. A robot that gets them in turn makes no progress. NavigationError TIMEOUT is
+    raised, too, when the search is given up.
     """
 
     def __init__(self, costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> None:
@@ -136,7 +136,7 @@ class HybridPlanner(OutlinePlanner):
         self, problem: tuple[Any, ...], radius: float, lengths: list[float], most: int, stop: StopFlag
     ) -> tuple[NDArray[numpy.float64], int]:
         """Return the pieces of a way, empty when none was found, and how many states were looked at, at most so many
-        with pieces of each length. The lengths with which there is no way are taken away; the last one is tried first.
+        with pieces of each length. Lengths without a way are removed; the last one is tried first.
         """
         looked, pieces = 0, numpy.empty((0, 2))
         while lengths:

@@ -65,7 +65,7 @@ class OutlineLoops(NamedTuple):
 
 @cache
 def outline_loops() -> OutlineLoops:
-    """Return the compiled functions, or where there is no compiler the same ones as they are written."""
+    """Return the compiled functions, or the interpreted ones if there is no compiler."""
     functions = [getattr(hybrid_kernels, name) for name in OutlineLoops._fields]
     return OutlineLoops(*(compiled(one) or one for one in functions))
 
@@ -75,9 +75,9 @@ class OutlinePlanner(GridPlanner):
 
     The plan is that of a circle as large as fits into the footprint, if the outline has room all along it, where the
     robot turns and for the headings of start and goal. Otherwise it is searched for by place and heading, from either
-    end by turns, since one may be hard to get away from. NavigationError NO_VALID_PATH is raised when all was looked at
-    and there is no way for the outline; when the search is given up before, the plan is that of the circle all the
-    same, as from a start where the robot overlaps an obstacle.
+    end by turns, since one may be hard to get away from. NavigationError NO_VALID_PATH is raised if the whole space was
+    searched and there is no way for the outline; if the search is given up before, the plan is still that of the
+    circle, as from a start where the robot overlaps an obstacle.
 
     Of a path ``before`` to the same goal, the rest is the plan where the circle's is none, as long as the outline has
     room on it and the robot is on it.

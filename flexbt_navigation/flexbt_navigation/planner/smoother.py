@@ -37,8 +37,8 @@ Flags = NDArray[numpy.bool_]
 class Smoothing:
     """Settings for smoothing a path.
 
-    ``refinements`` is how many more times the result is smoothed. ``keeps_reversals`` tells whether places stay where
-    the robot goes on in the opposite direction or turns on the spot (Nav2's enforce_path_inversion).
+    ``refinements`` is how many more times the result is smoothed. ``keeps_reversals``: whether places stay at which the
+    robot reverses or turns on the spot (Nav2's enforce_path_inversion).
     """
 
     refinements: int = 2

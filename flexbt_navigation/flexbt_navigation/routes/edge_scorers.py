@@ -148,8 +148,8 @@ SCORERS: Final[Mapping[str, Scorer]] = {
 
 
 def edge_scorer(scorers: Iterable[Scorer]) -> Scorer:
-    """Return what edges cost by several scorers, never less than 0; NaN for an edge with a cost of its own, which
-    nothing overrides, that is not positive.
+    """Return what edges cost by several scorers, never less than 0; NaN for an edge whose own cost, which nothing
+    overrides, is not positive.
     """
     scorers = tuple(scorers)
 

@@ -210,7 +210,7 @@ def load_graph(file: Path) -> RouteGraph:
     """Return the graph of a file.
 
     Raises:
-        GraphError: the file cannot be read, or it is no graph.
+        GraphError: the file cannot be read, or is not a graph.
     """
     nodes: dict[int, RouteNode] = {}
     features = list(_features(file))

@@ -47,7 +47,7 @@ def graph_markers(graph: RouteGraph, frame: str, stamp: Time) -> MarkerArray:
     for marker in markers.markers:
         marker.header.frame_id, marker.header.stamp = frame, stamp
         marker.pose.orientation.w = 1.0
-    # What an earlier graph had more of goes.
+    # Additional elements of an earlier graph are removed.
     markers.markers.insert(0, Marker(action=Marker.DELETEALL))
     return markers
 

@@ -217,7 +217,7 @@ class RouteServer:
         on_planned: Callable[[PlannedRoute], None],
         on_end: Callable[[GoalEnd], None],
     ) -> None:
-        """Plan what a goal of one of the actions asks for: ``on_planned``, or ``on_end`` when there is no route."""
+        """Plan the route of a goal of one of the actions: call ``on_planned``, or ``on_end`` if there is no route."""
 
         def search(poses: list[Pose]) -> None:
             start, last = self._ends(goal.request, poses)

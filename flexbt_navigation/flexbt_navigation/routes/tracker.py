@@ -91,7 +91,7 @@ class RouteTracker:
 
 
 def blocked_edge(tracker: RouteTracker, pose: Pose, costmap: Costmap, distance: float) -> RouteEdge | None:
-    """Return the first edge within so many m ahead on which the robot would collide: Nav2's CollisionMonitor.
+    """Return the first edge within this distance ahead, m, on which the robot would collide: Nav2's CollisionMonitor.
 
     The map ends that: what is beyond cannot be known.
     """

@@ -136,7 +136,7 @@ class RouteTracking:
         )
 
 
-# What is done while a route is tracked: the operations of Nav2's route server.
+# Operations while a route is tracked: those of Nav2's route server.
 
 NO_LIMIT: Final = 0.0
 """Limit that removes a speed limit: NO_SPEED_LIMIT of nav2_costmap_2d."""
