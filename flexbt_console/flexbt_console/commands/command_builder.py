@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Commands for the executive, made from what the operator wants and what the operator sees.
 
-A command is bound to the picture that it was made from: to the run, and to the decision that it answers. What
-cannot work is refused here, with what would work; the executive checks everything again.
+A command is bound to the picture that it was made from: to the run, and to the decision that it answers. Commands that
+cannot work are refused here, with those that would work; the executive checks everything again.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .operator_values import answer, parameter_value
 class CommandBuilder:
     """A builder of the commands of one operator.
 
-    Without an operator (None) whoever sits here is an observer, and every command is refused for the reason ``why``.
+    Without an operator (None) the user is an observer, and every command is refused for the reason ``why``.
     """
 
     def __init__(self, operator: str | None, why: str = 'an observer cannot send commands; omit --observer') -> None:
@@ -40,7 +40,7 @@ class CommandBuilder:
         self._why = why
 
     def require_operator(self) -> str:
-        """Return the name of the operator. Raises RefusedError when whoever sits here is an observer."""
+        """Return the name of the operator. Raises RefusedError if the user is an observer."""
         if self.operator is None:
             raise RefusedError(self._why)
         return self.operator
@@ -142,8 +142,8 @@ class CommandBuilder:
     def confirm(self, view: View, decision_id: str = '', *, unseen: bool = False) -> OperatorCommand:
         """Confirm a transition, or the suggestion of a choice. Without an identifier: of the only decision.
 
-        An identifier that is not pending here is sent all the same: the executive says what became of it. ``unseen``:
-        also when what the decision is about has not arrived; so for the other answers.
+        An identifier that is not pending here is sent anyway: the executive reports its result. ``unseen``: also when
+        what the decision is about has not arrived; so for the other answers.
 
         Raises:
             NotShownError: what it is about has not arrived.
@@ -166,7 +166,7 @@ class CommandBuilder:
 
         Raises:
             NotShownError: what it is about has not arrived.
-            RefusedError: the decision has no such outcome.
+            RefusedError: the decision does not have this outcome.
         """
         if outcome not in decision.outcomes:
             raise RefusedError(
@@ -186,7 +186,7 @@ class CommandBuilder:
 
         Raises:
             NotShownError: it overrides a decision, and what that is about has not arrived.
-            RefusedError: which state is meant is not clear, it is not active, or has no such outcome.
+            RefusedError: the state is ambiguous or not active, or does not have this outcome.
         """
         if path:
             path = _active_path(view, path)
@@ -212,7 +212,7 @@ class CommandBuilder:
 
         Raises:
             NotShownError: what it is about has not arrived.
-            RefusedError: no such request, or the text is no value of the wanted type.
+            RefusedError: the request does not exist, or the text is not a value of the wanted type.
         """
         decision = _input_request(view, decision_id)
         _check_shown(view, decision, unseen)
@@ -225,14 +225,13 @@ class CommandBuilder:
     def decline(self, view: View, decision_id: str = '') -> OperatorCommand:
         """Decline an input request; without an identifier, the only one.
 
-        Raises:
-            RefusedError: no such request.
+        Raises: RefusedError: the request does not exist.
         """
         decision = _input_request(view, decision_id)
         return replace(self.command(view, CommandKind.DECLINE), decision_id=decision.id)
 
     def to_requester(self, kind: CommandKind, view: View, operator: str = '') -> OperatorCommand:
-        """Return a command about another operator, by default the one who asks for the authority: hand it over, or
+        """Return a command about another operator, by default the one who requests the authority: hand it over, or
         refuse.
 
         Raises:

@@ -45,7 +45,7 @@ _NUMBER = re.compile(r'-(\d|\.\d|inf|nan)', re.IGNORECASE)
 
 
 def parse(words: Sequence[str]) -> CommandLine:
-    """Read a command line; the command is the first word that is no option.
+    """Read a command line; the command is the first word that is not an option.
 
     Raises:
         UsageError: unknown command or option, a missing value, too few or too many words.

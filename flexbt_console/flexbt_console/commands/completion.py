@@ -224,6 +224,6 @@ def _before_quote(text: str, quote: str) -> str:
 
 
 def _is_command(words: list[str], number: int) -> bool:
-    """Return whether that word is no option, and no value of one."""
+    """Return whether that word is neither an option nor the value of one."""
     values = {option.name for option in COMMON_OPTIONS if option.value is not None}
     return not words[number].startswith('-') and (number == 0 or words[number - 1] not in values)

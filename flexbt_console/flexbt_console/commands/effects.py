@@ -39,7 +39,7 @@ from .spec import DECISION, UNSEEN, Answers, CommandLine, Inquiry, Reading, Send
 
 
 def alone(kind: CommandKind) -> Send:
-    """Return a command without arguments of its own."""
+    """Return a command without arguments."""
     return Send((kind,), lambda line, view, builder: builder.command(view, kind))
 
 
@@ -49,7 +49,7 @@ def at_path(kind: CommandKind) -> Send:
 
 
 def to_requester(kind: CommandKind) -> Send:
-    """Return a command about an operator who asks for the authority."""
+    """Return a command about an operator who requests the authority."""
     return Send((kind,), lambda line, view, builder: builder.to_requester(kind, view, line.first_word))
 
 
@@ -164,7 +164,7 @@ SCAN_PERIOD: Final = 0.5
 """Seconds from one scan on the map to the next when none are given."""
 
 SURROUNDINGS_SECONDS: Final = 2.0
-"""So long what is latched, and a plan that is told each second, is waited for."""
+"""Time for which latched messages, and a plan that is published each second, are awaited, s."""
 
 
 def status(line: CommandLine, view: View, mirror: Mirror) -> Reading:

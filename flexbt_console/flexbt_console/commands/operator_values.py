@@ -68,10 +68,10 @@ _BOOLEANS: Final = frozenset({'true', 'yes', 'on', '1', 'false', 'no', 'off', '0
 
 
 def parameter_value(parameter: BehaviorParameter, text: str) -> str:
-    """Read the value of a parameter of a behavior. What its type is not known for is left to the executive.
+    """Read the value of a parameter of a behavior. A value of unknown type is left to the executive.
 
     Raises:
-        RefusedError: it is no value of its type, none of its choices, or beyond its limits.
+        RefusedError: it is not a value of its type, not one of its choices, or beyond its limits.
     """
     where = f'parameter {short_repr(parameter.name)}: {short_repr(text)}'
     if parameter.choices:
@@ -94,7 +94,7 @@ def parameter_value(parameter: BehaviorParameter, text: str) -> str:
         if math.isnan(number):
             expected = 'a whole number' if parameter.type == 'int' else 'a number'
             raise RefusedError(f'{where} is no {parameter.type}; expected {expected}')
-        if number < _number(parameter.minimum, float) or number > _number(parameter.maximum, float):  # NaN is no limit
+        if number < _number(parameter.minimum, float) or number > _number(parameter.maximum, float):  # NaN: no limit
             raise RefusedError(f'{where} is beyond its limits ({limits_text(parameter)})')
     return text
 
@@ -110,7 +110,7 @@ def line_count(text: str) -> int:
     """Read a number of lines.
 
     Raises:
-        UsageError: it is no number above 0.
+        UsageError: it is not a number above 0.
     """
     if not text.isascii() or not text.isdigit() or int(text) == 0:
         raise UsageError(f'{short_repr(text)}: expected a number of lines above 0')
@@ -129,7 +129,7 @@ def liveness(text: str) -> str:
 
 
 def retry_count(text: str) -> int:
-    """Read how often a state is repeated. Raises UsageError when it is no number from 0 to 1000."""
+    """Read how often a state is repeated. Raises UsageError if it is not a number from 0 to 1000."""
     if not text.isascii() or not text.isdigit() or len(text) > 9 or int(text) > _MOST_RETRIES:
         raise UsageError(f'{short_repr(text)}: expected a number from 0 to {_MOST_RETRIES}')
     return int(text)
@@ -150,7 +150,7 @@ def port_number(text: str) -> int:
     """Read the number of a port; 0 stands for one that is free.
 
     Raises:
-        UsageError: it is no number up to 65535.
+        UsageError: it is not a number up to 65535.
     """
     if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
         raise UsageError(f'{short_repr(text)}: expected the number of a port, 0 to 65535')
@@ -161,7 +161,7 @@ def full_namespace(text: str) -> str:
     """Return the namespace of a robot, as the operator gives it, from the root on.
 
     Raises:
-        UsageError: ROS allows no such name.
+        UsageError: ROS does not allow this name.
     """
     full = '/' + text.strip('/')
     if _NAMESPACE.fullmatch(full) is None:
@@ -210,7 +210,7 @@ def answer(decision: Decision, text: str, places: Mapping[str, FramedPose]) -> I
     """Return the value that answers an input request.
 
     Raises:
-        RefusedError: it is no value of the wanted type, or none of the allowed ones.
+        RefusedError: it is not a value of the wanted type, or not one of the allowed ones.
     """
     allowed = decision.input_choices
     if allowed and text not in allowed:
@@ -273,7 +273,7 @@ _POSE_FORMS: Final[Mapping[str, Callable[[FramedPose], dict[str, Any]]]] = {
 
 
 def _checked_text(text: str, type: str) -> str:
-    # Imported here because it brings rclpy and the interface packages along, which takes a while.
+    # Imported here because it imports rclpy and the interface packages, which takes a while.
     from flexbt_common.errors import UnknownTypeError, ValueConversionError
     from flexbt_common.values.entries import text_to_value, value_to_text
     from flexbt_common.values.value_types import resolve_type

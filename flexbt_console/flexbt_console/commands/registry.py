@@ -29,7 +29,7 @@ from .operator_values import (
 )
 from .spec import DECISION, UNSEEN, Argument, Ask, CommandLine, CommandSpec, LinkNeed, Mode, Option, Send, Show, seconds
 
-# What has to have arrived
+# Checks that the data of a command have arrived.
 
 
 def _behaviors_known(view: View) -> bool:

@@ -65,7 +65,7 @@ class Argument(NamedTuple):
 class Option(NamedTuple):
     """An option; ``value`` is what follows it, None for a switch. A ``repeated`` one may be given again.
 
-    ``in_prompt`` tells whether it means something at the interactive prompt.
+    ``in_prompt``: whether it is valid at the interactive prompt.
     """
 
     name: str
@@ -85,8 +85,8 @@ class Option(NamedTuple):
 class LinkNeed(Enum):
     """The need of a command for the link to the executive.
 
-    NONE: it works without one. HEARD: an old picture will do: it is shown as such, and at the prompt the command is
-    sent all the same. LIVE: the picture has to be the present.
+    NONE: it works without one. HEARD: an old picture is sufficient: it is shown as old, and at the prompt the command
+    is sent anyway. LIVE: the picture has to be the present.
     """
 
     NONE = 'none'
@@ -97,8 +97,8 @@ class LinkNeed(Enum):
 class Answers(NamedTuple):
     """A command's way to answer a decision of one of the ``kinds``.
 
-    ``names_its_own`` tells whether a line names the decision or state itself; any other is meant for the decision on
-    the screen. With ``also_alone`` the command also works while no such decision is pending.
+    ``names_its_own``: whether a line names the decision or state itself; any other is meant for the decision on the
+    screen. With ``also_alone`` the command also works while no decision of this kind is pending.
     """
 
     kinds: frozenset[DecisionKind]
@@ -151,9 +151,9 @@ class RobotQueries(Protocol):
         tell: Callable[[str], None],
         left: Future[None] | None = None,
     ) -> Synthesis:
-        """Have a behavior made, or be told why there is none; ``tell`` gets now and then what is being done.
+        """Have a behavior made, or get the reason why there is none; ``tell`` gets progress from time to time.
 
-        It is canceled once ``left`` is done: who asked has gone.
+        It is canceled once ``left`` is done: the requester has gone.
         """
         ...
 
@@ -162,8 +162,8 @@ class RobotQueries(Protocol):
         ...
 
     def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
-        """Return the picture with trees, map and plan, and with the scan if it is to come every so many seconds; as
-        soon as what is wanted ``has_arrived``, or what there is after ``timeout`` seconds.
+        """Return the picture with trees, map and plan, and with the scan if its period in seconds is given; as soon as
+        what is wanted ``has_arrived``, or what there is after ``timeout`` seconds.
         """
         ...
 
@@ -376,7 +376,7 @@ def levels(typed: Typed) -> Iterable[str]:
 
 
 def behaviors(typed: Typed) -> Iterable[str]:
-    """Return those that cannot be loaded come last: whoever starts one is told why it cannot be."""
+    """Return the behaviors. Those that cannot be loaded come last: starting one reports the reason."""
     return (one.name for one in sorted(typed.view.behaviors or (), key=lambda one: bool(one.error)))
 
 

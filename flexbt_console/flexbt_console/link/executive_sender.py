@@ -31,8 +31,8 @@ class ExecutiveSender:
     """A filter that separates the messages of the executive from those of others on its topics.
 
     One that is silent is replaced by the next whose status is heard: it may have been started again, and the middleware
-    needs long to see that a process was killed. When it is heard once more soon, it was late, and is the executive
-    again. One that answers a STOP, which the one that is heard has not, is the executive.
+    needs long to see that a process was killed. If it is received again soon, it was late, and is the executive again.
+    One that answers a STOP, which the one that is heard has not, is the executive.
 
     ``is_there`` says whether a participant of the domain still publishes statuses, ``is_silent`` whether the one that
     is shown should have been heard again by now; ``now`` is in seconds.
@@ -88,7 +88,7 @@ class ExecutiveSender:
 # Whether both sides of a topic were built from the same interfaces.
 #
 # The middleware connects topics by the name of the type. When the definitions differ, messages are lost or misread
-# without an error; the hash of the definition, which each side announces, tells (REP 2016).
+# without an error; the hash of the definition, which each side announces, shows it (REP 2016).
 
 
 def interface_problem(node: Any, topic: str) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The robots of the domain, each with an operator link of its own, on one node.
+"""The robots of the domain, each with its own operator link, on one node.
 
 Anybody in the domain can publish statuses under any name. So there are at most :data:`MOST_ROBOTS` besides those that
 are asked for; they are joined some at a time; each process gets its share of them, so that one with a thousand names
@@ -56,8 +56,8 @@ class FleetLink:
 
     With ``only`` they are these; else every robot whose executive is there, up to :data:`MOST_ROBOTS`, and that in the
     node's own namespace (``own``) if it has one: who gives none need not have a robot there. ``operator`` is as for
-    :class:`OperatorLink`: who sits here is present at all of them; ``scan_period`` as for :class:`SurroundingsLink`.
-    Map and trees come from the robots that are open, and machine, behaviors and log from those that were opened.
+    :class:`OperatorLink`: the user is present at all of them; ``scan_period`` as for :class:`SurroundingsLink`. Map and
+    trees come from the robots that are open, and machine, behaviors and log from those that were opened.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class FleetLink:
         self._runtime.call_near(max(began + pause, now + (now - began) / LOOK_SHARE), LOOK_TOLERANCE, self._look)
 
     def _found(self) -> set[str]:
-        """Return the names of the robots whose executive is there; updates who publishes for them."""
+        """Return the names of the robots whose executive is there; updates their publishers."""
         node = self._runtime.node
         owners = {}
         for topic, types in node.get_topic_names_and_types():

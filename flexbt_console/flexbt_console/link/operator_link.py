@@ -97,11 +97,11 @@ class ExecutiveLink:
         *,
         only_status: bool = False,
     ) -> None:
-        """Join the topics; ``mirror`` has to live on the runtime's steady clock, ``operator`` is who sits here.
+        """Join the topics; ``mirror`` has to use the runtime's steady clock, ``operator`` is the user.
 
         None is an observer: nobody is present by it, and it cannot give commands, as if it were not allowed to.
-        ``namespace`` is that of the robot, by default the node's own. With ``only_status`` nothing else is heard of it
-        until :meth:`hear_all`: one among many robots costs little, whatever it sends.
+        ``namespace`` is that of the robot, by default the node's own. With ``only_status`` nothing else is subscribed
+        to until :meth:`hear_all`: one among many robots costs little, whatever it sends.
         """
         self._only_status = only_status
         self._pace = Pace(runtime)
@@ -135,7 +135,7 @@ class ExecutiveLink:
         self._presence = PresenceToken(runtime, operator, namespace) if operator is not None else None
 
     def close(self) -> None:
-        """Leave the topics: neither hear this robot nor command it any more. On the executor thread."""
+        """Leave the topics: neither receive from this robot nor command it any more. On the executor thread."""
         node = self._runtime.node
         self._is_closed = True
         self._leave_picture()
@@ -243,7 +243,7 @@ class ExecutiveLink:
         """Return the picture with trees, map and plan, and with the scan if it is to come every so many seconds; as
         soon as what is wanted ``has_arrived``, or what there is after ``timeout`` seconds. Not on the executor thread.
 
-        They come meanwhile only, unless somebody looks at them, see :meth:`open_surroundings`.
+        They are received meanwhile only, unless they are shown, see :meth:`open_surroundings`.
 
         Raises:
             NoAnswerError: the console itself is too busy to listen.
@@ -300,7 +300,7 @@ class ExecutiveLink:
 
     def _join(self, gives_commands: bool) -> None:
         node = self._runtime.node
-        # The statuses of all robots that nobody has opened share a pace; what comes beside a status has one of its own.
+        # The statuses of all robots that nobody has opened share a pace; other messages have a separate one.
         self._pace_of_others: Pace = self._runtime.once('robots that nobody has opened', Pace)
         self._hear_picture()
         self._pings = node.create_publisher(
@@ -316,12 +316,13 @@ class ExecutiveLink:
             self._open_commands()
 
     def _hear_picture(self) -> None:
-        """Have the status come, and what the executive tells beside it: once more, if it has come before."""
+        """Subscribe to the status, and to the executive's other topics: again, if they were received before."""
         if self._is_closed:
             return
         node = self._runtime.node
         self._leave_picture()
-        # What wakes the executor together is handled in this order: a state tells something, and then wants something.
+        # Messages that wake the executor together are handled in this order: a state reports something, and then wants
+        # something.
         mirror = self._mirror
         for type, name, receive, depth in (
             (BehaviorStructure, names.EXECUTIVE_STRUCTURE, mirror.receive_structure, LIST_DEPTH),
@@ -356,7 +357,8 @@ class ExecutiveLink:
 
     def _open_commands(self) -> None:
         commands = names.command_qos()
-        # The middleware must not deliver after an interruption what the operator was told to be without an answer.
+        # The middleware must not deliver after an interruption a command that was reported to the operator as
+        # unanswered.
         commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
         stops = names.stop_qos()
         stops.lifespan = commands.lifespan
@@ -379,7 +381,7 @@ class ExecutiveLink:
     def _forward(self, message_type: Any, topic: str, receive: Callable[[Any], object]) -> Callable[[Received], None]:
         def on_message(received: Received) -> None:
             if not self._sender.has_sent(received.participant):
-                return  # that there are several senders is told when they come, see _find_problems
+                return  # several senders are reported when they appear, see _find_problems
             with self._pace.work():
                 message = self._unpacked(received, message_type, topic)
                 if message is not None:
@@ -417,7 +419,7 @@ class ExecutiveLink:
         succession = self._sender.follow(participant, answers=answers)
         if succession is not Succession.SAME:
             self._mirror.sender_replaced(was_executive=succession is Succession.NEXT)
-            self._runtime.post(self._hear_picture)  # what it has told while it was not known was not heard
+            self._runtime.post(self._hear_picture)  # messages that it sent before it was known were lost
         self._heard = self._runtime.listening_time.looked
         transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
         self._mirror.receive_snapshot(record_of(message), transit)
@@ -471,7 +473,7 @@ class ExecutiveLink:
 
     def _publish(self, command: OperatorCommand) -> None:
         message = command_message(command, time.time())
-        if command.kind is CommandKind.STOP:  # it has a way of its own beside, which no flood of commands fills
+        if command.kind is CommandKind.STOP:  # it also has a separate topic, which no flood of commands fills
             self._stops.publish(message)
         self._commands.publish(message)
 

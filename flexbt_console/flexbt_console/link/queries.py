@@ -26,8 +26,9 @@ def userdata(
     As a path, '' is that of every active machine; no keys are all.
 
     Raises:
-        RefusedError: nothing runs, the machine is not active, or there is no such key.
-        NoAnswerError: it is not told within ``timeout`` seconds, since a state keeps the run busy, or the link is bad.
+        RefusedError: nothing runs, the machine is not active, or the key does not exist.
+        NoAnswerError: there is no answer within ``timeout`` seconds, since a state keeps the run busy, or the link
+            is bad.
     """
     done: Future[GoalOutcome] = Future()
     goal = GetUserdata.Goal(path=path, keys=list(keys), encoding=GetUserdata.Goal.TEXT)
@@ -78,7 +79,7 @@ class SynthesisQuery:
         runtime.on_close(self._close)
 
     def ask(self, request: SynthesisRequest, timeout: float, tell: Tell, left: Future[None] | None = None) -> Synthesis:
-        """Wait for the answer; ``tell`` gets now and then what is being done. Not on the executor thread.
+        """Wait for the answer; ``tell`` gets progress from time to time. Not on the executor thread.
 
         The search is canceled when the waiting is interrupted, when ``left`` is done, and when the node ends.
         ``timeout`` in seconds is for the acceptance.

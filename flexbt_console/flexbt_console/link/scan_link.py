@@ -4,9 +4,9 @@
 Scans and transforms come many times a second, and a screen shows one scan now and then. So they stay with the
 middleware but from the moment in which a scan is due until one has its place.
 
-Even so each of them wakes the middleware, and transforms are the most of what a robot at rest says: the simulator says
-none, and tells the time less often, while nobody listens to them. So they are listened to until the robot stands; and
-again when its status tells another pose, or its lidar meets something else.
+Even so each of them wakes the middleware, and transforms are most of the messages of a robot at rest. The simulator
+publishes none, and the time less often, while they have no subscribers. So they are listened to until the robot stands;
+and again when its status has another pose, or its lidar sees something else.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class _Stand:
         self._pose = None
 
     def seconds(self) -> float:
-        """Since the first call that found it where it is; 0.0 for that one, and while nothing is told."""
+        """Since the first call that found it where it is; 0.0 for that one, and while nothing is published."""
         now = self._clock.now()
         if not self._is_there():
             self._pose, self._since = self._told(), now

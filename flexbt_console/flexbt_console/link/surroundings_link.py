@@ -39,7 +39,7 @@ MOST_RESOLUTION: Final = 100.0
 """Metres of a cell, at most."""
 
 MOST_TREE_NODES: Final = 5_000
-"""Nodes of a tree that are kept; of more the operator is told how many are left out."""
+"""Nodes of a tree that are kept; the number of further ones is reported to the operator."""
 
 MESSAGE_BYTES: Final = 32_000_000
 STATUS_DEPTH: Final = 16
@@ -64,7 +64,7 @@ class SurroundingsLink:
         self._scan_period = scan_period
         self._pace = Pace(runtime)
         self._subscriptions: list[Any] = []
-        self._servers: OrderedDict[bytes, str] = OrderedDict()  # the node that tells of trees, by its participant
+        self._servers: OrderedDict[bytes, str] = OrderedDict()  # the node that publishes trees, by its participant
         self._scan: ScanLink | None = None
         try:
             runtime.call(self._join)
@@ -123,7 +123,7 @@ class SurroundingsLink:
         return read
 
     def _server(self, topic: str, participant: bytes) -> str:
-        """Return the node of a participant that tells of trees; '' while it is not known."""
+        """Return the node of a participant that publishes trees; '' while it is not known."""
         if participant not in self._servers:
             name = writer_name(self._node, topic, participant)
             if not name.startswith('/'):

@@ -125,7 +125,7 @@ class CommandTracker:
         return send
 
     def send_stops_again(self, now: float) -> None:
-        """Hand the STOPs out that wait for an answer: somebody has come who may not have heard them."""
+        """Hand out again the STOPs that wait for an answer: a new participant may not have received them."""
         for tracked in self._sent():
             if _is_stop(tracked):
                 self._commands[tracked.command.id] = replace(tracked, next_send=now)
@@ -162,7 +162,7 @@ class CommandTracker:
             if answer.code is ResultCode.APPLIED:
                 settled.append(self._settle(tracked, CommandState.APPLIED, '', now, Confirmation.EXECUTIVE))
             elif is_by_guard:
-                continue  # it stands still all the same
+                continue  # it stands still anyway
             elif answer.code is ResultCode.REFUSED:
                 reason = answer.reason or 'no reason was given'
                 settled.append(self._settle(tracked, CommandState.REFUSED, reason, now))

@@ -41,7 +41,7 @@ class RobotOverview:
 
     @property
     def needs_operator(self) -> bool:
-        """Return whether somebody has to do something; only a robot that is heard says so."""
+        """Return whether an operator has to do something; only a robot that is heard says so."""
         return self.urgency < Urgency.UNREACHABLE
 
     @property
@@ -81,7 +81,7 @@ class Fleet:
         """True if robots are still to be joined."""
 
     def add(self, name: str, mirror: Mirror) -> None:
-        """Take a robot in. It stays until :meth:`remove`, also when it is not heard: somebody has to see that."""
+        """Take a robot in. It stays until :meth:`remove`, even if it is silent, since the operator has to see that."""
         with self._lock:
             self._mirrors[name] = mirror
         mirror.add_listener(lambda change: self._tell())

@@ -21,7 +21,7 @@ PERIOD_BOUNDS: Final = (0.05, 10.0)
 """Seconds to which a received heartbeat period is limited: a faulty one must not keep an old picture alive."""
 
 SKEW_TOLERANCE: Final = 0.05
-"""Seconds by which the clocks of two computers may differ and still tell the age of the first message."""
+"""Seconds by which the clocks of two computers may differ and still give the age of the first message."""
 
 BASELINE_LENGTH: Final = 16
 """Messages over which the fastest way is taken for the difference of the two clocks."""
@@ -104,7 +104,7 @@ class Freshness:
         self._confirmed = self._confirmed or self._transit is not None
 
     def wants_ping(self, now: float) -> bool:
-        """Return whether an echo would tell more: there was none for some time, or messages come and are not live."""
+        """Return whether an echo would help: there was none for some time, or messages arrive and are not live."""
         return not self._ahead or now - self._echoed > PING_PERIOD or self.state(now) is not LinkState.LIVE
 
     def sender_gone(self) -> None:
@@ -116,7 +116,7 @@ class Freshness:
         return None if self._arrived is None else max(0.0, now - self._arrived) + self._lateness()
 
     def silent(self, now: float, listened: float = math.inf) -> bool:
-        """Return whether the sender should have been heard again by now, by who has ``listened`` for so many seconds
+        """Return whether the sender should have been received again by now, after ``listened`` seconds of listening
         since."""
         if self._arrived is None or self._gone:
             return True

@@ -104,8 +104,8 @@ class Mirror:
     ) -> None:
         """``own_places`` are known beside those of the robot; ``lost_after`` seconds a late link counts as lost.
 
-        ``seconds_asleep`` tells for how long the computer has slept so far, which ``clock`` leaves out: what is known
-        and what was commanded is older by that.
+        ``seconds_asleep`` returns the time that the computer has slept so far, which ``clock`` leaves out: data and
+        commands are older by that.
         """
         self._clock = clock
         self._seconds_asleep = seconds_asleep
@@ -147,7 +147,7 @@ class Mirror:
         with self._lock:
             self._listeners.append(listener)
 
-    # What arrives
+    # Incoming messages
 
     def receive_snapshot(self, snapshot: ExecutiveSnapshot, transit: Transit | None = None) -> bool:
         """Take a snapshot; False when it is not newer than what is known."""
@@ -283,7 +283,7 @@ class Mirror:
         self._surround(plan=plan)
 
     def receive_scan(self, scan: Points, seconds: float) -> None:
-        """Take what the lidar meets, which holds for so many seconds. It may be the same as before."""
+        """Take the points that the lidar sees, which are valid for this many seconds. It may be the same as before."""
         with self._lock:
             self._scan_until = self._now() + seconds
             if scan is self._surroundings.scan:
@@ -302,8 +302,7 @@ class Mirror:
         self._tell(Change.SURROUNDINGS)
 
     def wants_ping(self) -> bool:
-        """Return whether an echo of the executive would tell more of the age of the picture, see
-        :meth:`receive_pong`."""
+        """Return whether an echo of the executive would improve the age of the picture, see :meth:`receive_pong`."""
         with self._lock:
             return self._freshness.wants_ping(self._now())
 
@@ -328,7 +327,7 @@ class Mirror:
     def sender_replaced(self, was_executive: bool) -> None:
         """Snapshots come from another process now: their numbers and times are not compared with those before.
 
-        What else was told by one that was not the executive is forgotten.
+        Other messages of one that was not the executive are forgotten.
         """
         with self._lock:
             self._newest.clear()
@@ -368,7 +367,7 @@ class Mirror:
         return send
 
     def send_stops_again(self) -> None:
-        """Hand the STOPs out that wait for an answer: somebody has come who may not have heard them."""
+        """Hand out again the STOPs that wait for an answer: a new participant may not have received them."""
         with self._lock:
             self._commands.send_stops_again(self._now())
 
@@ -483,7 +482,7 @@ class Mirror:
             return is_later and self._freshness.silent(now)
         if current is None or current.executive_id == snapshot.executive_id:
             return True
-        # A straggler of the executive before: only the times of sending can tell. Once the executive is silent, a
+        # A straggler of the previous executive: only the times of sending can show it. Once the executive is silent, a
         # message that arrives is the better knowledge, whatever the clocks say.
         older = transit is not None and self._sent is not None and transit.sent < self._sent
         return not older or self._freshness.silent(now)
@@ -507,7 +506,7 @@ def _copied(value: Any) -> Any:
     return made
 
 
-# What an executive numbers, such as the lines of its log: put in order, each once, however it arrives.
+# Numbered messages of an executive, such as the lines of its log: in order, each once, however they arrive.
 
 NUMBERED_EXECUTIVES: Final = 3
 """Number of starts of the executive that are remembered."""
@@ -571,10 +570,9 @@ _PASSING_SECONDS: Final = 1.0
 def reasons(
     snapshot: ExecutiveSnapshot, log: Sequence[LogLine], events: Sequence[ExecutiveEvent]
 ) -> dict[str, LogLine]:
-    """By the decisions of a snapshot: the gravest of what the state has told since it was entered, the newest of these.
-
-    Of a state that has told nothing, or asks for a value: what was told as more than information by the state that has
-    led to it, or by one before that, if those between have only led on. Both sequences are in their order.
+    """By the decisions of a snapshot: the newest of the gravest lines that the state has reported since it was entered.
+    For a state that has reported nothing, or requests a value: the line above information of the state that has led to
+    it, or of an earlier one, if those between have only led on. Both sequences are in their order.
     """
     if not snapshot.decisions:
         return {}

@@ -146,7 +146,7 @@ class DriveProgress:
 class ActiveState:
     """An active leaf of the state machine, and what it is doing, one line each.
 
-    ``tree_run_id`` is the run of the tree that it runs, '' when it runs none; ``progress`` None when it tells none.
+    ``tree_run_id`` is the run of the tree that it runs, '' when it runs none; ``progress`` None if it reports none.
     """
 
     path: str
@@ -235,7 +235,7 @@ class CommandResult:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A node that the executive depends on; ``age`` is how long nothing was heard of it, in seconds of wall time.
+    """A node that the executive depends on; ``age`` is the time since its last message, in seconds of wall time.
 
     One that is not ``expected`` was never seen, and nobody has said that it has to be there.
     """
@@ -255,8 +255,8 @@ class StopGuard:
     """The status of the stop guard (StopGuardStatus.msg).
 
     ``carried_out`` are the identifiers of its STOPs, ``operator`` is for whom it holds the robot, if it does.
-    ``going_on`` are actions that are active all the same. If it ``is_silent``, it reported that it holds the robot, and
-    a further report is overdue.
+    ``going_on`` are actions that are active anyway. If it ``is_silent``, it reported that it holds the robot, and a
+    further report is overdue.
     """
 
     carried_out: tuple[str, ...] = ()
@@ -512,7 +512,7 @@ class OperatorCommand:
     wait_interaction: float = -1.0
 
 
-# What is around the robot, as far as its operator sees it: the map, the plan, and what the lidar meets.
+# The surroundings of the robot as its operator sees them: the map, the plan, and the points of the lidar.
 
 OCCUPIED: Final = 65
 """Percent from which on a cell of a map is occupied (nav_msgs/OccupancyGrid, map_server)."""

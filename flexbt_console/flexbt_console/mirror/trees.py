@@ -19,7 +19,7 @@ GONE_SECONDS: Final = 60.0
 """Time for which a run is remembered after its server is gone, s."""
 
 BT_SERVER: Final = 'bt_server'
-"""Name of the node that runs trees, where a message does not tell it (flexbt_common.names)."""
+"""Name of the node that runs trees, if a message does not have it (flexbt_common.names)."""
 
 _UNKNOWN: Final = -math.inf
 
@@ -102,7 +102,7 @@ class MirroredTree:
 
     @property
     def server_gone(self) -> bool:
-        """Return whether the node that ran it is gone, and has not told how it ended."""
+        """Return whether the node that ran it is gone, and has not reported its end."""
         return self.gone_at is not None
 
     def children(self, uid: int) -> tuple[MirroredNode, ...]:
@@ -168,7 +168,7 @@ class Trees:
             self._runs[run_id] = self._judged(run, now)
 
     def servers_left(self, there: Collection[str], now: float) -> None:
-        """Take that the middleware misses who has told of trees, but for these nodes."""
+        """Record that the middleware misses the publishers of trees, except for these nodes."""
         for run_id, run in self._runs.items():
             if run.is_running and (run.server not in there if run.server else not there):
                 self._runs[run_id] = replace(run, life=None, gone_at=now)
@@ -223,7 +223,7 @@ class Trees:
             finished=finished,
             paused=paused,
             server=server or known.server,
-            life=(self._executive, _UNKNOWN),  # it may be of a process of which the executive tells next
+            life=(self._executive, _UNKNOWN),  # it may be of a process that the executive reports next
             gone_at=None,
         )
         peer = self._peer(run)

@@ -31,15 +31,14 @@ from .unexpected_motion import UnexpectedMotion
 class View:
     """An immutable picture; ``age`` in seconds, None before the first snapshot.
 
-    ``structure`` belongs to the run of the snapshot, ``behaviors`` to its executive; each is None while it has
-    not arrived. ``problem`` says what is wrong with the link. ``reasons`` is why a state wants what it wants, by the
+    ``structure`` belongs to the run of the snapshot, ``behaviors`` to its executive; each is None while it has not
+    arrived. ``problem`` says what is wrong with the link. ``reasons`` is why a state wants what it wants, by the
     identifier of the decision, as far as it, or the state before it, has said so. ``places`` are those of the robot (of
     which it has told if ``has_places``) and our own; where both have one of the same name, that of the robot counts.
     ``trees`` are those that go on, and the latest that have ended or whose server is gone; they and ``surroundings``
-    are known where somebody asked for them.
-    ``subjects`` is what decisions are about, by their identifiers, as it has arrived: see :meth:`subject`.
-    ``unwanted_motion``: the robot moves though it should stand. ``guard`` is what the stop guard says.
-    ``listening``: no executive was heard yet, and there was no time for it.
+    are known if they were requested. ``subjects`` is what decisions are about, by their identifiers, as it has arrived:
+    see :meth:`subject`. ``unwanted_motion``: the robot moves though it should stand. ``guard`` is what the stop guard
+    says. ``listening``: no executive was heard yet, and there was no time for it.
     """
 
     link: LinkState

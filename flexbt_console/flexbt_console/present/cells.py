@@ -11,12 +11,12 @@ from .style import glyphs
 
 
 def cut(text: str, cells: int) -> str:
-    """``text`` cut at its end to so many cells."""
+    """``text`` cut at its end to this many cells."""
     return text if _fits(text, cells) else _begin(text, cells - 1) + glyphs().ellipsis * (cells > 0)
 
 
 def cut_middle(text: str, cells: int) -> str:
-    """``text`` without its middle, in so many cells: both what it belongs to and what it is about stay."""
+    """``text`` without its middle, in this many cells, so that both its beginning and its end stay."""
     if _fits(text, cells):
         return text
     begin = _begin(text, (cells - 1) // 3)
@@ -28,8 +28,8 @@ def cut_middle(text: str, cells: int) -> str:
 
 
 def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
-    """``text`` in at most so many rows of so many cells, broken between words where that takes a row farther than the
-    indent, and within them otherwise; the rest is cut."""
+    """``text`` in at most this many rows of this many cells, broken between words where that takes a row farther than
+    the indent, and within them otherwise; the rest is cut."""
     folded: list[str] = []
     rest = text
     while rest and len(folded) < rows - 1 and not _fits(rest, cells):

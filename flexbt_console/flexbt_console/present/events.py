@@ -42,7 +42,7 @@ class Event(NamedTuple):
 class Follower:
     """A reader of views that finds what has changed since the one before.
 
-    To programs, all of it is told. To people, what is late for a moment is no event: a view shows it.
+    Programs get all of it. For people, a momentary delay is not an event: a view shows it.
     """
 
     def __init__(self, mirror: Mirror) -> None:
@@ -54,8 +54,8 @@ class Follower:
         self._told: set[tuple[str, int]] = set()
 
     def events(self, view: View) -> list[Event]:
-        """Return what is new. Heartbeats are no events, and there are none before an executive had the time to be
-        heard."""
+        """Return what is new. Heartbeats are not events, and there are none before an executive had the time to be
+        received."""
         if view.listening:
             return []
         events: list[Event] = []
@@ -72,7 +72,7 @@ class Follower:
             events.append(Event('structure', structure_json(view.structure), []))
         if view.behaviors is not None and (before is None or before.behaviors != view.behaviors):
             events.append(Event('behaviors', {'behaviors': view.behaviors}, []))
-        # A state tells something, and then wants something: what came together is told in this order.
+        # A state reports something, and then wants something: simultaneous events are reported in this order.
         lines = self._mirror.log()
         known = {(line.executive_id, line.sequence) for line in self._lines}
         for line in lines:
@@ -84,7 +84,7 @@ class Follower:
         for event in happened:
             if (event.executive_id, event.sequence) not in self._told:
                 name = event.kind.name.lower()
-                # What a transition leads to, the status tells.
+                # The status has the target of a transition.
                 is_told = event.kind is EventKind.COMMAND and not event.is_in_log
                 events.append(Event(name, {name: event}, [event_line(event)] if is_told else []))
         self._told = {(event.executive_id, event.sequence) for event in happened}
@@ -109,12 +109,12 @@ def _essence(view: View) -> ExecutiveSnapshot | None:
     snapshot = view.snapshot
     if snapshot is None:
         return None
-    peers = tuple(replace(peer, age=0.0, problem='') for peer in snapshot.peers)  # which may tell since when
+    peers = tuple(replace(peer, age=0.0, problem='') for peer in snapshot.peers)  # which may have the time
     return replace(snapshot, sequence=0, stamp=0.0, heartbeat_period=0.0, results=(), peers=peers)
 
 
 def _run_essence(snapshot: ExecutiveSnapshot) -> tuple[Any, ...]:
-    """Return what is told of a run; what has not stopped yet is told once."""
+    """Return the report of a run; parts that have not stopped yet are reported once."""
     is_stopping = snapshot.state is ExecutiveState.STOPPING
     message = bool(snapshot.message) if is_stopping else snapshot.message
     return snapshot.state, snapshot.run_id, snapshot.outcome, message

@@ -87,7 +87,7 @@ def tree_json(run: MirroredTree, failures: Sequence[Sequence[MirroredNode]]) -> 
 
 
 def map_json(view: View) -> dict[str, Any]:
-    """Return what is around the robot, m. The cells of the map are no part of it."""
+    """Return what is around the robot, m. It does not include the cells of the map."""
     around = view.drawn
     names = ('width', 'height', 'resolution', 'x', 'y')
     return {

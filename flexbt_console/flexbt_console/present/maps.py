@@ -33,7 +33,7 @@ _DOTS: Final = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of a braille character by row and column of the dot (Unicode, Braille Patterns)."""
 
 _MARGIN: Final = 0.5
-"""Metres around what is known, where there is no map."""
+"""Metres around the known points, if there is no map."""
 
 _SAMPLES: Final = 4
 """Cells of the map that are looked at for one dot, in each direction at most: a wall that is thinner than a dot is
@@ -188,7 +188,7 @@ def _put(row: list[Cell], column: int, cell: Cell) -> None:
 def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) -> None:
     """Write a name behind, before, above or below its sign, where it covers no other place nor its name.
 
-    Where there is no such room, write as much of it as fits behind the sign.
+    If there is not enough room, write as much of it as fits behind the sign.
     """
     if at is None or not name:
         return
@@ -209,8 +209,8 @@ def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) 
 
 
 def map_lines(view: View, size: tuple[int, int]) -> list[str]:
-    """Return the map of so many columns and rows, in lines; the last ones tell where the robot is, and what the signs
-    mean."""
+    """Return the map of this many columns and rows, in lines; the last ones show the pose of the robot, and the
+    legend."""
     signs, robot = glyphs(), view.snapshot.robot_pose if view.snapshot else None
     columns, rows = size[0], max(1, size[1] - 2)
     _, cells = MapCanvas(signs).draw(view.drawn, robot, view.places, None, columns, rows)
@@ -247,7 +247,7 @@ def _wall_dots(map: GridMap, frame: Frame) -> Iterable[tuple[int, int]]:
 
 
 def _met(scan: Iterable[Point], walls: frozenset[tuple[int, int]], frame: Frame) -> Iterable[tuple[int, int]]:
-    """Columns and rows of the characters in which the lidar meets what is no wall of the map."""
+    """Columns and rows of the characters in which the lidar sees an obstacle that is not a wall of the map."""
     reach = math.ceil(_NEAR_WALL / frame.step)
     near = range(-reach, reach + 1)
     known: set[tuple[int, int]] = set()

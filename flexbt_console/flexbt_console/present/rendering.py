@@ -57,7 +57,7 @@ PLACE_RADIUS: Final = 0.5
 """Metres within which a goal is called by the name of a place."""
 
 FIRST_WALL_TIME: Final = 1e9
-"""Seconds since 1970: what is before 2001 is no time of day, but simulated time."""
+"""Seconds since 1970: a time before 2001 is not a time of day, but simulated time."""
 
 _LINK_TONES: Final = {LinkState.LIVE: Tone.GOOD, LinkState.STALE: Tone.WARNING, LinkState.LOST: Tone.ERROR}
 _URGENCY_TONES: Final = {
@@ -172,7 +172,7 @@ def behavior_line(view: View) -> str:
 
 
 def authority_text(snapshot: ExecutiveSnapshot) -> str:
-    """Return who may command, and who asks for it."""
+    """Return the operator who may command, and those who request it."""
     asking = ', '.join(map(one_line, snapshot.authority_requests))
     return (one_line(snapshot.authority) or 'nobody; every operator may command') + (
         f'  (requested by {asking})' if asking else ''
@@ -180,7 +180,7 @@ def authority_text(snapshot: ExecutiveSnapshot) -> str:
 
 
 def authority_asked_line(snapshot: ExecutiveSnapshot, operator: str | None) -> str:
-    """Return who asks this operator for the authority, and by which key of screen and page that is answered; '' for
+    """Return who requests the authority from this operator, and the key of screen and page that answers it; '' for
     nobody."""
     if snapshot.authority != operator or not snapshot.authority_requests:
         return ''
@@ -218,9 +218,7 @@ def _required(level: int) -> str:
 
 
 def reason_lines(pending: Decision, view: View) -> list[str]:
-    """Return what the state has said about why it wants that, or what was told before it came to that; nothing when
-    nothing was said.
-    """
+    """Return the state's reason for wanting that, or the report that led to it; nothing when nothing was said."""
     reason = view.reasons.get(pending.id)
     if reason is None:
         return []
@@ -301,7 +299,7 @@ def _labelled(label: str, line: str) -> str:
 
 
 def not_paused_lines(state: ActiveState) -> list[str]:
-    """Return what of a paused state goes on all the same."""
+    """Return the activities of a paused state that go on anyway."""
     return [Line(f'still active: {one_line(text)}', Tone.WARNING) for text in state.not_paused]
 
 
@@ -426,7 +424,7 @@ def left_out_text(count: int, option: str = '--namespace') -> list[str]:
 
 
 def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
-    """Return a transition, or what became of somebody's command."""
+    """Return a transition, or the result of an operator's command."""
     stamp = f'{stamp_text(event.stamp)}  ' if with_time else ''
     if event.kind is EventKind.TRANSITION:
         way = one_line(event.outcome) or one_line(event.reason)

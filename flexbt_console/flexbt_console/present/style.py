@@ -54,7 +54,7 @@ def has_colours(stream: TextIO) -> bool:
     return stream.isatty() and not os.environ.get('NO_COLOR') and os.environ.get('TERM') != 'dumb'
 
 
-# The signs of a terminal, in Unicode and in ASCII. Each has a shape of its own: colours never carry meaning alone.
+# The signs of a terminal, in Unicode and in ASCII. Each has a distinct shape: colours never carry meaning alone.
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def glyphs() -> Glyphs:
     of DEC's, which has none either."""
     given = os.environ.get
     character_type = given('LC_CTYPE', '')
-    # Python takes UTF-8 for C, also where somebody has asked for C (PEP 538 and 540).
+    # Python takes UTF-8 for C, even if C was requested (PEP 538 and 540).
     asked = given('LC_ALL') or (character_type if character_type not in _COERCED else '') or given('LANG')
     encoding = locale.getpreferredencoding(do_setlocale=False).lower()
     is_ascii = asked in ('C', 'POSIX') or 'utf' not in encoding or given('TERM', '').startswith('vt')

@@ -28,12 +28,12 @@ SHOWN_SECONDS: Final = 1.0
 
 
 def tree_lines(run: MirroredTree, columns: int, rows: int, signs: Glyphs) -> list[str]:
-    """Return the tree in at most so many rows of so many cells: a title, then the nodes around those that act.
+    """Return the tree in at most this many rows of this many cells: a title, then the nodes around those that act.
 
     A condition has a question mark behind its name. A node that was halted shows, dimmed, how it had ended before: the
-    reason of a failure stays to be seen. All are dim when the server is gone. Where there is no room for all, controls
-    and decorators without a name of their own are left out, and what is below nodes that have not run lately; then what
-    has not run lately and has not failed, and ways that a condition keeps closed; and at last all that does not act.
+    reason of a failure stays to be seen. All are dim when the server is gone. If there is no room for all, controls and
+    decorators without their own name are left out, and what is below nodes that have not run lately; then what has not
+    run lately and has not failed, and ways that a condition keeps closed; and at last all that does not act.
     """
     if rows <= 0:
         return []
@@ -103,7 +103,7 @@ def acting_lines(run: MirroredTree) -> list[str]:
 
 
 def window(lines: list[str], marked: int, rows: int) -> list[str]:
-    """At most so many of the lines, the marked one among them; what is left out is counted."""
+    """Return at most this many of the lines, including the marked one; what is left out is counted."""
     if len(lines) <= rows:
         return lines
     if rows <= 2:
@@ -150,7 +150,7 @@ def _acts(run: MirroredTree, node: MirroredNode) -> bool:
 
 
 def _is_structure(node: MirroredNode) -> bool:
-    """Return whether a node only holds others together: a control or decorator that has no name of its own."""
+    """Return whether a node only holds others together: a control or decorator that does not have its own name."""
     return node.kind in (MirroredNodeKind.CONTROL, MirroredNodeKind.DECORATOR) and node.name in ('', node.registration)
 
 

@@ -176,7 +176,7 @@ _SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXE
 
 
 def _message(one: Recorded) -> Any:
-    """Raise ValueError for bytes that are no such message."""
+    """Raise ValueError for bytes that are not a message of this type."""
     message_type = resolve_type(one.type).message
     assert message_type is not None  # as for all of TOPICS
     return Received(one.data, len(one.data), b'', 0.0).unpack(message_type)

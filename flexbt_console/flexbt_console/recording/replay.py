@@ -114,7 +114,7 @@ class _Stage:
         self._publishers: dict[str, Any] = {}
 
     def refuse_executives(self) -> None:
-        """Raise NoLinkError when somebody publishes a status here."""
+        """Raise NoLinkError if a status is published here."""
         node = self._runtime.node
         topic = node.resolve_topic_name(names.EXECUTIVE_STATUS)
         self.wait_until(self._runtime.steady.now() + DISCOVERY_SECONDS)

@@ -2,8 +2,8 @@
 """MCAP files of runs: written so that a crash costs the last few messages, read also when their end is missing.
 
 What a full disk does not take waits until there is room. A file that was not closed, or for which there was none in the
-end, ends after a whole record, and lacks the index that many readers need. :func:`recover_run` writes it anew with one,
-as ``mcap recover`` of MCAP's own tools does.
+end, ends after a whole record, and lacks the index that many readers need. :func:`recover_run` rewrites it with one, as
+``mcap recover`` of MCAP's own tools does.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iter
     """Yield the messages of a file in the order in which they were heard. Where it was cut off or damaged it ends, and
     ``at_damage`` is called.
 
-    Raises UsageError when it is no MCAP file, or has a chunk of more than MOST_RECORD bytes.
+    Raises UsageError if it is not an MCAP file, or has a chunk of more than MOST_RECORD bytes.
     """
     try:
         with open(file, 'rb', opener=open_regular) as stream:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The executable ``console``: line mode with a command, the screen without one (or the prompt, where it cannot be).
 
-What a terminal user waits for is imported first and little: ROS only when a command needs it.
+Imports that a terminal user waits for come first and are few: ROS only when a command needs it.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def _run(line: CommandLine) -> ExitCode:
 
     keep_stdout_for_python()
     with _open_runtime(line) as runtime:
-        if line.spec is not None and line.spec.action is Mode.ROBOTS:  # who only looks is present nowhere
+        if line.spec is not None and line.spec.action is Mode.ROBOTS:  # an observer is not present anywhere
             fleet = _fleet(line, runtime, None).fleet
             return list_robots(fleet, runtime.steady, _timeout(line), as_json=line.has('--json'))
         mirror, link = _parts(line, runtime)
@@ -351,7 +351,7 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
         yield runtime
     finally:
         _ignore_signals()
-        # Should the middleware hang while it ends, the process ends all the same, and tells where.
+        # If the middleware hangs at the end, the process ends anyway, and reports where.
         with contextlib.suppress(RuntimeError):  # no thread is left for it
             faulthandler.dump_traceback_later(_CLOSE_SECONDS, exit=True, file=2)
         runtime.close()
@@ -369,10 +369,10 @@ def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, FramedPose]:
 
 
 def operator_name(line: CommandLine) -> str:
-    """Return who gives the commands: the option, the environment, or user@host/place.
+    """Return the operator: the option, the environment, or user@host/place.
 
     The executive takes commands under one name from one console at a time, and one person may have several open on one
-    computer. So the place tells them apart: ``page`` (of another port than the usual one ``page8466``), or the terminal
+    computer. The place distinguishes them: ``page`` (of another port than the usual one ``page8466``), or the terminal
     as in ``pts3``. A script without a terminal has none.
     """
     given = line.value('--operator') or os.environ.get('FLEXBT_OPERATOR')

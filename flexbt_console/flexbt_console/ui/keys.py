@@ -26,9 +26,8 @@ Written = Callable[[View, str | None], list[str]]
 class KeyBinding:
     """A key, or several; ``action`` is its name, for the screen where it has no ``lines``.
 
-    ``sends``: it gives a command that needs a live link, and the authority where somebody has it.
-    ``rank``: 1 has a place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs``
-    it now.
+    ``sends``: it sends a command that needs a live link, and the authority if an operator has it. ``rank``: 1 has a
+    place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs`` it now.
     """
 
     keys: tuple[str, ...]
@@ -43,7 +42,8 @@ class KeyBinding:
     sends: bool = False
 
     def can_be_used(self, view: View, operator: str | None, *, has_answer: bool = True) -> bool:
-        """Return whether it has an effect now, as far as is known; what is pressed all the same says why it has none.
+        """Return whether it has an effect now, as far as is known; a key that is pressed anyway reports why it has
+        none.
 
         ``has_answer``: there is something for Enter to send or to begin.
         """
@@ -61,8 +61,8 @@ class KeyBinding:
     def asks(self) -> bool:
         """Return whether its line is shown first, and Enter sends it.
 
-        Every key may be the first letter of a word that is typed as an answer, so only STOP acts at once. What is typed
-        on becomes part of the line, which then is no command.
+        Every key may be the first letter of a word that is typed as an answer, so only STOP acts at once. Further input
+        becomes part of the line, which then is not a command.
         """
         return self.lines is not None and self.gives_command and self.action != 'stop'
 
@@ -166,7 +166,8 @@ def _authority(view: View, operator: str | None) -> list[str]:
 
 
 def _is_held_or_asked_for(view: View, operator: str | None) -> bool:
-    """Return whether the authority keeps this operator from commanding, or somebody asks this operator for it."""
+    """Return whether the authority prevents this operator from commanding, or another operator requests it from this
+    one."""
     snapshot = view.snapshot
     if snapshot is None or operator is None:
         return False

@@ -85,7 +85,7 @@ class Station:
 
 
 class RobotRequest(NamedTuple):
-    """A question to the robot. ``timeout`` is in seconds; a synthesis has a time of its own."""
+    """A question to the robot. ``timeout`` is in seconds; a synthesis has its own time limit."""
 
     line: CommandLine
     timeout: float

@@ -25,7 +25,7 @@ UNSEEN_SECONDS: Final = 30.0
 """Time after which an operator who sees no updates is not present, s."""
 
 END_SECONDS: Final = 10.0
-"""Within which a user interface that was told to end has ended; else the process ends all the same."""
+"""Time within which a user interface that was asked to end has to end, s; otherwise the process ends anyway."""
 
 _SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 _SUSPENDING: Final = (signal.SIGTSTP, signal.SIGCONT)
@@ -40,10 +40,10 @@ class TerminalWatch:
     """A watch that ends the process by SIGTERM when the terminal on its standard streams, or the server of the browser,
     is gone, or has accepted no output for :data:`UNSEEN_SECONDS`.
 
-    What writes to a full terminal waits for ever: Textual and prompt_toolkit, on the main thread, also when they are to
-    end. So whoever handles a signal that ends the process says so by :meth:`signaled`. Where the terminal takes
-    nothing then, ``sign_off`` is called, and the process ends with 128 + the signal, less than 2 s after it; so it does
-    where :meth:`close` is not called within :data:`END_SECONDS`, whatever the reason.
+    A writer to a full terminal waits without end: Textual and prompt_toolkit, on the main thread, also when they are to
+    end. So a handler of a signal that ends the process reports it by :meth:`signaled`. Where the terminal takes nothing
+    then, ``sign_off`` is called, and the process ends with 128 + the signal, less than 2 s after it; so it does where
+    :meth:`close` is not called within :data:`END_SECONDS`, whatever the reason.
 
     That the terminal is gone is told by what is given: a signal does not tell all, for whoever has started this may be
     the one who gets it, and wait for our end.
@@ -74,7 +74,7 @@ class TerminalWatch:
         loop = asyncio.get_running_loop()
 
         def handle(number: int, frame: FrameType | None) -> None:
-            # Not a handler of the event loop, which is told nothing while it writes to a full terminal.
+            # Not a handler of the event loop, which is not called while it writes to a full terminal.
             self.signaled(number)
             loop.call_soon_threadsafe(end)
 
@@ -110,7 +110,7 @@ class TerminalWatch:
     def _ending(self) -> int:
         """Wait for the signal that ends the process, or give it."""
         changes = select.poll()
-        changes.register(0, 0)  # the end is told all the same
+        changes.register(0, 0)  # the end is reported anyway
         changes.register(1, 0)
         changes.register(self._signals, select.POLLIN)
         while not (events := dict(changes.poll(_CHECK_SECONDS * 1000))):
@@ -144,9 +144,9 @@ class _Terminal(io.FileIO):
 
 @contextlib.contextmanager
 def standard_error_as_lines(tell: Callable[[str], object]) -> Iterator[None]:
-    """In the context, what is written to the standard error of the process is told line by line, from any thread.
+    """In the context, output to the standard error of the process is reported line by line, from any thread.
 
-    Textual draws there, by ``sys.__stderr__``, which leads to the terminal all the same.
+    Textual draws there, by ``sys.__stderr__``, which leads to the terminal anyway.
     """
     before = sys.__stderr__
     reading, writing = os.pipe()

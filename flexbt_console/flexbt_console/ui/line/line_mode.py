@@ -212,13 +212,13 @@ class LineMode:
 # Listing the robots of the domain, the most urgent first.
 
 ROBOTS_QUIET_SECONDS: Final = 1.0
-"""Robots are found one after the other: they are all there when none comes, and none becomes live, for so long."""
+"""Time without a new or newly live robot after which all robots are found, s: they appear one after the other."""
 
 HEAR_SECONDS: Final = 5.0
 """Time for which a robot that was found, but not received yet, is awaited, s."""
 
 NAME_SECONDS: Final = 1.2
-"""The names of robots are all there when none has come for so long, which is longer than from look to look."""
+"""Time without a new name after which all names of robots are known, s: longer than between two searches."""
 
 
 def found_robots(fleet: Fleet, clock: Clock, timeout: float) -> tuple[str, ...]:
@@ -264,8 +264,8 @@ def _settled(
     look: Callable[[], tuple[T, ...]],
     quiet: Callable[[tuple[T, ...]], float],
 ) -> tuple[T, ...]:
-    """Return what is known of the robots when nothing of it has changed for so long, and all that are found are joined
-    that may be, or after ``timeout`` seconds."""
+    """Return the robots once they have not changed for this time, and all found ones that may be joined are joined, or
+    after ``timeout`` seconds."""
     changed = threading.Event()
     fleet.add_listener(changed.set)
     until = end = clock.now() + timeout
@@ -280,7 +280,7 @@ def _settled(
         changed.wait(until - now)
 
 
-# What a command waits for is said, beside its answer: on standard error, and only when it takes long.
+# Progress of a command that waits: on standard error, and only if it takes long.
 
 SILENT_SECONDS: Final = 1.0
 """Time for which no progress needs to be shown, s."""
@@ -298,5 +298,5 @@ def report_wait(clock: Clock, what: Callable[[], str], timeout: float) -> Abstra
 
 
 def print_progress(text: str) -> None:
-    """Say a line that is no part of the answer."""
+    """Print a line that is not part of the answer."""
     print(text, file=sys.stderr, flush=True)

@@ -63,8 +63,8 @@ STYLE: Final = Style.from_dict(
 
 
 def run_prompt(station: Station, clock: Clock, on_signal: OnSignal) -> None:
-    """Run the prompt in this terminal until the operator quits, the terminal goes away, or a signal ends it, of which
-    ``on_signal`` tells (see :class:`TerminalWatch`)."""
+    """Run the prompt in this terminal until the operator quits, the terminal goes away, or a signal ends it, which
+    ``on_signal`` reports (see :class:`TerminalWatch`)."""
     keyboard = RawInput(lambda characters: prompt.refuse_paste(characters))
     prompt = Prompt(station, clock, on_signal=on_signal, input=keyboard)
     asyncio.run(prompt.run())
@@ -238,7 +238,7 @@ class Prompt:
                 self._print(_warned([f'{one_line(held.text)}: {late}']))
 
     def _ask(self, name: str, request: RobotRequest) -> None:
-        """Ask the executive, on a thread of its own: the answer may be long in coming."""
+        """Ask the executive, on a separate thread: the answer may take long."""
         try:
             text = request.ask(self._station.link, self._print_later).text
         except ConsoleError as error:
@@ -322,7 +322,7 @@ class Prompt:
                     for part in fold(line, columns, rows=len(line)):
                         self._write(Line(part, tone_of(line)))
                 output.flush()
-            # On a terminal that does not tell where its cursor is, there is no toolbar: this was the drawing.
+            # A terminal that does not report its cursor has no toolbar: this was the drawing.
             self._shown.drawn(decision_id)
 
     def _write(self, line: Line) -> None:

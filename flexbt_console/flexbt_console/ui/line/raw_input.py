@@ -23,7 +23,7 @@ AT_ONCE: Final = 64
 
 _BEGIN: Final = '\x1b[200~'
 _END: Final = '\x1b[201~'
-"""Around what was pasted, by terminals that can tell it."""
+"""Marks around a paste, sent by terminals that support it."""
 
 MOST_ESCAPE: Final = 32
 """Characters of what a key sends behind the escape character."""
@@ -114,7 +114,7 @@ class RawInput(Vt100Input):
     """
 
     def __init__(self, on_refused: Callable[[int], object] = lambda characters: None) -> None:
-        """``on_refused`` is told how many characters a paste had that was left out: it was longer than any line."""
+        """``on_refused`` gets the number of characters of a paste that was left out: it was longer than any line."""
         super().__init__(sys.stdin)
         self.stdin_reader = _BoundedReader(self.fileno(), sys.stdin.encoding, Typed(on_refused))
 

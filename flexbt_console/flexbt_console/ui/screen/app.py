@@ -235,7 +235,7 @@ class OperatorScreen(OrderedApp):
         takes_keys = is_alone and len(self.screen_stack) == 1 and not self._line.is_open
         if (key == 'f8' and not isinstance(self.screen, Overview)) or (key == 'exclamation_mark' and takes_keys):
             station, view = self._station, self._station.mirror.view()
-            with contextlib.suppress(Exception):  # it is told when the key has its turn
+            with contextlib.suppress(Exception):  # it is reported when the key has its turn
                 done = station.carry_out(self._session.interpret('stop', view, Bound(None)), view)
                 if isinstance(done, OperatorCommand):
                     self._stopped.append((station.mirror, done.id))
@@ -371,7 +371,7 @@ class OperatorScreen(OrderedApp):
         if key.lines is None:
             getattr(self, f'_do_{action}')(key, view)
         elif len(written := key.lines(view, self._station.builder.operator)) == 1 and key.asks:
-            self._session.interpret(written[0], view, _shown(view))  # why it cannot work now is told at once
+            self._session.interpret(written[0], view, _shown(view))  # shows at once why it cannot work now
             self._line.open(written[0])
         elif len(written) == 1:
             self.do(written[0])
@@ -434,7 +434,7 @@ class OperatorScreen(OrderedApp):
         self.draw()
 
     def action_help_quit(self) -> None:
-        """Ctrl-C, which leaves nothing but what was begun: whoever wants to leave is told how."""
+        """Ctrl-C, which only aborts what was begun: it shows how to quit."""
         self.action_leave_mode()
         stop = '' if self._replay else ' Press ! or F8 to stop the robot.'
         self._warn(f'Ctrl-C clears what was typed. Press q to quit: {self._station.leaving}.{stop}')

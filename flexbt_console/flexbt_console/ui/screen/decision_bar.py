@@ -46,7 +46,7 @@ _ALONE: Final = re.compile(f'(.*{_ENTER})?[0-9]|')
 """Pattern of the input that may precede an Enter that answers: nothing, or a number that picks, also after a list."""
 
 NARROWEST: Final = 16
-"""Cells that a choice has at least where there is no room for all of its text."""
+"""Minimum cells of a choice if there is no room for all of its text."""
 
 
 class Burst:
@@ -145,7 +145,7 @@ class Picking:
         """Pick a choice of the decision on the screen, from 1 on.
 
         Raises:
-            RefusedError: nothing waits, there is no such choice, or the decision has only just come up.
+            RefusedError: nothing waits, the choice does not exist, or the decision has only just appeared.
         """
         decision = self._decision(view)
         if not 1 <= number <= len(decision.choices):
@@ -173,7 +173,7 @@ class Picking:
 
 
 def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_pointing: bool = False) -> list[str]:
-    """Return the bar in at most :data:`ROWS` rows of so many cells. While nothing waits: what acts."""
+    """Return the bar in at most :data:`ROWS` rows of this many cells. While nothing waits: what acts."""
     decision, snapshot = view.decision, view.snapshot
     if decision is None or snapshot is None:
         acting = [f'  {signs.active} {line}' for run in view.running_trees for line in acting_lines(run)]
@@ -229,7 +229,7 @@ def waiting_texts(view: View) -> list[str]:
 def _choice_rows(decision: Decision, texts: Sequence[str], picked: str, columns: int) -> list[str]:
     """Return the choices side by side; the picked one in brackets.
 
-    Where there is no room for all, each is cut; what is still left out, the picked one never, is counted.
+    If there is no room for all, each is cut; what is still left out, the picked one never, is counted.
     """
     kept = decision.choices.index(picked) if picked in decision.choices else 0
     shown = [*range(min(len(texts), CHOICE_ROWS * columns // LEAST_CELLS))]

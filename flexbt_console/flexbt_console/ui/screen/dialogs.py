@@ -175,7 +175,7 @@ class ChoiceList(ModalScreen[int | None]):
             self._tell('nothing is marked yet: type a name, or mark a line with Up and Down')
 
     def _named(self, typed: str) -> list[int]:
-        """Return the entries of which that is a name, in the same case if there are such."""
+        """Return the entries of which that is a name, in the same case if any."""
         for same in (str, str.casefold):
             found = [
                 number
@@ -288,7 +288,7 @@ class StartForm(ModalScreen[str | None]):
     """A field for each parameter and input of a behavior, and for each option of the command; returns the line that
     starts it, or None. Below them stands the machine of a behavior that was synthesized.
 
-    ``command`` is ``start`` or ``switch``. What cannot be used is not taken: the form says why, and stays. So does an
+    ``command`` is ``start`` or ``switch``. An invalid value is not accepted: the form shows why, and stays. So does an
     Enter that comes at once, or is held down, while nothing was filled in: it was meant for what opened the form.
     """
 
@@ -390,7 +390,7 @@ class ReadingDialog(ModalScreen[None]):
 
 
 class MapImage(ModalScreen[None]):
-    """The map as an image, drawn anew when it has changed; ``widget`` shows images, ``view`` gives what is known."""
+    """The map as an image, redrawn when it has changed; ``widget`` shows images, ``view`` gives what is known."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding('escape,enter,q', 'dismiss(None)', 'leave', priority=True),
@@ -426,7 +426,7 @@ class MapImage(ModalScreen[None]):
 
 
 def folded(text: Sequence[str], columns: int) -> list[str]:
-    """Return the lines in rows of so many cells; where a line goes on, it stands under where its last part began."""
+    """Return the lines in rows of this many cells; where a line goes on, it stands under where its last part began."""
     rows: list[str] = []
     for line in text:
         begins = [found.end() for found in re.finditer(r'^ +|  +(?=\S)', line[: columns // 2])]

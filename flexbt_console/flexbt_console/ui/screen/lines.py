@@ -76,8 +76,8 @@ def others_text(robots: Sequence[RobotOverview], own: str) -> str:
 
 
 def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: bool = False) -> Text:
-    """Return what is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and who asks this operator for the
-    authority. What is too long takes more of them, where they are not needed for others.
+    """Return what is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and the operator who requests the
+    authority from this one. A text that is too long takes more of them, if they are not needed for others.
     """
     snapshot = view.snapshot
     shown: list[str] = [alarm] if (alarm := alarm_line(view)) else []
@@ -188,7 +188,7 @@ class CommandInput(Input):
             self.cursor_position = len(self.value)
 
     def draw(self, view: View, columns: int, rows: int) -> Text:
-        """Return how its command is written, and what it may become, in so many rows of so many cells."""
+        """Return the usage of its command, and the completions, in this many rows of this many cells."""
         words = self.value.split(' ')
         spec = find(words[0]) if len(words) > 1 else None
         usage = [Line(cut(f'  {spec.prompt_usage}', columns), Tone.DIM)] if spec is not None and spec.in_prompt else []

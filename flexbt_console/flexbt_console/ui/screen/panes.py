@@ -67,7 +67,7 @@ class Panes:
         self.log.follow()
 
     def scroll(self, mirror: Mirror, pages: int) -> None:
-        """Go on by so many pages, or back, in the pane that has the focus, or else in the log.
+        """Scroll by this many pages, or back, in the pane that has the focus, or else in the log.
 
         Raises:
             RefusedError: there is nothing to scroll in it.
@@ -95,7 +95,7 @@ class Panes:
         return is_typed or bool(self.picking.picked(decision))
 
     def text_of(self, pane: str, shown: ShownRobot, columns: int, rows: int) -> Text:
-        """Return what is in a pane of so many rows of so many cells."""
+        """Return the contents of a pane of this many rows of this many cells."""
         view, _, robots, robot = shown
         match pane:
             case 'status':
@@ -132,7 +132,7 @@ class Layout:
     """The pane with the focus is the one that keys scroll, enlarge and hide. It is kept in ``file``, if there is one,
     as words; others than those that are known, as of another version, are passed over.
 
-    What changes it raises RefusedError when it cannot be kept.
+    Methods that change it raise RefusedError if it cannot be kept.
     """
 
     def __init__(self, file: Path | None = None) -> None:

@@ -60,7 +60,7 @@ class Player(Protocol):
     duration: float
 
     def go_to(self, time: float, patience: float) -> bool:
-        """Show what was known at a time, s; False when it has not come there after so many seconds of reading."""
+        """Show what was known at a time, s; False if it has not arrived there after this many seconds of reading."""
 
     def next_said(self, by: int) -> float:
         """Return the time of the next moment (1) or the last one (-1)."""

@@ -69,7 +69,7 @@ class MachinePane:
         self._page = 1
 
     def scroll(self, pages: int) -> None:
-        """Show all of it, so many pages farther down."""
+        """Show all of it, this many pages farther down."""
         self._from = max(0, (self._from or 0) + pages * self._page)
 
     def follow(self) -> None:
@@ -77,7 +77,7 @@ class MachinePane:
         self._from = None
 
     def draw(self, view: View, columns: int, rows: int, nothing: str) -> Text:
-        """In so many rows of so many cells; ``nothing`` is what is told while no behavior runs."""
+        """Return the pane in this many rows of this many cells; ``nothing`` is shown while no behavior runs."""
         self._page = max(1, rows - 1)
         shown = self._all(view, columns, rows) if self._from is not None else self._of_now(view, columns, rows)
         if not shown and view.snapshot is not None and not view.running:
@@ -109,8 +109,8 @@ class MachinePane:
 
 
 def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[str]:
-    """Return the machine in at most so many rows of so many cells. Where it does not fit: what is active, and what the
-    state that waits, or else the first active one, leads to; that state is always among the lines.
+    """Return the machine in at most this many rows of this many cells. Where it does not fit: what is active, and what
+    the state that waits, or else the first active one, leads to; that state is always among the lines.
     """
     snapshot = view.snapshot
     if snapshot is None:
@@ -239,7 +239,7 @@ class MapPane:
         return self._cursor is not None and self._is_aimed
 
     def point(self, view: View) -> bool:
-        """Put the cursor where the robot is; False while there is no map, or nothing is asked."""
+        """Put the cursor where the robot is; False while there is no map, or no decision waits."""
         robot = view.snapshot.robot_pose if view.snapshot else None
         if view.decision is None or not has_map(view):
             return False
@@ -291,7 +291,8 @@ class MapPane:
         return text, view.pending(self._decision)
 
     def draw(self, view: View, columns: int, rows: int) -> Text:
-        """Return the map in so many rows of so many cells; the last row tells where the robot, or the cursor, is."""
+        """Return the map in this many rows of this many cells; the last row shows the place of the robot, or of the
+        cursor."""
         robot = view.snapshot.robot_pose if view.snapshot else None
         room = rows - 1
         if columns < LEAST_COLUMNS or room < LEAST_ROWS:
@@ -311,10 +312,10 @@ class MapPane:
         return text
 
 
-# The log on the screen: what states say, transitions, commands of all operators, and what the console itself tells.
+# The log on the screen: lines of states, transitions, commands of all operators, and lines of the console itself.
 
 TOLD_LINES: Final = 200
-"""Lines that the console itself has told, and are remembered."""
+"""Maximum number of lines of the console itself that are remembered."""
 
 _INDENT: Final = ' ' * 12
 
@@ -336,11 +337,11 @@ class LogPane:
         return [line for _, line in self._told]
 
     def tell(self, stamp: float, text: Iterable[str]) -> None:
-        """Add lines of the console's own, which were told at this time of the robot's clock, s."""
+        """Add lines of the console itself, reported at this time of the robot's clock, s."""
         self._told.extend((stamp, line) for line in text)
 
     def scroll(self, mirror: Mirror, pages: int) -> None:
-        """Go back by so many pages, or on again, to its end at most."""
+        """Scroll back by this many pages, or forward, to its end at most."""
         held = self._held or self._lines(mirror, sys.maxsize)
         self._back = min(max(0, self._back + pages * self._page), max(0, len(held) - self._page))
         self._held = held if self._back else []
@@ -355,7 +356,7 @@ class LogPane:
         self._held, self._back = [], 0
 
     def draw(self, mirror: Mirror, columns: int, rows: int) -> Text:
-        """Return the lines by their times in so many rows. One that is too long takes more of them, at most half of
+        """Return the lines by their times in this many rows. One that is too long takes more of them, at most half of
         all."""
         shown, last = self._lines(mirror, rows), list[str]()
         if self._held:
@@ -370,7 +371,7 @@ class LogPane:
         return styled([*folded[-rows:], *last])
 
     def _lines(self, mirror: Mirror, count: int) -> list[str]:
-        """Return the latest lines, of each kind so many at most; what became of one's own commands is told already."""
+        """Return the latest lines, up to this many of each kind; results of one's own commands were shown already."""
         known = mirror.events(max(1, count))
         events = [event for event in known if event.operator != self._operator and not event.is_in_log]
         merged: list[tuple[float, int, Sequence[str]]] = [

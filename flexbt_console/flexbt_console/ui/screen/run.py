@@ -22,7 +22,7 @@ LAYOUT_FILE = f'{USER_DIRECTORY}/screen_layout'
 
 
 def run_screen(station: Station, clock: Clock, on_signal: OnSignal, robots: ScreenRobots | None = None) -> None:
-    """Run the screen in this terminal until the operator leaves it, or a signal ends it, of which ``on_signal`` tells
+    """Run the screen in this terminal until the operator leaves it, or a signal ends it, which ``on_signal`` reports
     (see :class:`TerminalWatch`)."""
     _run(OperatorScreen(station, clock, robots, layout=_layout(), image_widget=image_widget()), on_signal)
 

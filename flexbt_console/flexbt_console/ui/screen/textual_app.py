@@ -52,7 +52,7 @@ class OrderedApp(App[None]):
         """Note a pressed key, whatever it is for."""
 
     def guarded(self, call: Callable[P, object]) -> Callable[P, None]:
-        """Return the same, except that its errors are told."""
+        """Return the same, except that its errors are shown."""
 
         @functools.wraps(call)
         def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -78,7 +78,8 @@ class OrderedApp(App[None]):
         default_namespace: DOMNode | None = None,
         namespaces: Mapping[str, DOMNode] | None = None,
     ) -> bool:
-        """See :class:`textual.app.App`. An error of what a key does, also in a dialog, is told, and it goes on."""
+        """See :class:`textual.app.App`. An error in the handling of a key, also in a dialog, is shown, and the app goes
+        on."""
         try:
             return await super().run_action(action, default_namespace, namespaces)
         except Exception as error:
@@ -89,7 +90,7 @@ class OrderedApp(App[None]):
         """See :class:`textual.app.App`.
 
         A key that changes a field, or leaves it, comes after what was typed into it, and before the next key: Textual
-        has both in queues of different widgets. What a key has opened has its focus before the next key.
+        has both in queues of different widgets. A widget that a key has opened has the focus before the next key.
         """
         if isinstance(event, events.Key):
             if self._opening is not None:

@@ -52,7 +52,7 @@ def source_of(address: str | None) -> str:
 class WrongTokens:
     """The time that a token waits before it is checked, by the wrong ones from the same source.
 
-    A right one costs nothing, so who has it is held up only where somebody else guesses from the same source.
+    A right one costs nothing, so its owner is delayed only if another client guesses from the same source.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
@@ -74,9 +74,9 @@ class WrongTokens:
 class Access:
     """``address`` is where it listens, ``names`` what the computer is called besides; an empty ``token`` is none.
 
-    A page of another site reaches this server in two ways: by its own address, which the browser tells in ``Origin``;
+    A page of another site reaches this server in two ways: by its own address, which the browser sends in ``Origin``;
     and under a name of its own that it lets point to us (DNS rebinding), which is the ``Host``. So Host is an address
-    or a name of this computer, and Origin the same. What no browser sends is held up by the token alone.
+    or a name of this computer, and Origin the same. Requests that no browser sends are stopped by the token alone.
     """
 
     address: str = '127.0.0.1'
@@ -88,7 +88,7 @@ class Access:
         """For an address to listen at: beyond this computer there is always a token, made up when none is given.
 
         Raises:
-            UsageError: it is no address of the Internet protocol, nor ``localhost``.
+            UsageError: it is neither an address of the Internet protocol nor ``localhost``.
         """
         try:
             is_local = address == 'localhost' or ipaddress.ip_address(address).is_loopback

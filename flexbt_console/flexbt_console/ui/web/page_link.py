@@ -29,7 +29,7 @@ from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
 from .requests import Allowance, PageRequest, Told, answered, read
 
 PULSE: Final = 1.0
-"""Seconds after which a page hears something in any case: without that it takes the server for lost."""
+"""Seconds after which a page gets a message in any case: without it, it takes the server for lost."""
 
 HELLO_SECONDS: Final = 10.0
 SEND_SECONDS: Final = 10.0
@@ -62,7 +62,7 @@ class PageLink:
         self._tasks: set[asyncio.Task[None]] = set()
         self._waiting = 0
         self._left: Future[None] = Future()
-        self._waits = ThreadPoolExecutor(MOST_AT_ONCE, 'waits')  # of its own: nothing else waits for these threads
+        self._waits = ThreadPoolExecutor(MOST_AT_ONCE, 'waits')  # separate: nothing else waits for these threads
         self._sending = asyncio.Lock()
 
     def wake(self) -> None:
@@ -84,7 +84,7 @@ class PageLink:
             await asyncio.gather(show, *self._tasks, return_exceptions=True)
 
     async def is_welcome(self, access: Access, wrong: WrongTokens) -> bool:
-        """Return whether the first message has the token. Nothing is told before."""
+        """Return whether the first message has the token. Nothing is sent before."""
         with contextlib.suppress(asyncio.TimeoutError, TypeError, ConsoleError):
             hello = read(await self._socket.receive_str(timeout=HELLO_SECONDS))
             while wait := wrong.wait(self.source):
@@ -113,7 +113,7 @@ class PageLink:
                     await asyncio.wait_for(self._changed.wait(), PULSE - PERIOD)
         except (ConnectionError, TimeoutError):
             await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'the page takes nothing')
-        except Exception as error:  # an internal fault reaches the operator, who gets a new page
+        except Exception as error:  # internal fault: the operator sees it, and gets a new page
             _LOGGER.exception('fault in the server of the page')
             text = ''.join(traceback.format_exception(error))
             with contextlib.suppress(Exception):

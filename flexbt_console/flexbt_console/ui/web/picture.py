@@ -302,7 +302,8 @@ def times_part(view: View) -> dict[str, Any]:
 
 
 def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
-    """Return a line for each robot, for who watches several. Time alone changes only those that are not heard."""
+    """Return a line for each robot, for an operator who watches several. Time alone changes only those that are not
+    heard."""
     return [
         {
             'name': robot.name,
@@ -351,7 +352,7 @@ def log_part(line: LogLine) -> dict[str, Any]:
 class Picture(NamedTuple):
     """A robot as its pages show it, encoded; of what has not changed the texts are the same objects as before.
 
-    ``log`` has its lines by executive and number, in their order; ``map`` is a message of its own.
+    ``log`` has its lines by executive and number, in their order; ``map`` is a separate message.
     """
 
     view: View
@@ -396,7 +397,7 @@ class Pictures:
 
     async def _make_next(self) -> Picture:
         await asyncio.sleep(max(0.0, self._begin_at - time.monotonic()))
-        self._next = None  # who asks from now on knows of changes that may be missing in this one
+        self._next = None  # later callers know of changes that may be missing in this one
         began = time.monotonic()
         try:
             return await asyncio.get_running_loop().run_in_executor(self._encoder, self._make)

@@ -43,7 +43,7 @@ class PageRobots(Protocol):
         """See :meth:`open`."""
 
 
-# What a page asks for: read with bounds, and carried out as the prompt and the screen do it.
+# Requests of a page: read with bounds, and carried out as the prompt and the screen do it.
 
 MESSAGE_BYTES: Final = 65_536
 """Maximum bytes of a message of a page."""

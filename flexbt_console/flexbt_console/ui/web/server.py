@@ -265,7 +265,7 @@ class _Connections:
     """The connections of a server. Idle ones are closed, the oldest of the source with the most first, so that there
     are no more than MOST_CONNECTIONS plus those that arrived at the same moment.
 
-    A connection needs no token, and aiohttp waits for its first request for ever: here, for REQUEST_SECONDS.
+    A connection needs no token, and aiohttp waits for its first request without limit: here, for REQUEST_SECONDS.
     """
 
     def __init__(self) -> None:
