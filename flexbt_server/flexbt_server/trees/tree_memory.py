@@ -21,7 +21,7 @@ MEGABYTE: Final = 1_000_000
 MOST_LOADED: Final = 256_000_000
 """Bytes that all loaded trees may take, by default."""
 
-_NODE, _VALUE, _SCRIPT_CHARACTER, _TEXT_CHARACTER = 400, 150, 130, 2
+_NODE, _ATTRIBUTES, _VALUE, _SCRIPT_CHARACTER, _TEXT_CHARACTER = 190, 300, 150, 130, 2
 
 _RESERVE: Final = 64 * MEGABYTE
 """Address space that is left to the rest of the process while a document is read, bytes."""
@@ -39,15 +39,20 @@ def tree_size(document: TreeDocument, length: int) -> TreeSize:
     values = count = 0
     parts: set[str] = set()
     scripts: set[str] = set()
+    different: set[int] = set()  # the reader keeps the attributes of equal elements once
     for tree in document.trees.values():
         for node in tree.nodes():
             count += 1
+            if node.tree_id is not None:
+                parts.add(node.tree_id)
+            if id(node.values) in different:
+                continue
+            different.add(id(node.values))
             values += len(node.values) + len(node.places) + len(node.extra) + len(node.conditions)
             scripts.update(script.text for script in node.conditions.values())
             scripts.update(one.literal.text for one in node.values.values() if isinstance(one.literal, CompiledScript))
-            if node.tree_id is not None:
-                parts.add(node.tree_id)
-    size = _NODE * count + _VALUE * values + _SCRIPT_CHARACTER * sum(map(len, scripts)) + _TEXT_CHARACTER * length
+    size = _NODE * count + _ATTRIBUTES * len(different) + _VALUE * values + _SCRIPT_CHARACTER * sum(map(len, scripts))
+    size += _TEXT_CHARACTER * length * len(different) // max(count, 1)
     return TreeSize(size, frozenset(parts))
 
 

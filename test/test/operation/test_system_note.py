@@ -85,7 +85,7 @@ def test_a_note_reaches_every_console_and_what_is_kept(tmp_path: Path, watching:
             one.wait_for('behaviors')
         wait_until(file.exists, 'recorder that has begun, and heeds signals')
         console('start', 'Inspect Site', 'duration=1000', '--input', 'site=string:"gate"', '--autonomy', 'high')
-        assert 'at most 1000' in console('note', 'x' * 1001, exit_code=2)['reason']
+        assert 'the limit is 1000' in console('note', 'x' * 1001, exit_code=2)['reason']
         console('note', NOTE)
         texts = {one.noted() for one in watching}
         assert len(texts) == 1 and 'ann notes: the floor is wet' in texts.pop()

@@ -33,12 +33,14 @@ ON_DEMAND = frozenset(
         ('execute', '/behavior_synthesis'),
         ('reply', '/gripper'),
         ('publish', '/gripper_holds'),
+        ('publish', '/imu'),
+        ('publish', '/range'),
         ('publish', '/keepout_costmap_filter_info'),
         ('publish', '/keepout_filter_mask'),
     }
 )
-"""What a node joins only with some parameter, or where another package is installed, the robot has a gripper, or the
-world a no-go zone."""
+"""What a node joins only with some parameter, or where another package is installed, the robot has a gripper, a range finder
+or an IMU, or the world a no-go zone."""
 
 Right = tuple[str, str]
 """What may be done, and with what: ('publish', '/cmd_vel'); an action is a name with the word execute or call."""
