@@ -39,8 +39,8 @@ ON_DEMAND = frozenset(
         ('publish', '/keepout_filter_mask'),
     }
 )
-"""What a node joins only with some parameter, or where another package is installed, the robot has a gripper, a range finder
-or an IMU, or the world a no-go zone."""
+"""Interfaces that a node has only with some parameter, with another package, with a device that not every robot has, or
+in a world with a no-go zone."""
 
 Right = tuple[str, str]
 """What may be done, and with what: ('publish', '/cmd_vel'); an action is a name with the word execute or call."""

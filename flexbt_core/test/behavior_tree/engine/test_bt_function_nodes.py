@@ -48,7 +48,7 @@ def test_an_action_a_condition_and_a_decorator_are_a_function_each() -> None:
         'IsTen': simple_condition(is_ten, {'in': ports['in']}),
         'UntilTen': simple_decorator(until_ten),
     }
-    assert classes['Double'].__doc__ == 'Writes twice the input.'
+    assert classes['Double'].__doc__ == 'Write twice the input.'
     for name, node_class in classes.items():
         node_class.__name__ = name
     body = '<UntilTen><Sequence><Double in="{x}" out="{y}"/><IsTen in="{y}"/></Sequence></UntilTen>'
