@@ -21,7 +21,7 @@ from flexbt_core.values.text import short_repr
 from .demo_processes import ParameterValue, Process
 
 RESPAWN: Final[Mapping[str, Any]] = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 5}
-"""Options of `launch_ros.actions.Node`: a node that died is started again after a second, but not for ever."""
+"""Options of `launch_ros.actions.Node`: a node that died is started again after a second, a limited number of times."""
 
 
 MANAGED: Final = (names.BT_SERVER, names.ONBOARD_EXECUTIVE)

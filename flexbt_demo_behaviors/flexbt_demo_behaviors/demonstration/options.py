@@ -32,7 +32,7 @@ and --output.
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of any demonstration: who operates, the speed factor, and the directory of pictures and logs."""
+    """Options of any demonstration: the operator, the speed factor, and the directory of pictures and logs."""
 
     interactive: bool
     speed: float

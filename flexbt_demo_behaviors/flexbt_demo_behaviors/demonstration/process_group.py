@@ -18,22 +18,22 @@ from types import TracebackType
 
 from .report import DemoError
 
-# After this many seconds a process that was told to end is killed; every node of ours ends well before.
+# After this many seconds a process that was asked to end is killed; every node of ours ends well before.
 END_TIMEOUT_S = 1.7
 LAST_LINES = 15
 
 RESPAWN_DELAY_S = 1.0
 RESPAWNS = 3
 RESPAWN_WINDOW_S = 60.0
-"""A process that died is started again after the delay, so many times within the window: one that dies again and again
-would not do its work then either."""
+"""A process that died is started again after the delay, this many times within the window: further starts of one that
+dies repeatedly would not help."""
 
 _PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
 @dataclass(frozen=True)
 class EndedProcess:
-    """A process that ended although nobody told it to."""
+    """A process that ended unexpectedly."""
 
     name: str
     exit_code: int
@@ -55,9 +55,9 @@ class EndedProcess:
 class ProcessGroup:
     """Processes of one demonstration; leaving the context ends them all.
 
-    Each one writes to a log file of its own in `log_directory` and runs in a session of its own, so that
-    Ctrl-C in the terminal reaches the demonstration alone, which then ends them in an orderly way. Should the
-    demonstration itself be killed, the kernel ends them.
+    Each one writes to its own log file in `log_directory` and runs in its own session, so that Ctrl-C in the terminal
+    reaches only the demonstration, which then ends them in an orderly way. Should the demonstration itself be killed,
+    the kernel ends them.
     """
 
     log_directory: Path
@@ -137,7 +137,8 @@ class ProcessGroup:
         return self._processes[name].pid
 
     def kill(self, *names: str) -> None:
-        """Kill processes, as when their computer loses its power: they are not started again, and nobody is told."""
+        """Kill processes, as when their computer loses its power: they are not started again, and it is not
+        reported."""
         with self._lock:
             self._killed.update(names)
             for name in names:
@@ -191,7 +192,7 @@ class ProcessGroup:
 
 
 def _signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    """Signal the process and what it started; each one leads a session and so a process group of its own."""
+    """Signal the process and what it started; each one leads its own session, and so its own process group."""
     if process.poll() is not None:
         return
     with contextlib.suppress(ProcessLookupError):

@@ -42,8 +42,7 @@ class Timeline:
         return self._clock() - self._start
 
     def of(self, robot: str) -> Timeline:
-        """Return the same timeline for what concerns one of several robots, whose name comes before all that is
-        told."""
+        """Return the same timeline for one of several robots, whose name precedes every line."""
         own = copy.copy(self)
         own._robot = f'{robot}: '
         return own
@@ -93,7 +92,7 @@ class DemoReport:
         self.branches[branch] = True
 
     def play(self, script: Callable[[], None]) -> None:
-        """Play the part of the operator. What was otherwise than expected is the problem of the report."""
+        """Play the part of the operator. A deviation from the expected result is the problem of the report."""
         before = time.monotonic()
         try:
             script()

@@ -195,7 +195,7 @@ POSE_BYTES = 2_000
 def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     """Subscribe to map, true pose, plans, and what trees do, for as long as the node lives.
 
-    Not to the odometry: while somebody listens to that, the simulator publishes as often as in a drive.
+    Not to the odometry: while it has a subscriber, the simulator publishes as often as in a drive.
     """
 
     def on_map(message: OccupancyGrid) -> None:

@@ -36,7 +36,7 @@ class Interrupted(BaseException):
 def run_demonstration(program: str, logs: Path, interactive: bool, run: Callable[[ProcessGroup, int], int]) -> int:
     """Call `run` with a group of processes, whose logs are in a directory, and the ROS domain that they are in.
 
-    Gives the exit code of the process: that of `run`, or 1 after an error, which is told in the name of `program`.
+    Gives the exit code of the process: that of `run`, or 1 after an error, which is reported in the name of `program`.
     Asked to end by a signal, an interactive demonstration has done what it should; a script has not come to its end.
     All processes have ended then.
     """
@@ -86,12 +86,12 @@ def serve_page(group: ProcessGroup) -> str:
 
 
 def page_line(page: str) -> str:
-    """Return the line that tells where the page is; empty where there is none."""
+    """Return the line with the address of the page; empty where there is none."""
     return f'In a browser: {page}\n' if page else ''
 
 
 def run_console(group: ProcessGroup, command: Sequence[str]) -> int:
-    """Hand the terminal to a console until the operator leaves it, then tell what has died; gives its exit code."""
+    """Hand the terminal to a console until the operator leaves it, then report what has died; gives its exit code."""
     with _restored_terminal(), subprocess.Popen(command) as console:  # noqa: S603 - it comes from the process table
         try:
             exit_code = console.wait()
@@ -102,7 +102,7 @@ def run_console(group: ProcessGroup, command: Sequence[str]) -> int:
 
 
 def tell_ended(group: ProcessGroup) -> None:
-    """Print which processes have died since that was told last."""
+    """Print the processes that have died since the last report."""
     for process in group.take_ended():
         if process.exit_code != 0 or not process.may_end:
             print(process.report(), file=sys.stderr, flush=True)
@@ -118,9 +118,9 @@ def _restored_terminal() -> Iterator[None]:
         termios.tcsetattr(sys.stdin, termios.TCSANOW, before)
 
 
-# A ROS domain of its own for a demonstration, so that it neither disturbs nor hears other robots.
+# A separate ROS domain for a demonstration, so that it neither disturbs nor receives other robots.
 
-# ROS's domain_coordinator, with which tests keep their domains apart: whoever binds TCP port 32768 + N owns
+# ROS's domain_coordinator, with which tests keep their domains apart: the process that binds TCP port 32768 + N owns
 # domain N. The system closes the port when its holder ends, in whatever way.
 COORDINATION_PORT = 32768
 DOMAINS = range(1, 101)

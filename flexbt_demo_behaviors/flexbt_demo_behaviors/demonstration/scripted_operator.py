@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An operator who follows a script: sees what the console's mirror shows, and commands over the same link as
-people.
-"""
+"""An operator that follows a script: it sees the console's mirror, and commands over the same link as people."""
 
 from __future__ import annotations
 
@@ -37,7 +35,7 @@ DRIVE_TIMEOUT_S = 300.0
 # looks, or what is seen is seconds old on a busy computer.
 LOOK_S = 0.02
 
-# A place in this distance of the robot, in metres, is no goal to drive to.
+# A place within this distance of the robot, in metres, is not a goal to drive to.
 FAR_ENOUGH = 2.5
 
 
@@ -239,7 +237,7 @@ class ScriptedOperator:
     def switch(self, behavior: str, **arguments: str) -> None:
         """Go on with another behavior, or with other arguments, keeping the active states."""
         self._tell('switches', f'to {_called(behavior, arguments)}')
-        self._answered.update(decision.id for decision in self._mirror.view().decisions)  # they are asked anew
+        self._answered.update(decision.id for decision in self._mirror.view().decisions)  # they are asked again
         self._give(self._make.switch(self._mirror.view(), behavior, list(arguments.items())))
 
     def give_goal(self, label: str, state: str = '/AskGoal') -> None:
@@ -250,7 +248,7 @@ class ScriptedOperator:
         self._give(self._make.answer(self._mirror.view(), decision.id, label))
 
     def expect_goal(self, label: str) -> None:
-        """Note that the robot is to drive to a named place now, whoever decided it."""
+        """Note that the robot is to drive to a named place now, by any decision."""
         self._goal_label = label
         self._goal_time = self.track.time
         self._goal_length = self.track.length
@@ -301,7 +299,7 @@ class ScriptedOperator:
         return result
 
     def _is_seen(self, view: View) -> bool:
-        """Return whether the pose is no older than the state that is active: on a busy computer it may come later."""
+        """Return whether the pose is at least as new as the active state: on a busy computer it may arrive later."""
         states = view.snapshot.active_states if view.snapshot else ()
         return self.track.time >= max((state.entered for state in states), default=0.0)
 

@@ -27,7 +27,7 @@ READY_TIMEOUT_S = 180.0
 
 @dataclass(frozen=True)
 class DemoSession:
-    """A ready demonstration, and an operator at its link, on a node of its own."""
+    """A ready demonstration, and an operator at its link, on a separate node."""
 
     operator: ScriptedOperator
     track: RobotTrack
@@ -69,7 +69,7 @@ def join_robot(
 ) -> Iterator[DemoSession]:
     """Sit down at the link of the robot in a namespace, and watch the robot, for the time of the context.
 
-    ``is_on_call``: somebody else starts the behaviors, so that the end of one is no surprise.
+    ``is_on_call``: another program starts the behaviors, so that the end of one is expected.
     """
     with NodeRuntime.open('demo', namespace=namespace) as runtime:
         track = RobotTrack()

@@ -27,7 +27,7 @@ REAL_TIME: Final = 1.0
 
 @dataclass(frozen=True)
 class SimulatedBox:
-    """A box that somebody leaves in the way: its middle and sides, in m, parallel to the axes of the map."""
+    """A box in the way: its middle and sides, in m, parallel to the axes of the map."""
 
     x: float
     y: float
@@ -63,14 +63,14 @@ class DemoSimulation:
         return self._boxes
 
     def put(self, name: str, box: SimulatedBox) -> None:
-        """Have somebody leave a box in the way."""
+        """Put a box in the way."""
         self._boxes[name] = box
         described = json.dumps({'obstacles': {name: box.description}})
         self._ask(SpawnEntity, 'spawn_entity', SpawnEntity.Request(name=name, resource_string=described))
         self._timeline.tell('world', f'somebody leaves the {name} at ({box.x:.2f}, {box.y:.2f})')
 
     def take_away(self, name: str) -> None:
-        """Have somebody take a box away."""
+        """Remove a box."""
         self._ask(DeleteEntity, 'delete_entity', DeleteEntity.Request(entity=name))
         self._timeline.tell('world', f'somebody takes the {name} away')
 
@@ -83,7 +83,7 @@ class DemoSimulation:
 
     @contextlib.contextmanager
     def no_faster_than(self, factor: float) -> Iterator[None]:
-        """At most so many seconds of the world pass in one second in this context."""
+        """Limit the speed of the world in this context, in seconds of the world per second."""
         before = self._speed
         self._set_speed(min(before, factor))
         try:

@@ -64,7 +64,7 @@ def is_open(message: JointState | None, door: str) -> bool:
     return message is not None and door in message.name and message.position[message.name.index(door)] >= OPEN
 
 
-# What the robot can see: the sensors of the mission's predicates.
+# The sensors of the mission's predicates.
 
 AT_TABLE: Final = 0.4
 """The robot is at the table of a room when it stands so near to its place, m."""
@@ -228,7 +228,7 @@ class Approach(ActionLeaf):
         return _goal(position[0] - BESIDE * math.cos(yaw), position[1] - BESIDE * math.sin(yaw), yaw)
 
 
-# What the robot can do with things and doors. Each action ends when the sensors tell its effect.
+# Actions of the robot with things and doors. Each ends when the sensors show its effect.
 
 
 class _Switched(ServiceLeaf):

@@ -81,7 +81,7 @@ def _run_script(options: RunOptions, session: DemoSession, timeline: Timeline) -
     return 0 if report.passed else 1
 
 
-# What the scripted operator and the household do, and the branches that are taken.
+# The actions of the scripted operator and the household, and the branches that are taken.
 
 PLANNED: Final = 'planned: the closed door is opened'
 SHUT: Final = 'the door is shut on the way: opened again'
@@ -151,7 +151,7 @@ def _check_cup(flat: Flat) -> GoalResult:
     return GoalResult('cup', pose, 'put down in the office', 0.0, reached=True)
 
 
-# What others do in the flat while the robot works, by the services of the simulator; and what is seen of it.
+# Actions of others in the flat while the robot works, by the services of the simulator; and their observation.
 
 DOOR: Final = 'kitchen_door'
 CUP: Final = 'cup'
@@ -193,7 +193,7 @@ class Household:
         return self._simulation.in_real_time()
 
     def shut_door(self) -> None:
-        """Have somebody shut the door of the kitchen."""
+        """Shut the door of the kitchen."""
         response = self._simulation.call(SetBool, f'doors/{DOOR}', SetBool.Request(data=False))
         if not response.success:
             raise DemoError(f'{DOOR} was not shut: {response.message}')
@@ -208,7 +208,7 @@ class Household:
         self._timeline.tell('household', 'the door of the kitchen jams' if jammed else 'the door is mended')
 
     def move_cup(self, x: float, y: float) -> None:
-        """Have somebody put the cup elsewhere, out of the gripper of the robot if need be."""
+        """Put the cup elsewhere, out of the gripper of the robot if necessary."""
         state = EntityState()
         state.pose.position.x, state.pose.position.y = x, y
         response = self._simulation.call(

@@ -37,7 +37,7 @@ def table_of(room: str) -> Place:
     """Return where the robot stands in a room.
 
     Raises:
-        ValueError: there is no such room; says which there are.
+        ValueError: the room does not exist; says which there are.
     """
     places = _places()
     if room not in places:

@@ -11,7 +11,7 @@ TREE = 'flexbt_demo_behaviors/inspection/inspection.xml'
 
 
 class Inspection(Behavior):
-    """The outer behavior: it runs the tree ``inspection.xml`` for a site, and tells the operator the report."""
+    """The outer behavior: it runs the tree ``inspection.xml`` for a site, and reports the result to the operator."""
 
     manifest = BehaviorManifest(
         name='Inspection',
@@ -27,7 +27,7 @@ class Inspection(Behavior):
     duration: float
 
     def create(self) -> OperatableStateMachine:
-        """Inspect, tell, done."""
+        """Inspect, report, done."""
         machine = OperatableStateMachine(outcomes=['finished', 'failed'], output_keys=['report'])
         machine.userdata.site = self.site
         machine.userdata.arguments = f'duration={self.duration}'
@@ -51,7 +51,7 @@ class Inspection(Behavior):
 
 
 class InspectSite(Behavior):
-    """The inner behavior: it takes its time, and the inspector judges what is seen, below autonomy Full."""
+    """The inner behavior: it takes some time, and the inspector judges the result, below autonomy Full."""
 
     manifest = BehaviorManifest(
         name='Inspect Site',

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A program that fetches something from the shelf, brings it to the packing room, and asks a person in between.
 
-A program as the users of Nav2 write them. That its robot is stopped by somebody else, it finds out from the results of
-its tasks, as always with Nav2.
+A program as the users of Nav2 write them. It learns that another node stops its robot from the results of its tasks, as
+always with Nav2.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Deliveries:
         return message
 
     def _drive(self, task: str, is_accepted: bool) -> TaskResult:
-        """Wait for the end of a task, and tell it."""
+        """Wait for the end of a task, and print it."""
         navigator = self._navigator
         while is_accepted and not navigator.isTaskComplete():
             pass  # a program of one's own looks at navigator.getFeedback() here

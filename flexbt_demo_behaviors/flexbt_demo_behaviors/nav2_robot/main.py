@@ -87,7 +87,7 @@ def _run_script(options: RunOptions, group: ProcessGroup, session: DemoSession, 
     return 0 if report.passed else 1
 
 
-# What the scripted operator does while the program drives, and the branches that are taken.
+# The actions of the scripted operator while the program drives, and the branches that are taken.
 
 PAUSED: Final = "the program's drive paused, and resumed"
 CONFIRMED: Final = 'the program asks, and goes on as confirmed'

@@ -167,7 +167,7 @@ class NavigateSplit(Behavior):
         return machine
 
 
-# A state of the demonstrations' own: tell the operator what a path is like.
+# A state of the demonstrations: it reports the properties of a path to the operator.
 
 
 class ShowPathState(EventState):

@@ -105,10 +105,10 @@ def _world(report: DemoReport, track: RobotTrack, boxes: Mapping[str, SimulatedB
     return world
 
 
-# What the scripted operator does in the two demonstrations, and the branches that each of them has to take.
+# The actions of the scripted operator in the two demonstrations, and the branches that each of them has to take.
 #
-# On the map that comes along somebody leaves boxes in the way: one to be driven round, and one that blocks a doorway,
-# so that the robot arrives by its recovery only. On a map of one's own nobody knows where the doorways are.
+# On the included map, boxes are put in the way: one to be driven round, and one that blocks a doorway, so that the
+# robot arrives by its recovery only. On a map of one's own nobody knows where the doorways are.
 
 
 @dataclass(frozen=True)

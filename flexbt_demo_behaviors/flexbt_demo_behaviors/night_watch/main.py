@@ -53,7 +53,7 @@ def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
     return 0 if report.passed else 1
 
 
-# The night watch with a person at the consoles of both robots, who also says what happens in the building.
+# The night watch with a person at the consoles of both robots, who also controls the events in the building.
 
 INTRODUCTION = """
 Both robots are on their rounds; the door of the archive is jammed. Which robot do you look after, or what happens?
@@ -98,7 +98,7 @@ def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
             print(*escape_lines(str(error)), sep='\n')
 
 
-# What the scripted operator of the night watch does, and the branches that it takes.
+# The actions of the scripted operator of the night watch, and the branches that it takes.
 
 DOOR_JAMMED: Final = 'a door jams: that room later'
 CHARGED: Final = 'battery low: charged, the round goes on'

@@ -101,8 +101,8 @@ def places_in(file: str) -> dict[str, Place]:
     """Return the places of a file package/path.yaml.
 
     Raises:
-        ResourceError: there is no such file.
-        ValueError: it is no file of places.
+        ResourceError: the file does not exist.
+        ValueError: it is not a file of places.
     """
     return load_places(resolve_file(file, allowed=[Path('/')]))
 

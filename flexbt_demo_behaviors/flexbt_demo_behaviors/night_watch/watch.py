@@ -94,7 +94,7 @@ def open_watch(group: ProcessGroup, speed: float, timeline: Timeline) -> Iterato
         yield watch
 
 
-# What happens in the building during a watch, by the services of the simulator; and what the robots say of it.
+# Events in the building during a watch, by the services of the simulator; and the robots' reports of them.
 
 DOOR: Final = 'archive_door'
 
