@@ -76,7 +76,8 @@ def read_state_test(file: Path) -> StateTest:
     objects only ROS messages are made, in the form in which PyYAML writes them.
 
     Raises:
-        StateTestError: no such file, no YAML, unknown keys, something missing, or something that is not made here.
+        StateTestError: the file does not exist, is not YAML, has unknown keys, lacks a key, or
+            needs something that is not made here.
     """
     try:
         node = compose_yaml(read_text(file), aliases=True)
@@ -197,7 +198,7 @@ SECONDS: Final = 10.0
 def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS) -> list[str]:
     """Run a test; what is wrong, nothing when it passes.
 
-    A state is a machine of its own. A behavior runs as FlexBE's unsupervised ones: transitions are taken whatever
+    A state is a separate machine. A behavior runs as FlexBE's unsupervised ones: transitions are taken whatever
     autonomy they require.
     """
     try:

@@ -2,13 +2,13 @@
 """Detection of deadlocks that have not happened: the order in which threads take the locks of FlexBT, and what they
 wait for.
 
-:func:`watch_locks` has each lock that is made in a package of FlexBT from then on remember who holds it. A problem is
+:func:`watch_locks` makes each lock that is made in a package of FlexBT from then on remember its holder. A problem is
 
-- a thread that takes a lock which it holds already, and which is no RLock: it would wait forever. It gets an error;
+- a thread that takes a lock which it holds already, and which is not an RLock: it would wait forever. It gets an error;
 - two locks that are taken in both orders, by whatever threads, at whatever times: two of these meet some day.
   Locks made by the same line of code are one here;
-- a thread that waits for an event, a result or another thread, with no time limit or a long one, while it holds a
-  lock: whoever is to wake it may want that lock first.
+- a thread that waits for an event, a result or another thread, with no time limit or a long one, while it holds
+  a lock: the thread that is to wake it may need that lock first.
 
 Each problem is reported once, with the stacks. The pytest plug-in fails the test in which one turns up, in the process
 of the tests or in one that was forked for it (:mod:`flexbt_testing.system.fork_server`).
@@ -249,7 +249,7 @@ def _check_wait(own: Any, timeout: float | None) -> None:
 
 
 def _place() -> str:
-    """Return the place of the code of FlexBT that makes a lock; '' when somebody else does."""
+    """Return the place of the code of FlexBT that makes a lock; '' if other code does."""
     frame = _caller()
     name = str(frame.f_globals.get('__name__', ''))
     return f'{Path(frame.f_code.co_filename).name}:{frame.f_lineno} ({name})' if name.startswith(_OURS) else ''

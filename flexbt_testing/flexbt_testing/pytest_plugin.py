@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A pytest plugin: every test run has a ROS domain of its own, messages that check their fields, and the time it needs;
-a test in which locks are taken in orders that may meet fails (:mod:`flexbt_testing.lock_order`).
+"""A pytest plugin: every test run has its own ROS domain, messages that check their fields, and the time it needs; a
+test in which locks are taken in orders that may meet fails (:mod:`flexbt_testing.lock_order`).
 
 The workspace's pyproject.toml loads it (``-p flexbt_testing.pytest_plugin``). Test runs can then go on at the same
 time, and beside a robot, without meeting.

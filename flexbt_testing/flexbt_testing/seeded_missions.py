@@ -225,7 +225,7 @@ def seeded_machine(seed: int, *, is_defective: bool = False) -> SeededMachine:
             ways[judge, 'accepted'], ways[judge, 'refused'] = drive, plan
         states[drive] = _Work(reads=f'path{leg}')
         ways[drive, 'done'], ways[drive, 'failed'] = follows, 'Recover'
-        # What an engineer would write: no leg without its plan and its judge, in order; failures are recovered from.
+        # As an engineer would write it: no leg without its plan and its judge, in order; failures are recovered from.
         requirements += [Before(f'/{drive}', f'/{judge} > accepted' if is_judged else f'/{plan} > done', again=True)]
         requirements += [After(f'/{one} > failed', ('/Recover',)) for one in (plan, drive)]
         if is_judged:

@@ -30,8 +30,8 @@ _STATISTICS: Final = Path('/proc/stat')
 def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadline: float = DEADLINE) -> Any:
     """Return the first true value of the condition, which is asked again and again for ``deadline`` seconds.
 
-    What has taken long already is asked for less often, so that the time is known to a hundredth, and who waits leaves
-    the processors to what is waited for.
+    A condition that has taken long already is checked less often: the time is known to a hundredth, and the waiting
+    thread leaves the processors to the awaited one.
 
     A condition may look at the last of what has come, although nothing has: an IndexError counts as false.
 

@@ -61,7 +61,7 @@ def worlds(
 
 
 def places(world: OccupancyMap, beside: float = 0.0) -> st.SearchStrategy[Pose]:
-    """Poses anywhere on a map, or up to so many cells beside it."""
+    """Poses anywhere on a map, or up to this many cells beside it."""
     return st.builds(
         lambda row, column, yaw: Pose(*world.point(row, column), yaw),
         st.floats(-0.5 - beside, world.height - 0.5 + beside),
@@ -71,7 +71,7 @@ def places(world: OccupancyMap, beside: float = 0.0) -> st.SearchStrategy[Pose]:
 
 
 def free_places(world: OccupancyMap, clearance: float) -> st.SearchStrategy[Pose]:
-    """Poses at the centres of cells with so much room round them; of no cell when there is none."""
+    """Poses at the centres of cells with this much room around them; of no cell when there is none."""
     cells = numpy.argwhere(world.distances >= clearance).tolist()
     return st.builds(
         lambda cell, yaw: Pose(*world.point(*cell), yaw),

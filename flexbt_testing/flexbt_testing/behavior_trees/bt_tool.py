@@ -48,7 +48,7 @@ def tool(*words: str) -> Done:
 
 
 def document(*trees: str, main: str | None = 'Main') -> str:
-    """Return a file; each tree begins with its ID: ``Main: <AlwaysSuccess/>``, and stands on a line of its own."""
+    """Return a file; each tree begins with its ID: ``Main: <AlwaysSuccess/>``, and is on a separate line."""
     head = '<root BTCPP_format="4"' + (f' main_tree_to_execute="{main}">' if main else '>')
     parts = [tree.partition(':') for tree in trees]
     bodies = [f'<BehaviorTree ID="{id}">{body.strip()}</BehaviorTree>' for id, _, body in parts]
@@ -178,7 +178,7 @@ XS = '{http://www.w3.org/2001/XMLSchema}'
 
 
 class Schema:
-    """A schema. What it cannot interpret raises."""
+    """A schema. It raises for text that it cannot interpret."""
 
     def __init__(self, text: str) -> None:
         root = fromstring(text)  # noqa: S314

@@ -31,7 +31,7 @@ class Unprintable(Exception):
 
 
 class Rude(BaseException):
-    """An error that is no Exception."""
+    """An error that is not an Exception."""
 
 
 def _recurse() -> None:

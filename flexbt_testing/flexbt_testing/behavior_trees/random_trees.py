@@ -43,7 +43,7 @@ DECORATORS = (
 
 class _Generator:
     def __init__(self, seed: int) -> None:
-        # A generator of its own for each seed: cases do not depend on the order in which they are made.
+        # A separate generator for each seed: cases do not depend on the order in which they are made.
         self._random = random.Random(f'flexbt {seed}')
         pick = self._random.choice
         self._budget = self._random.randint(3, 30)

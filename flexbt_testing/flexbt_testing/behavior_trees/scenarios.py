@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The scenarios of BehaviorTree.CPP's own tests, written anew with scripted leaves, by theme.
+"""The scenarios of BehaviorTree.CPP's own tests, rewritten with scripted leaves, by theme.
 
 The script of a leaf has a letter for each call, over and over: S success, F failure, R running, K skipped. ``RS``
 stands for a leaf that is RUNNING once, then SUCCESS.

@@ -149,7 +149,7 @@ class Run:
     """One case on the engine."""
 
     def __init__(self, case: Mapping[str, Any], *, observed: bool = True, monitor: TreeMonitor | None = None) -> None:
-        """Without ``observed`` there are no changes of statuses in the trace, and the tree does not tell them."""
+        """Without ``observed`` the trace has no changes of statuses, and the tree does not report them."""
         self._case = case
         self._monitor = monitor
         self._observers = (self._transition,) if observed else ()

@@ -2,7 +2,7 @@
 """Trees of scripted leaves in a short notation, for tables of what a node does tick by tick.
 
 ``control('IfThenElse', 'FS', 'R')`` is the XML of a node whose children are leaves with the scripts ``FS`` and ``R``: a
-letter for each call, over and over. What happens to the tree is a row of steps with ``|`` between them, for example
+letter for each call, over and over. The treatment of the tree is a row of steps with ``|`` between them, for example
 ``'F 0F | R 0S 1R | halt 1!'``:
 
 * ``S``, ``F``, ``R``, ``K``: the status SUCCESS, FAILURE, RUNNING, SKIPPED;

@@ -16,7 +16,7 @@ DIRECTORY: Final = 'nav2_bt_navigator/behavior_trees'
 
 
 def stock_trees(branch: str) -> Mapping[str, str]:
-    """Return the files of a branch of ros-navigation/navigation2, name: XML; none where there is no clone.
+    """Return the files of a branch of ros-navigation/navigation2, name: XML; none if there is no clone.
 
     The clone is the directory that the environment variable FLEXBT_NAVIGATION2 names, or one beside the workspace.
     """

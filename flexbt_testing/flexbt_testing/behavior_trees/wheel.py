@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs scripted cases (see ``scripted_nodes``) on BehaviorTree.CPP itself, through the PyPI wheel ``behaviortreepy``.
 
-The library shows inner statuses only to its console logger. So this file is a program of its own whose standard output
-is a memory file: the logger writes to it line by line, the scripted leaves write to it too, and so the order is exact.
+The library shows inner statuses only to its console logger. So this file is a separate program whose standard output is
+a memory file: the logger writes to it line by line, the scripted leaves write to it too, and so the order is exact.
 Reads cases from standard input, one JSON document a line, and writes one trace a line to where its output went.
 """
 
@@ -100,7 +100,7 @@ class WheelRun:
                 break
         result = {'load_error': None, 'steps': steps, 'final': self._step(['halt'])}
         if '_onHalted' in self._case['xml']:
-            # The destructor of a tree runs these scripts once more, and one that raises there ends the process.
+            # The destructor of a tree runs these scripts again, and one that raises there ends the process.
             _KEPT.append((logger, self._tree, factory))
         del logger
         # The tree before the factory, whose manifests it uses.
@@ -168,7 +168,7 @@ class WheelRun:
 
 
 def _attributes_by_name(xml: str) -> dict[str, dict[str, str]]:
-    """Return the scripts of the case: the library does not show such attributes to its nodes."""
+    """Return the scripts of the case: the library does not show these attributes to its nodes."""
     try:
         root = ElementTree.fromstring(xml)  # noqa: S314 - cases are made by this project
     except ElementTree.ParseError:

@@ -158,7 +158,7 @@ class _WheelGenerator:
             return f'{pick(BOOLEANS)} = {self._truth(2)}'
         if what < 0.95:
             return f'u{self._random.randint(0, 2)} := {self._number(1)}'
-        # It fails when the number is no integer.
+        # It fails if the number is not an integer.
         return f'{pick(INTEGERS)} = {self._number(1)}'
 
     def _script(self) -> str:

@@ -41,7 +41,7 @@ class Target(ABC):
         """Read a text, and give what kind of text it is; ``counts`` takes how often what happened.
 
         Raises:
-            Exception: a defect: what is wrong with a text is told in a way that the target expects.
+            Exception: a defect: errors of a text are reported in a way that the target expects.
         """
 
     def close(self) -> None:  # noqa: B027 most have nothing to close

@@ -264,7 +264,7 @@ class XmlTarget(Target):
             counts['ticked'] += 1
 
 
-# What an executive reads: commands of operators, by a real one on its topics, and the journal that it finds.
+# The inputs of an executive: commands of operators, by a real one on its topics, and the journal that it finds.
 
 COMMAND_WORDS = """
     id kind operator_id executive_id run_id decision_id path outcome autonomy behavior arguments inputs grantee text

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bench for the executive: it runs on a node of its own, and a console on another one supervises it."""
+"""A bench for the executive: it runs on a separate node, and a console on another one supervises it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def behavior_of(make: Callable[[], OperatableStateMachine], name: str = 'Test') 
 
 
 class ExecutiveBench(Operator):
-    """An executive, and an operator of it on a node of its own."""
+    """An executive, and an operator of it on a separate node."""
 
     def __init__(
         self,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One who supervises an executive, on the bare topics: what tests see and do without the console."""
+"""An operator that supervises an executive, on the bare topics, for tests without the console."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Operator:
         self._publish(self.sent[command_id])
 
     def _publish(self, command: ExecutiveCommand) -> None:
-        """As consoles do: a stop has a way of its own beside that of all commands."""
+        """As consoles do: a stop has a separate topic in addition to that of all commands."""
         if command.kind == ExecutiveCommand.STOP:
             self._stops.publish(command)
         self._commands.publish(command)
@@ -143,7 +143,7 @@ class Operator:
         wait_until(lambda: len(self.statuses) > count, 'next status')
 
     def wait_connected(self) -> None:
-        """Wait until the executive is heard, and hears."""
+        """Wait until messages of the executive arrive, and it receives ours."""
         wait_until(lambda: self.statuses and self._commands.get_subscription_count(), 'an executive')
 
     def wait_idle(self) -> str:

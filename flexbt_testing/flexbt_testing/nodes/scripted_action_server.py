@@ -103,7 +103,7 @@ class ScriptedActionServer:
         return [number for number in range(len(self.goals)) if number not in self.statuses]
 
     def forget(self) -> None:
-        """Begin to count anew. No goal may be running."""
+        """Restart the count. No goal may be running."""
         for known in (self.goals, self.statuses, self._handles, self._ends):
             known.clear()
 
@@ -145,7 +145,7 @@ class ScriptedActionServer:
         number = len(self.goals)
         self._ends.append(Future(executor=self.runtime.node.executor))
         self._handles.append(handle)
-        self.goals.append(handle.request)  # last: who sees the goal may end it
+        self.goals.append(handle.request)  # last: an observer of the goal may end it
         try:
             return await (self._script(handle) if self._script is not None else self._answered(number, handle))
         finally:

@@ -63,7 +63,7 @@ class Faults:
 
 
 class ScriptedExecutive:
-    """All of it runs on the executor thread of its runtime; :meth:`do` brings a test there."""
+    """All of it runs on the executor thread of its runtime; :meth:`do` is how a test gets there."""
 
     def __init__(self, runtime: NodeRuntime, *, heartbeat: float = 0.25, faults: Faults | None = None) -> None:
         self.faults = faults or Faults()

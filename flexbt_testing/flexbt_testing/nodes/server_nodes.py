@@ -47,7 +47,7 @@ class Nonsense(SyncAction):
 
 
 class NeverRests(StatefulAction):
-    """Runs for ever, and never finishes its halt."""
+    """A leaf that runs without end, and never finishes its halt."""
 
     def on_start(self) -> NodeStatus:
         return NodeStatus.RUNNING
@@ -60,7 +60,7 @@ class NeverRests(StatefulAction):
 
 
 class TidiesUp(CoroutineAction):
-    """Runs for ever, and needs several ticks to stop."""
+    """A leaf that runs without end, and needs several ticks to stop."""
 
     tidied: ClassVar[threading.Event] = threading.Event()
 

@@ -78,7 +78,7 @@ ON_DEMAND: Final[Mapping[str, type[Any]]] = {
 
 
 class Navigation:
-    """Stand-ins for the navigation servers, with counts; every one succeeds unless told to fail its first goals."""
+    """Stand-ins for the navigation servers, with counts; every one succeeds unless set to fail its first goals."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self.fail: dict[str, tuple[int, int]] = {}
@@ -220,7 +220,7 @@ def open_server_world(**parameters: Any) -> Iterator[ServerWorld]:
 
 
 def install_nodes(directory: Path, module: str) -> None:
-    """Make ``module:register`` an entry point of an installed package, as far as Python can tell."""
+    """Make ``module:register`` appear to Python as an entry point of an installed package."""
     info = directory / 'flexbt_test_nodes-1.0.dist-info'
     info.mkdir()
     (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: flexbt-test-nodes\nVersion: 1.0\n')

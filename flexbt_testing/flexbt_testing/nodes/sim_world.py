@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A simulator, navigation servers and somebody who uses them: real nodes in this process."""
+"""A simulator, navigation servers and a client of them: real nodes in this process."""
 
 from __future__ import annotations
 
@@ -157,13 +157,13 @@ class RobotProbe:
         return self.sightings[-1]
 
     def later(self, seconds: float) -> Sighting:
-        """Return the robot after so much simulated time."""
+        """Return the robot after this much simulated time."""
         until = self.now.time + seconds
         self.wait(lambda: self.sightings[-1].time >= until, f'{seconds:g} s of simulated time')
         return self.sightings[-1]
 
     def moving(self, seconds: float = 0.1) -> bool:
-        """Return whether the robot has moved within the last so many seconds of what was seen."""
+        """Return whether the robot has moved within the last ``seconds`` of its observed poses."""
         last = self.sightings[-1]
         recent = [seen for seen in self.sightings[-200:] if seen.time >= last.time - seconds - 0.02]
         return any(seen.distance(last[1:]) > 1e-6 or abs(seen.yaw - last.yaw) > 1e-6 for seen in recent)

@@ -48,7 +48,7 @@ class Run(RunReader):
         self.message = ''
         self.outputs: Mapping[str, Any] = {}
         self.told: list[RunSnapshot] = []
-        """The run at each moment at which it told that something has changed."""
+        """The run at each moment at which it reported a change."""
         self.answers: list[str | None] = []
         """Answers to the commands that were decided: None, or the refusal."""
         request = RunRequest(entry, arguments, (), autonomy)
@@ -114,7 +114,7 @@ class Run(RunReader):
         return self.wait()
 
     def errors(self) -> str:
-        """Return what was told to the operator as warnings and errors."""
+        """Return the warnings and errors that were reported to the operator."""
         return '\n'.join(text for severity, _, text in self.lines if severity >= ExecutiveLog.WARN)
 
 
@@ -138,7 +138,7 @@ class StateBench:
     def serve(
         self, action_type: Any, name: str, script: GoalScript | None = None, **options: Any
     ) -> ScriptedActionServer:
-        """Start an action server, in a process of its own as far as ROS can tell."""
+        """Start an action server that appears to ROS as in a separate process."""
         runtime = NodeRuntime('scripted_server', args=())
         self._servers.append(runtime)
         server = ScriptedActionServer(runtime, action_type, name, script, **options)

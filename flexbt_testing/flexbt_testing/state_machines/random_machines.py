@@ -29,8 +29,8 @@ _LABELS: Final = 'ABCDEF'
 class Visit:
     """The script of one visit of a state.
 
-    ``kind``: 'go' by ``outcome`` at once, 'wait' for an event, 'ask' the operator, suggesting ``outcome`` (or None),
-    or raise in 'on_enter' or 'execute'. ``leaving``: '', 'raise' in on_exit, or 'slow': halts when it is told.
+    ``kind``: 'go' by ``outcome`` at once, 'wait' for an event, 'ask' the operator, suggesting ``outcome`` (or None), or
+    raise in 'on_enter' or 'execute'. ``leaving``: '', 'raise' in on_exit, or 'slow': halts when it is requested.
     """
 
     kind: str
@@ -65,7 +65,7 @@ class RandomNode:
 
 
 def random_machine(random: Random, states: int = STATES) -> RandomNode:
-    """Return a machine of about so many ``states``, up to DEPTH levels below the root, which can all be reached."""
+    """Return a machine of about this many ``states``, up to DEPTH levels below the root, which can all be reached."""
     root = RandomNode('/', _outcomes(random, ['x', 'y', 'z']))
     _fill(random, root, DEPTH, [states])
     return root

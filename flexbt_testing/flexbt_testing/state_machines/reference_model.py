@@ -2,7 +2,7 @@
 """A small model of a run, written from the rules and not from the engine: what has to come of each operation.
 
 It is a tree of seats, of plain data. What has priority, what stands still, what a lock holds back and what is to be
-done is found out anew each time, by looking at the whole tree; the engine keeps that, and is told of changes.
+done is found out anew each time, by looking at the whole tree; the engine keeps that, and is notified of changes.
 
 The order of things: whatever can happen first in the order of the children does, in a machine before around it.
 """
@@ -206,7 +206,7 @@ class Model:
         return True
 
     def switch(self) -> bool:
-        """Go on with the same machine made anew."""
+        """Continue with the same machine, made again."""
         is_between = any(seat.phase == 'left' or seat.ending is not None for seat in self._root.all())
         if self.stands or is_between:
             return False
@@ -369,7 +369,7 @@ class Model:
         return path
 
     def _after(self, seat: Seat, outcome: str) -> RandomNode | str | None:
-        """Return what comes of leaving by an outcome: a sibling, the outcome of what is around it, or nothing."""
+        """Return the result of leaving by an outcome: a sibling, the outcome of what is around it, or nothing."""
         around = seat.outer
         assert around is not None
         if around.occupant.kind is not StateKind.CONCURRENCY:

@@ -2,10 +2,9 @@
 """Repeated starts of executables, as forks of one process that has loaded what they need.
 
 Loading takes most of the time that a start takes of a processor, and is the same each time. A fork goes on where
-:func:`run_main` has loaded the module: it has the arguments, the environment and the standard
-streams that it is given, and the working directory of who asks, and ends as the executable does. What differs is the
-beginning alone: the interpreter, its options and the entry point. Tests that are about these start the executable
-itself.
+:func:`run_main` has loaded the module: it has the arguments, the environment and the standard streams that it is given,
+and the working directory of the caller, and ends as the executable does. Only the beginning differs: the interpreter,
+its options and the entry point. Tests that are about these start the executable itself.
 """
 
 from __future__ import annotations
@@ -38,8 +37,8 @@ _MAX_REQUEST: Final = 1_000_000
 _NODES: Final = ('flexbt_navigation.', 'flexbt_onboard.', 'flexbt_server.', 'flexbt_sim.')
 """Prefixes of the modules whose programs no signal interrupts: their locks are watched."""
 _KEEP_STACKS: Final = f'glibc.pthread.stack_cache_size={1 << 40}'
-"""LTTng, which rclpy loads, cancels its threads as a process ends. A fork does not have them; if it has many threads of
-its own, the C library gives the memory of those back, and the fork would end by a segmentation fault."""
+"""LTTng, which rclpy loads, cancels its threads as a process ends. A fork does not have them; if it has many threads
+itself, the C library returns the memory of those, and the fork would end by a segmentation fault."""
 _READ_AS_MODULES_ARE_LOADED: Final = ('FLEXBT_', 'PYTHON', 'RMW_', 'RCUTILS_', 'ROS_PYTHON_', 'NUMBA_', 'LANG', 'LC_')
 """Prefixes of the names of variables that modules read as they are loaded. A process reads the others when it needs
 them, such as ROS_DOMAIN_ID."""
@@ -97,7 +96,7 @@ class ForkServer:
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             words = [sys.executable, '-m', __name__, str(other.fileno()), *modules]
-            # Of a session of its own: Ctrl-C in the terminal is for whoever asks, who then ends what it has started.
+            # In its own session: Ctrl-C in the terminal is for the caller, which then ends what it has started.
             self._process = subprocess.Popen(
                 words,
                 stdin=subprocess.DEVNULL,
@@ -172,7 +171,7 @@ def _fork_server(_environment: frozenset[tuple[str, str]], *modules: str) -> For
 
 
 def _serve(connection: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
-    """Start processes, and tells how they have ended; None when nobody asks any more, and those left are ended.
+    """Start processes, and report how they have ended; None when nobody asks any more, and those left are ended.
 
     In each fork it gives what that has been asked to become: the request, and the files for what it says.
     """

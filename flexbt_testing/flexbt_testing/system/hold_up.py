@@ -4,10 +4,10 @@
 Usage: python -m flexbt_testing.system.hold_up FIFO EXECUTABLE [ARGUMENT ...]
 
 A line that is written to FIFO names a method that the thread calls again and again, and seconds:
-``flexbt_common.runtime.node_runtime.NodeRuntime._run_posted 3.0``. Its next call takes so much longer. The interpreter
-goes on, and with it all other threads of the process: a stopped process (SIGSTOP) is another case. ``interpreter 3.0``
-has the whole interpreter hang, as a collection of garbage or a call of C does that keeps the GIL, while the middleware
-goes on.
+``flexbt_common.runtime.node_runtime.NodeRuntime._run_posted 3.0``. Its next call takes longer by this time. The
+interpreter goes on, and with it all other threads of the process: a stopped process (SIGSTOP) is another case.
+``interpreter 3.0`` has the whole interpreter hang, as a collection of garbage or a call of C does that keeps the GIL,
+while the middleware goes on.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ of navigation and simulator it drives on, and stops when it is commanded to: the
 
 
 def hold_up(method: str, seconds: float) -> None:
-    """Have the next call of a method, by its qualified name, take so much longer."""
+    """Make the next call of a method, by its qualified name, take this much longer."""
     if method == INTERPRETER:
         ctypes.PyDLL(None).poll(None, 0, round(1000.0 * seconds))  # a call by PyDLL keeps the GIL
         return

@@ -193,7 +193,7 @@ class LossyLink:
     def sent(self) -> tuple[Counter[int], Counter[int]]:
         """Bytes that each end has sent while the link was not cut, from the IP header on, by UDP port.
 
-        Port 0 stands for everything else, such as the later fragments of a large datagram.
+        Port 0 is everything else, such as the later fragments of a large datagram.
         """
         with self._lock:
             return self._sent[0].copy(), self._sent[1].copy()

@@ -29,7 +29,7 @@ _LOST_SECONDS: Final = 5.0
 
 
 class Probe(Operator):
-    """An operator who sees the robot's pose too, and sends goals to its servers."""
+    """An operator that sees the robot's pose too, and sends goals to its servers."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         super().__init__(runtime, 'test')
@@ -60,7 +60,7 @@ class Probe(Operator):
         self.wait(lambda: self.pose and self._is_heard() and self._all_ready(), 'readiness')
 
     def _is_heard(self) -> bool:
-        """Return whether the executive hears commands: others, as a recorder, may do so sooner."""
+        """Return whether the executive receives commands: others, such as a recorder, may do so sooner."""
         listeners = self.console.node.get_subscriptions_info_by_topic(names.EXECUTIVE_COMMAND)
         is_known = any(one.node_name == 'onboard_executive' for one in listeners)
         return is_known and bool(self._commands.get_subscription_count() >= len(listeners))
@@ -77,7 +77,7 @@ class Probe(Operator):
         self.wait(lambda: self.status.state == state, f'executive in state {state}')
 
     def drive_to(self, x: float, y: float, driven: float = 0.5) -> None:
-        """Start the first demonstration, give it a goal, and wait until the robot has driven so many metres."""
+        """Start the first demonstration, give it a goal, and wait until the robot has driven this many metres."""
         self.wait_state(ExecutiveStatus.IDLE)
         self.applied(ExecutiveCommand.START, behavior='Navigate', autonomy=2)
 
@@ -108,7 +108,7 @@ class Probe(Operator):
         self.wait(lambda: self.pose is not before, 'pose after the reset')
 
     def wait_at_rest(self, quiet: float = 1.5) -> None:
-        """Wait until poses, not their absence, have shown the robot at rest for so long, s on the robot's clock."""
+        """Wait until poses, not their absence, have shown the robot at rest for this time, s on the robot's clock."""
         began = self.pose
 
         def still() -> bool:

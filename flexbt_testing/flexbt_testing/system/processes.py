@@ -66,7 +66,7 @@ def executable(name: str) -> str:
 class Ending:
     """The end of a process: its exit code, the (uncontended) seconds since the signal, and its output.
 
-    ``held_up`` are the seconds besides in which the machine was too busy.
+    ``held_up`` are the additional seconds in which the machine was too busy.
     """
 
     exit_code: int
@@ -137,7 +137,7 @@ class Stack:
         if fifo is not None and not fifo.exists():
             os.mkfifo(fifo)
         with self._log(name).open('ab') as log:
-            # Modules read some of the environment as they are loaded: with another one, they are loaded anew.
+            # Modules read some of the environment as they are loaded: with another one, they are loaded again.
             if self._forked and base in MODULES and environment is None:
                 server = fork_server.fork_server(*LOADED)
                 pid = server.start(words, log.fileno(), os.environ, fifo, module=MODULES[base])
@@ -186,7 +186,7 @@ class Stack:
         return uncontended_time()
 
     def hold_up(self, name: str, method: str, seconds: float) -> float:
-        """Let the thread that calls a method hang for so long (:mod:`.hold_up`); the uncontended time when."""
+        """Let the thread that calls a method hang for this time (:mod:`.hold_up`); the uncontended time when."""
         self._fifo(name).write_text(f'{method} {seconds}\n')
         return uncontended_time()
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Processes of Python for tests, forked with their imports loaded, and the console in its line mode as one of them.
 
-Their command line is that of the interpreter: ``-c TEXT ...``, ``-m MODULE ...`` or ``FILE ...``; their standard
-input is empty. Each is a fork of a process that has imported what nodes share, and the modules ``preloaded``, where
-there are such (:data:`.fork_server.AVAILABLE`).
+Their command line is that of the interpreter: ``-c TEXT ...``, ``-m MODULE ...`` or ``FILE ...``; their standard input
+is empty. Each is a fork of a process that has imported what nodes share, and the modules ``preloaded``, where forks are
+possible (:data:`.fork_server.AVAILABLE`).
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class ForkedPython(fork_server.ForkedProcess):
         """Wait for the end; gives what it has said that was not read, and its errors.
 
         Raises:
-            subprocess.TimeoutExpired: it, or a process of its own that can still say something, did not end within
+            subprocess.TimeoutExpired: it, or a child process that can still write, did not end within
                 ``timeout`` seconds.
         """
         if not self._said:
@@ -169,7 +169,7 @@ def run_console(*words: str) -> subprocess.CompletedProcess[str]:
     """Run a command to its end.
 
     Raises:
-        AssertionError: it did not end in time; tells what each of its threads was doing.
+        AssertionError: it did not end in time; reports what each of its threads was doing.
     """
     with start_console(*words) as process:
         try:

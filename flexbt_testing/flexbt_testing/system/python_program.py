@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-# What programs of tests import: a fork of a process that has loaded this need not load it.
+# Imports of programs of tests: a fork of a process that has loaded these need not load them.
 import flexbt_common.calls.action_call
 import flexbt_common.calls.goal_server
 import flexbt_common.calls.links
