@@ -51,7 +51,7 @@ def make_streams_safe() -> None:
 
 
 def abandon_stdout() -> None:
-    """To be called when nobody reads the output any more: nothing may be written any more, at the end neither."""
+    """Call this when the output has no reader any more: nothing may be written from then on, not even at the end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -16,7 +16,7 @@ PROFILE: Final = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 def profile(name: str) -> Path:
-    """Return a profile of Fast DDS that comes along: this_computer, network, radio_robot or radio_console."""
+    """Return an included profile of Fast DDS: this_computer, network, radio_robot or radio_console."""
     return Path(get_package_share_directory('flexbt_common')) / 'config' / f'{name}.xml'
 
 

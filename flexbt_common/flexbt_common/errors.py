@@ -41,7 +41,7 @@ class LimitExceededError(FlexbtError):
 
 
 class ResourceError(FlexbtError):
-    """The file that was asked for as ``name`` cannot be used."""
+    """The file ``name`` cannot be used."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(f'{name}: {message}')

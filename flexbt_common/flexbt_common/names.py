@@ -194,7 +194,7 @@ def transient_local_qos(depth: int = 1) -> QoSProfile:
 
 
 def command_qos() -> QoSProfile:
-    """For commands: reliable, and not repeated to whoever comes later."""
+    """For commands: reliable, and not repeated to late subscribers."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=COMMAND_DEPTH,
@@ -204,7 +204,7 @@ def command_qos() -> QoSProfile:
 
 
 def stop_qos() -> QoSProfile:
-    """For stops, which have a queue of their own: what floods that of the commands drives none of them out."""
+    """For stops, which have their own queue: a flood in that of the commands drops none of them."""
     profile = command_qos()
     profile.depth = STOP_DEPTH
     return profile

@@ -30,7 +30,7 @@ class Rigid(NamedTuple):
 
     @classmethod
     def of(cls, translation: Vector, rotation: Quaternion) -> Rigid:
-        """With a quaternion of any length; of all zeros, as in messages not filled in, it is no turn."""
+        """With a quaternion of any length; of all zeros, as in messages not filled in, it is not a rotation."""
         return cls(translation, _unit(rotation)) if any(rotation) else cls(translation)
 
     def __matmul__(self, other: Rigid) -> Rigid:
@@ -84,7 +84,7 @@ def _unit(q: Quaternion) -> Quaternion:
 
 def _rotated(q: Quaternion, v: Vector) -> Vector:
     x, y, z, w = q
-    # Twice the cross product with the axis, and that once more: fewer products than with a matrix.
+    # Twice the cross product with the axis, and that again: fewer products than with a matrix.
     tx, ty, tz = 2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])
     return (
         v[0] + w * tx + y * tz - z * ty,

@@ -69,7 +69,7 @@ class TransformListener:
             )
         ]
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
-        # Kept, since the jumps are told for as long as it is.
+        # Kept, since the jumps are reported only as long as it exists.
         self._jumps = node.get_clock().create_jump_callback(
             threshold, post_callback=lambda _jump: runtime.post(lambda: self.buffer.clear())
         )
@@ -82,7 +82,7 @@ class TransformListener:
 
     @classmethod
     def of(cls, runtime: Runtime) -> TransformListener:
-        """Return the listener of a node, which begins to listen now if nobody has asked before."""
+        """Return the listener of a node, which begins to listen with the first call."""
         return runtime.once('transform listener', cls)
 
     def transform_pose(

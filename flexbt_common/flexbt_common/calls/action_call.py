@@ -210,7 +210,7 @@ class ActionCall:
     def _not_accepted(self) -> None:
         if self.done or self.accepted:
             return
-        # The server may have the goal all the same: its answer may be late or lost.
+        # The server may have the goal nevertheless: its answer may be late or lost.
         asked, answer = self._runtime.steady.now(), self._link.cancel(self._goal_id)
         if self._cancel_requested and self._cancel_timeout is None:
             answer.add_done_callback(lambda future: self._early_cancel_answered(future, asked))
@@ -251,7 +251,7 @@ class ActionCall:
             return
         if self.done:
             if response.accepted:
-                self._link.cancel(self._goal_id)  # nobody waits for this goal any more
+                self._link.cancel(self._goal_id)  # nothing waits for this goal any more
             return
         if self.accepted:
             return  # the list of goals was faster

@@ -142,7 +142,7 @@ class ServedGoal:
         self._on_cancel.append(fn)
 
     def notify_cancel(self) -> None:
-        """Call those who asked for it; for the server."""
+        """Call the clients that requested it; for the server."""
         waiting, self._on_cancel = self._on_cancel, []
         for fn in waiting:
             fn()

@@ -10,16 +10,16 @@ A watcher knows three stages:
 
 - *alive*;
 - *late*: nothing was heard of it for the lease, or it says itself that a part of it does not answer. It hangs, or its
-  computer is busy; whoever is driven by it comes to rest, and ends nothing, since it may be heard again. A node that
+  computer is busy; nodes that it controls pause, and end nothing, since it may be heard again. A node that
   the middleware has found and that has said nothing is late, too: it can send goals before its token is heard (0.5 s
   were measured), and may be stopped or killed meanwhile;
 - *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back,
   another process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by
   its being late for longer than a time that the watcher sets. A process whose place was taken, and that is heard
-  again, has a namesake: nobody knows which of the two answers, so the node is late as long as both are heard.
+  again, has a namesake: it is not known which of the two answers, so the node is late as long as both are heard.
 
 Alive is not ready: a process lives for seconds before the last of its actions and services exists. The message on the
-token's topic says whether the node is ready, and whoever comes later gets it too. A node that has said nothing is
+token's topic says whether the node is ready, and late subscribers get it too. A node that has said nothing is
 not.
 
 The token is asserted by hand, because that is between itself and its watchers. What DDS asserts automatically goes to
@@ -122,7 +122,7 @@ def _qos() -> QoSProfile:
 
 
 def has_liveliness_protocol() -> bool:
-    """Return whether the middleware of this process tells liveliness: that of a console on a radio does not."""
+    """Return whether the middleware of this process reports liveliness: that of a console on a radio does not."""
     file = Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))
     return not (file.is_file() and '<use_WriterLivelinessProtocol>false<' in file.read_text(errors='replace'))
 
@@ -131,7 +131,7 @@ def _check_profile() -> None:
     """Fast DDS would end the process without a word.
 
     Raises:
-        RuntimeError: the profile in use turns the protocol off by which liveliness is told.
+        RuntimeError: the profile in use turns off the protocol that reports liveliness.
     """
     if not has_liveliness_protocol():
         file = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
@@ -337,7 +337,7 @@ class LivelinessWatch:
 
     def has_ended(self, writer: bytes) -> bool:
         """Return whether a writer of this node, on any topic, is of a process that has ended for certain, which the
-        middleware tells only when the lease of its participant is over."""
+        middleware reports only when the lease of its participant is over."""
         return self._token.has_ended(writer)
 
     def is_gone(self, writer: bytes) -> bool:
@@ -488,7 +488,7 @@ class _SeenToken:
                 return
             self._replace(holder)  # before it was missed
             if not self.listeners:
-                return  # nobody has watched any more
+                return  # nothing has watched any more
         if not self.alive and not self._is_asserted:
             self._await_first_word()
         hangs = status.level == DiagnosticStatus.STALE
@@ -554,7 +554,7 @@ class _SeenToken:
         self.release()
 
     def release(self) -> None:
-        """Hear no more when nobody watches, and nothing is there to be watched."""
+        """Stop listening when there is no watcher, and nothing to be watched."""
         if not self.listeners and not self.alive:
             self._runtime.forget(_key(self._topic))
             self._runtime.node.destroy_subscription(self._messages.subscription)
@@ -602,7 +602,7 @@ def _identity_of(status: DiagnosticStatus) -> ProcessIdentity:
     return ProcessIdentity(status.hardware_id, int(pid) if pid.isdecimal() else 0, values.get(_BEGAN, ''))
 
 
-# Which process of which computer somebody is; and, on the same computer, whether it has ended.
+# The identity of a process and its computer; and, on the same computer, whether it has ended.
 
 _BOOT_ID: Final = Path('/proc/sys/kernel/random/boot_id')
 _PID_NAMESPACE: Final = Path('/proc/self/ns/pid')

@@ -217,7 +217,7 @@ class ManagedNode(ExtendedLifecycleNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
-        if self._is_starting:  # the process ends: nobody is to configure it
+        if self._is_starting:  # the process ends: it must not be configured
             return TransitionCallbackReturn.SUCCESS
         try:
             self._enter(self._waiting)
@@ -336,7 +336,7 @@ def run_managed_node(
     return run_node(name, setup, args, ManagedNode, about)
 
 
-# A part of a node that has an end of its own: what a managed node makes when it is configured.
+# A part of a node that ends by itself: what a managed node makes when it is configured.
 
 T = TypeVar('T')
 
@@ -482,7 +482,7 @@ def _destroy_action(action: ActionServer | ActionClient) -> None:
     action.destroy()
 
 
-# A node on ``/diagnostics``, for tools that watch over whole robots: once a second, while somebody listens.
+# A node on ``/diagnostics``, for tools that monitor whole robots: once a second, while it has subscribers.
 
 DIAGNOSTICS_TOPIC: Final = '/diagnostics'
 DIAGNOSTICS_PERIOD: Final = 1.0

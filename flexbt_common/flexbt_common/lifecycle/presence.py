@@ -56,7 +56,7 @@ class PresenceToken:
 
     def __init__(self, runtime: Runtime, name: str, namespace: str = '') -> None:
         self._topic = names.of_robot(namespace, names.EXECUTIVE_PRESENCE)
-        # The time of its making tells it from the other tokens of that name.
+        # The time of its creation distinguishes it from other tokens of that name.
         self._word = PeerStatus(name=sanitize_for_message(name), alive=True, since=runtime.clock.stamp())
         self._runtime = runtime
         runtime.call(self._open)

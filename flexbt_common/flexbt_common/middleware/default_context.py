@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """rclpy's default context, for users' code: ``rclpy.ok()``, ``rclpy.create_node()``, ``rclpy.spin_once()``.
 
-Our nodes have contexts of their own. States and leaves of users are often written for a process that has called
+Our nodes have their own contexts. States and leaves of users are often written for a process that has called
 ``rclpy.init()``, so each process that runs them has an initialized default context as well. As it is not that of our
 nodes, ``rclpy.shutdown()`` in a state does not end the node that runs the state.
 """
@@ -65,7 +65,7 @@ class DefaultContext:
             self._opened = rclpy.get_default_context()
 
     def shut_down(self) -> None:
-        """End what waits in rclpy: loops over ``rclpy.ok()``, threads that spin. Nothing if somebody else opened it."""
+        """End what waits in rclpy: loops over ``rclpy.ok()``, threads that spin. Does nothing if others opened it."""
         if self._opened is rclpy.get_default_context():
             rclpy.try_shutdown()
 

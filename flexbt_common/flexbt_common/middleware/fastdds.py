@@ -53,7 +53,7 @@ _SET_LISTENER: Final = (
 
 
 def end_callbacks(node: Node) -> None:
-    """Have the participant of a node tell nobody of the graph any more; to be called before the node is destroyed.
+    """Stop the participant of a node from publishing its graph; call this before the node is destroyed.
 
     Waits at most CALLBACK_SECONDS for a callback that is under way: a time that can be converted. Nothing is done where
     another middleware, or another version of it, is in use.
@@ -85,7 +85,7 @@ def participant_address(node: Node) -> int | None:
 
 # To hear nothing more of a participant of the domain: the middleware drops what it sends as it comes in.
 #
-# What a node does not want to have costs it memory all the same: the middleware puts large messages together and keeps
+# What a node does not want to have still costs it memory: the middleware puts large messages together and keeps
 # them until somebody takes them. (DDS has ``ignore_participant`` for this, DDS 1.4, 2.2.2.2.1.14; rmw does not offer
 # it.)
 
@@ -135,7 +135,7 @@ def _prefix_of(node: Node) -> bytes:
     return found[0][:_PREFIX_SIZE] if len(found) == 1 else b''
 
 
-# That the room of large messages is given back: else a process keeps it for ever, once for each topic and service.
+# Return memory of large messages to the OS: otherwise a process keeps it forever, once for each topic and service.
 #
 # Two others keep it. Fast DDS, as rmw_fastrtps sets it up, keeps for each place in the queue of an endpoint the largest
 # message that has been there; a profile may tell it not to (``historyMemoryPolicy`` DYNAMIC), which rmw_fastrtps heeds
@@ -143,7 +143,7 @@ def _prefix_of(node: Node) -> bytes:
 # them freed; there they are given back only when nothing above them is in use.
 
 _MMAP_THRESHOLD: Final = -3
-"""M_MMAP_THRESHOLD of mallopt; what is larger is a mapping of its own, which free gives back."""
+"""M_MMAP_THRESHOLD of mallopt; larger allocations are separate mappings, which free returns to the OS."""
 
 _LARGE: Final = 2_000_000
 _HEEDS: Final = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
@@ -176,7 +176,7 @@ def _decide() -> None:
 
 
 def is_dynamic(profile: Path) -> bool:
-    """Return whether this file of Fast DDS has the room given back for every topic.
+    """Return whether this file of Fast DDS returns the memory of every topic.
 
     Each profile of writers and readers in it must say so, and there must be a default one of each: heeded without a
     word of it, Fast DDS refuses messages that are larger than the first. The profile of a topic has the topic's name.

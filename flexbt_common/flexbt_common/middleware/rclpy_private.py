@@ -135,7 +135,7 @@ Take = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
 
 
 class ExtendedExecutor(Executor):
-    """rclpy's executor, with what a loop of one's own needs. EXECUTOR is to be usable."""
+    """rclpy's executor, with what a custom loop needs. EXECUTOR has to be usable."""
 
     def takes(self) -> dict[str, Take]:
         """Return how what has come is taken, for each kind of entity as wait sets name it; waitables are 'waitable'."""
@@ -168,7 +168,7 @@ class ExtendedExecutor(Executor):
 
 
 def wait_set(count: NumberOfEntities, context: Any) -> Any:
-    """Return a wait set with room for so many entities."""
+    """Return a wait set with room for this many entities."""
     return rclpy_implementation.WaitSet(
         count.num_subscriptions,
         count.num_guard_conditions,

@@ -86,13 +86,13 @@ class Received:
         """Return the message.
 
         Raises:
-            ValueError: these bytes are no such message, or it is too large.
+            ValueError: these bytes are not such a message, or it is too large.
         """
         if self.data is None:
             raise ValueError(f'{self.size} bytes are too many')
         try:
             return deserialize_message(self.data, message_type)
-        except Exception as error:  # rclpy's own, or that of a text which is no UTF-8
+        except Exception as error:  # rclpy's own, or that of a text which is not UTF-8
             raise ValueError(f'these {self.size} bytes are no {message_type.__name__}: {error}') from error
 
 
@@ -293,7 +293,7 @@ class _Taker:
             self._free(ctypes.byref(taken))
 
 
-# The newest message of a topic, for whoever reads it far more rarely than it comes.
+# The newest message of a topic, for readers that need it far more rarely than it arrives.
 
 MOST_BYTES: Final[Mapping[type[Any], int]] = {PoseStamped: 2_000}
 """Size limit for types whose messages are forwarded repeatedly, bytes; other types have the general limit."""

@@ -149,7 +149,7 @@ class ClockHealth:
     def _look_for_publishers(self) -> None:
         """Look again: publishers have come or gone, or the pause is over."""
         if self._messages is not None or not reports_writers():
-            return  # it is looked again, or it cannot be known who sends
+            return  # check again, or the sender cannot be known
         if self._timer is not None:
             self._timer.cancel()
         node = self._runtime.node
@@ -188,7 +188,7 @@ class ClockHealth:
         shown = [name if count == 1 else f'{count} x {name}' for name, count in sorted(found.items())]
         return ', '.join(shown[:_MOST_NAMES]) + (', ...' if len(shown) > _MOST_NAMES else '')
 
-    # -- what is told ------------------------------------------------------------------------------------------------
+    # -- reports ----------------------------------------------------------------------------------------------------
 
     def _judge(self) -> None:
         found: dict[str, str] = {}

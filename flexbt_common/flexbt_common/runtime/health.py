@@ -101,7 +101,7 @@ class WatchedLoop:
     """A thread that works in a loop, from one rest to the next: it has to come to rest again soon.
 
     In its ``with`` block the thread that entered it is watched; in that of :meth:`resting` it may take any time,
-    because it waits for somebody to wake it. So it may while ``is_held_up()``, by a debugger for example.
+    because it waits to be woken. So it may while ``is_held_up()``, by a debugger for example.
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class Health:
     def __init__(self, steady: Clock) -> None:
         self._steady = steady
         self._lock = threading.Lock()
-        # Held while it is told whether something is late: who is told last is told what is.
+        # Held while lateness is reported, so that the last report is the true one.
         self._telling = threading.Lock()
         self._watched: list[WatchedThread] = []
         self._missing: set[WatchedThread] = set()
@@ -170,7 +170,7 @@ class Health:
         self._asked_at = math.inf  # not yet
         self._looked_at = 0.0
         self._settled_at = -math.inf
-        # Held until a pause is told: whoever looks meanwhile goes on after that. Before the other locks.
+        # Held until a pause is reported: a thread that checks meanwhile continues after that. Before the other locks.
         self._pausing = threading.RLock()
         self._is_late = False
         self._failure = ''
@@ -185,7 +185,7 @@ class Health:
         """Have something watched, until it is closed.
 
         ``name`` is the subject of a sentence ('the executor'). ``where`` says what it is doing, for people; without it,
-        the innermost call of ``thread`` is told.
+        the innermost call of ``thread`` is reported.
         """
         watched = WatchedThread(self, name, ping, thread, where)
         with self._lock:

@@ -7,7 +7,7 @@ executive, several times for each message, where the wait itself takes 3 us. Her
 gets or loses an entity, and what is ready is called at once. The node whose clock and simulated time count is the one
 that it is made for; ``add_node`` adds such as have other names (:mod:`flexbt_common.lifecycle.lifecycle_subnode`).
 
-A subscription wakes the executor only while somebody waits for its messages: that to the simulated time while a timer
+A subscription wakes the executor only while something waits for its messages: that to the simulated time while a timer
 waits for a time (:mod:`.simulated_time`), and one whose callback has ``is_awaited`` while that gives True. What comes
 meanwhile stays with the middleware, up to the depth of the subscription, for whoever takes it. Whether the two ends of
 a topic do not fit each other is checked once a second: there are two such events for each topic of a node.
@@ -87,7 +87,7 @@ def make_executor(
 ) -> NodeExecutor | StockNodeExecutor:
     """Return the best executor that this version of rclpy allows.
 
-    ``on_fault(error)`` is told what a callback lets escape; the others are called all the same. ``on_turn()`` is called
+    ``on_fault(error)`` gets the exception of a callback; the others are called nevertheless. ``on_turn()`` is called
     when the wait is over, before any callback (by rclpy's own loop, before the wait). ``later`` is for answers of
     services that could not be sent.
     """
@@ -162,7 +162,7 @@ class NodeExecutor(ExtendedExecutor):
         self.add_node(node)
 
     def turn(self, timeout: float | None) -> None:
-        """Wait until something is ready, at most ``timeout`` seconds (None: for ever), and call everything that is.
+        """Wait until something is ready, at most ``timeout`` seconds (None: forever), and call everything that is.
 
         May come back without having called anything.
 
@@ -328,7 +328,7 @@ class NodeExecutor(ExtendedExecutor):
 
 
 def _waits_itself(subscription: Subscription) -> bool:
-    """Return whether it has a wait set of its own, on the thread that has made it."""
+    """Return whether it has its own wait set, on the thread that made it."""
     return getattr(subscription.callback, '__module__', '') == wait_for_message.__name__
 
 
@@ -504,7 +504,7 @@ class _Entities:
             group.waitables.append((takes['waitable'], waitable))
 
     def ready(self, timeout: float | None, turn: _Turn, some_await: bool) -> list[tuple[Take, Any]]:
-        """Wait until something is ready, at most ``timeout`` seconds (None: for ever); gives what is. Others may have
+        """Wait until something is ready, at most ``timeout`` seconds (None: forever); return what is. Others may have
         the turn meanwhile. When ``some_await``, the callback groups of some may be busy; these are not waited for."""
         now = monotonic()
         checks_all = now >= self._check_at - _CHECK_TOLERANCE
@@ -538,7 +538,7 @@ class _Entities:
         self._held.close()
 
     def _awaited(self, subscription: Subscription) -> Callable[[], bool] | None:
-        """Return whether somebody waits for its messages; None: always."""
+        """Return whether something waits for its messages; None: always."""
         if is_clock_subscription(subscription):
             return self._is_time_awaited
         is_awaited: Callable[[], bool] | None = getattr(subscription.callback, 'is_awaited', None)

@@ -87,7 +87,7 @@ class _Allowance:
 class NodeLogger(ExtendedLogger):
     """The logger of a node, as rclpy's, whose messages are escaped and bounded.
 
-    A message of several lines has the further ones indented, so that none of them looks like a message of its own.
+    The further lines of a message are indented, so that none of them looks like a separate message.
     Debug messages are not bounded: they are off by default.
     """
 
@@ -212,7 +212,7 @@ class _CStream:
         return bool(_state(self.descriptor))
 
     def count_unread(self) -> None:
-        """Look whether the message that was just written has been cut or lost; without a reader nobody misses it."""
+        """Check whether the message that was just written was cut or lost; without a reader that does not matter."""
         if self._failed(self._file):
             self._forgive(self._file)
             self.unread += _state(self.descriptor) in (0, select.POLLOUT)
@@ -242,7 +242,7 @@ def watchdog_descriptor() -> int:
 
 
 def _state(number: int, seconds: float = 0.0) -> int:
-    """Return what poll tells of a descriptor in time: POLLOUT if it has room, 0 if not, others without a reader."""
+    """Return what poll reports of a descriptor in time: POLLOUT if it has room, 0 if not, others without a reader."""
     ready = select.poll()
     ready.register(number, select.POLLOUT)
     return next((flags for _, flags in ready.poll(1000.0 * seconds)), 0)
@@ -258,7 +258,7 @@ class StandardStreams:
 
     The descriptors 1 and 2 stay as they are, too: the programs that this process starts inherit them, and the shell
     goes on with them. Whether to wait is a matter of the open file, not of the descriptor, so the streams get one of
-    their own: the pipe or terminal, opened once more.
+    their own: the pipe or terminal, opened again.
     """
 
     def __init__(self) -> None:
@@ -270,7 +270,7 @@ class StandardStreams:
         for name in ('stdout', 'stderr'):
             stream = getattr(sys, name)
             if stream is None or stream is not getattr(sys, f'__{name}__'):
-                continue  # closed, or somebody's own, such as that of a test
+                continue  # closed, or replaced by others, such as a test
             with contextlib.suppress(OSError):  # out of descriptors: it stays as it is
                 if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
                     self._take_over(name, stream)
@@ -312,7 +312,7 @@ class _Output(io.RawIOBase):
             os.set_blocking(self._own, False)
             self._pump = threading.Thread(target=_pump, args=(reading, number), name='standard_stream', daemon=True)
             self._pump.start()
-        with contextlib.suppress(OSError):  # no pipe, or so many large ones are not allowed
+        with contextlib.suppress(OSError):  # not a pipe, or this many large ones are not allowed
             if fcntl.fcntl(self._own, fcntl.F_GETPIPE_SZ) < _PIPE_BYTES:
                 fcntl.fcntl(self._own, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         self._c_stream = c_stream

@@ -152,7 +152,7 @@ class AnswerResender:
 
 class LargeQueueNode(Node):
     """A node whose services have the depth of :func:`service_qos` where no other is given, and
-    answer whatever parameters are to be set. What it logs is escaped and bounded (:class:`.node_log.NodeLogger`)."""
+    answer for any parameters. What it logs is escaped and bounded (:class:`.node_log.NodeLogger`)."""
 
     def get_logger(self) -> NodeLogger:
         """See :meth:`rclpy.node.Node.get_logger`."""
@@ -251,7 +251,7 @@ class LargeQueueNode(Node):
         return service
 
     def resend_answers(self, service: Any) -> None:
-        """Have the answers of a service of this node sent until there is somebody to get them."""
+        """Have the answers of a service of this node sent until they have a reader."""
 
         def later(seconds: float, fn: Callable[[], object]) -> None:
             if self.executor is not None:
@@ -340,7 +340,7 @@ class NodeRuntime:
         namespace: str | None = None,
         node_class: type[LargeQueueNode] = LargeQueueNode,
     ) -> None:
-        """Start a node in a context of its own.
+        """Start a node in its own context.
 
         ``args`` are command line arguments (``--ros-args`` ...), None for those of the process; ``parameters``
         override what the arguments say.
@@ -442,7 +442,7 @@ class NodeRuntime:
         return _PostedTimer(self, when, fn)
 
     def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
-        """Run ``fn`` on the executor thread in so many seconds of wall time, as :meth:`post_at`."""
+        """Run ``fn`` on the executor thread after this many seconds of wall time, as :meth:`post_at`."""
         return self.post_at(self.steady.now() + seconds, fn)
 
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
@@ -510,14 +510,14 @@ class NodeRuntime:
                 self._calls.discard(future)
 
     def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
-        """Return what ``make`` makes, the first time that somebody asks, for all who ask; on the executor thread."""
+        """Return the shared object for ``key``, made with ``make`` on first use. Executor thread only."""
         if key not in self._made:
             self._made[key] = make(self)
         made: T = self._made[key]
         return made
 
     def forget(self, key: Hashable) -> None:
-        """Let what :meth:`once` has made under this key be made anew by who asks next. Harmless if there is nothing."""
+        """Forget the object that :meth:`once` made for this key; the next use makes a new one."""
         self._made.pop(key, None)
 
     def cancel_on_close(self, fn: Callable[[], object]) -> None:
@@ -609,7 +609,7 @@ class NodeRuntime:
         rclpy.try_shutdown(context=self._context)
 
     def close_components(self) -> None:
-        """Call what has asked for it by :meth:`on_close`: the first part of the end."""
+        """Call the callbacks registered by :meth:`on_close`: the first part of the end."""
         with self._lock:
             callbacks, self._on_close = self._on_close, []
         self.close_all(callbacks)
@@ -709,7 +709,7 @@ def _place_of(error: BaseException) -> tuple[str, int]:
 def qos_misfit(runtime: Runtime, topic: str) -> str:
     """Return why no messages come on a topic (resolved name), as far as known; '' for nothing. From any thread.
 
-    What is given may be outdated by the end of another node; who asks again hears of that.
+    The result may be outdated by the end of another node; a later call returns the new state.
     """
     misfits = runtime.node.qos_misfits
     text = misfits.of(topic)
@@ -749,7 +749,7 @@ def run_node(
     ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
     ends. The exit code is 0 after a signal, however many come; 1, with a line on stderr, when the node could not be set
     up, has failed (:meth:`NodeRuntime.fail`), cannot go on (:meth:`NodeRuntime.abort`), or has not ended in order; 2
-    for arguments that are not for ROS. With ``--help`` it is told what the node is (``about``), and nothing is run.
+    for arguments that are not for ROS. ``--help`` prints what the node is (``about``), and nothing is run.
     Must be called on the main thread.
     """
     given = sys.argv[1:] if args is None else args
@@ -758,7 +758,7 @@ def run_node(
         return 0
     try:
         unknown = remove_ros_args([name, *given])[1:]
-    except RuntimeError as error:  # of rcl, such as for a namespace that is no name in ROS
+    except RuntimeError as error:  # of rcl, such as for a namespace that is not a valid name in ROS
         print(*escape_lines(f'{name}: {error}'), sep='\n', file=sys.stderr)
         return 2
     if unknown:
@@ -838,7 +838,7 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
         faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=watchdog_descriptor())
     gc.unfreeze()  # the default context finds its nodes among what the collector knows
     runtime.close()
-    gc.freeze()  # else the interpreter collects it at its end, and destructors of the middleware may wait for ever
+    gc.freeze()  # else the interpreter collects it at its end, and destructors of the middleware may wait forever
     in_time.cancel()
 
 

@@ -306,7 +306,7 @@ def bounded(request_type: Any, answer: Callable[[Any, Any], Any], node: Node) ->
 
     A request for more than :data:`MOST_PARAMETERS` is refused before it is looked at: rclpy takes 3 s for a million
     names, in which the node hears nothing. For a parameter of a type that does not exist rclpy's callback raises, and
-    its client waits for ever. Only the services that set parameters can give a reason; for the others it is logged.
+    its client waits forever. Only the services that set parameters can return a reason; for the others it is logged.
     """
     asked = _ASKED_FOR[request_type]
 

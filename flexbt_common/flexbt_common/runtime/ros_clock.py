@@ -185,7 +185,7 @@ class RosClock:
         self._set_timer()
 
 
-# The simulated time of a node, taken from the middleware when somebody wants to know it.
+# The simulated time of a node, taken from the middleware on request.
 #
 # rclpy wakes the executor for each message of /clock, some dozens a second, and that was most of what a node at rest
 # had to do. The middleware keeps the newest message anyway. It is taken whenever the executor has come back from a
@@ -205,11 +205,11 @@ _NANOSECONDS_OF_SECOND: Final = 1_000_000_000
 class SimulatedTime:
     """The source of rclpy's clocks: the newest message of /clock. From any thread.
 
-    ``subscription`` is rclpy's own one, which the executor finds; None while nobody but the executor is to take from
+    ``subscription`` is rclpy's own one, which the executor finds; None while only the executor is to take from
     it, or time is not simulated. ``post_fault`` gets what a callback of a jump of time lets escape: on the thread of
     whoever asks for the time, which may hold any lock, so it must only keep it for later.
 
-    ``refused`` are messages that were no time, and were dropped; ``last_refused`` is the newest of them.
+    ``refused`` are messages without a valid time, which were dropped; ``last_refused`` is the newest of them.
     """
 
     def __init__(self, post_fault: Callable[[Exception], object]) -> None:
@@ -293,7 +293,7 @@ class HandledTime:
         self._seen = now
 
     def all_handled(self) -> None:
-        """Whatever had come when :meth:`sample` was called."""
+        """Note that everything that had arrived when :meth:`sample` was called is handled."""
         self.handled = self.looked
 
 

@@ -35,7 +35,7 @@ class WeakLruCache(Generic[Key, Thing]):
             return thing
 
     def get(self, key: Key, make: Callable[[], Thing]) -> Thing:
-        """Return the thing of this key, made now if there is none. Whoever goes on to use it has to hold it."""
+        """Return the object of this key, made now if there is none. The caller has to hold it while it is used."""
         with self._lock:
             thing = self._all.get(key)
             if thing is None:

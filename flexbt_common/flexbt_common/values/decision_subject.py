@@ -72,7 +72,7 @@ def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
 
 def _poses(value: Any) -> Sequence[Any] | None:
     """Return the poses of a path or a list of poses; None for another value, and for one without poses."""
-    poses = getattr(value, 'poses', None) if _is_message(value) else value  # other objects have code of their own
+    poses = getattr(value, 'poses', None) if _is_message(value) else value  # other objects have their own code
     if type(poses) is not list or not poses or not _is_message(poses[0]):
         return None
     return poses if hasattr(poses[0], 'pose') or hasattr(poses[0], 'position') else None

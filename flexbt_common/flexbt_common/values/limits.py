@@ -80,7 +80,7 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/PlaceList.places': 10_000,
     'flexbt_msgs/ExecutiveEvents.events': 10_000,
     'flexbt_msgs/ExecutiveEvent.path': 100_000,
-    'flexbt_msgs/ExecutiveEvent.outcome': 2_000,  # cut after 1,000, as the others; and what is left out is told
+    'flexbt_msgs/ExecutiveEvent.outcome': 2_000,  # cut after 1,000, as the others, with a note of what is left out
     'flexbt_msgs/ExecutiveEvent.target': 2_000,
     'flexbt_msgs/ExecutiveEvent.reason': 2_000,
     'flexbt_msgs/ExecutiveEvent.operator_id': 2_000,

@@ -80,7 +80,7 @@ def path_points(data: bytes, most: int) -> tuple[str, list[tuple[float, float]]]
     To unpack a path makes an object of each pose, which takes a second for 10,000 of them; this takes 10 ms.
 
     Raises:
-        ValueError: these bytes are no Path in little-endian CDR.
+        ValueError: these bytes are not a Path in little-endian CDR.
     """
     try:
         if data[:2] != b'\0\1':

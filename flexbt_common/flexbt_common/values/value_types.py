@@ -69,7 +69,7 @@ class ValueType:
     """A type that a value can have.
 
     ``name`` is the canonical name, ``slot`` is rosidl's description of a primitive (None for a message),
-    ``message`` is the message class (None for a primitive), ``is_array`` tells an array of it.
+    ``message`` is the message class (None for a primitive), ``is_array`` is true for an array of it.
     """
 
     name: str
@@ -126,9 +126,9 @@ def class_of_slot(slot: Any) -> type[Any]:
 
 
 def type_name(value: Any) -> str:
-    """Name of the type with which a Python value is sent when nobody declared another.
+    """Name of the type with which a Python value is sent unless another is declared.
 
-    Python ints are int64, floats float64. An empty list has no type of its own.
+    Python ints are int64, floats float64. An empty list has no type.
 
     Raises:
         UnknownTypeError: no ROS type fits the value.
