@@ -22,7 +22,7 @@ class WakeEvent:
         self._is_set = False
 
     def set(self) -> None:
-        """Wake the one who waits."""
+        """Wake the waiting thread."""
         with self._condition:
             self._is_set = True
             self._condition.notify()
@@ -42,7 +42,7 @@ class WakeEvent:
                     break
                 if seconds <= 0.0:
                     return
-                self._condition.wait(seconds)  # wakes nobody else
+                self._condition.wait(seconds)  # wakes no other thread
             if self._is_set:
                 self._is_set = False
                 return

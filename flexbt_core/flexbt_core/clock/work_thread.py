@@ -102,7 +102,7 @@ class WorkThread:
         watch = _Watch(self._clock, self._seconds, what, self._on_late)
         try:
             work()
-        except BaseException as error:  # SystemExit too: nobody else does the work
+        except BaseException as error:  # SystemExit too: no other thread does the work
             self._on_fault(error)
         finally:
             watch.close()

@@ -58,7 +58,7 @@ class Violation(NamedTuple):
 
 
 def shared_actuators(owners: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]:
-    """Actuators that several have at once, of who has which: path and resources."""
+    """Return the actuators that several have at once, from each path and its resources."""
     return [
         Violation(Property.ONE_OWNER, resource, f'{resource} has two owners at once: {" and ".join(paths)}')
         for resource, paths in _shared(owners)

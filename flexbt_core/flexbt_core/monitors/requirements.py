@@ -114,7 +114,7 @@ class While:
 
 @dataclass(frozen=True)
 class Written:
-    """The machine ends by ``event`` only when ``keys`` of its userdata were written: a default is no result."""
+    """The machine ends by ``event`` only when ``keys`` of its userdata were written: a default is not a result."""
 
     event: str
     keys: tuple[str, ...]
@@ -180,7 +180,7 @@ class Requirements:
     """A monitor that checks the events of a run against the requirements of the mission.
 
     What it remembers is part of a configuration: a bit or a number for each requirement. ``now`` is the time of the
-    clock of the run, s; ``found`` is told what is wrong.
+    clock of the run, s; ``found`` is called with each violation.
     """
 
     def __init__(

@@ -58,7 +58,7 @@ class TreeMonitor:
         self._aliases: dict[str, str] = {}  # of paths: the same without the numbers of nodes that have no name
         self._called: dict[TreeNode, tuple[str, ...]] = {}  # what requirements call the leaves
         self._open: dict[LeafNode, None] = {}  # leaves that work
-        self._acting: dict[LeafNode, None] = {}  # of those that have actuators, who has them
+        self._acting: dict[LeafNode, None] = {}  # owners of actuators
         self._ending: dict[LeafNode, tuple[UnfinishedWork, ...]] = {}  # of those that were halted
         self._answers: dict[TreeNode, NodeStatus] = {}  # of the conditions that were asked in this tick
         self._starting: LeafNode | None = None
@@ -266,7 +266,7 @@ class TreeMonitor:
         owners = sorted({*self._acting, *self._ending}, key=lambda leaf: leaf.uid)
         for wrong in shared_actuators((leaf.path, self._resources[leaf]) for leaf in owners):
             self._found(wrong)
-        self._is_taken = False  # until somebody else begins
+        self._is_taken = False  # until another one begins
 
     def _check_requirements(self, status: NodeStatus) -> None:
         requirements = self.requirements

@@ -31,7 +31,7 @@ class OutcomeClass(Enum):
     TIMED_OUT = 'timed_out'
     """An attempt that ran out of time."""
     CANCELED = 'canceled'
-    """Somebody has ended it."""
+    """An attempt that was ended from outside."""
 
 
 _NAMES: Final = {
@@ -54,7 +54,7 @@ def usual_outcome_class(outcome: str) -> OutcomeClass | None:
 class Outcome:
     """One way in which a skill ends.
 
-    ``kind`` None: nobody has said what it means. ``effects`` hold after it, and what they contradict does not hold any
+    ``kind`` None: its meaning is not declared. ``effects`` hold after it, and what they contradict does not hold any
     more. ``autonomy`` is the level that the outcome requires where it is a transition of a machine; None: none.
     """
 
@@ -67,7 +67,7 @@ class Outcome:
         """Return an outcome of texts.
 
         Raises:
-            SkillError: an unknown class or level, or an effect that is no literal.
+            SkillError: an unknown class or level, or an effect that is not a literal.
         """
         return cls(
             outcome_class(kind) if isinstance(kind, str) else kind,
@@ -135,7 +135,7 @@ class Skill(Immutable):
     def __post_init__(self) -> None:
         for name in ('parameters', 'arguments'):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-        # What nobody has said is what the name says.
+        # What is not declared follows from the name.
         outcomes = {
             name: one if one.kind is not None else replace(one, kind=usual_outcome_class(name))
             for name, one in self.outcomes.items()
@@ -198,7 +198,7 @@ class Skill(Immutable):
 
     @classmethod
     def measuring(cls, predicate: Predicate) -> Skill:
-        """Return the skill of a condition that tells whether a predicate of its parameters holds."""
+        """Return the skill of a condition that checks whether a predicate of its parameters holds."""
         atom = predicate(*predicate.parameters)
         outcomes = {
             'SUCCESS': Outcome(OutcomeClass.ANSWERED, (atom,)),

@@ -354,7 +354,7 @@ def _told(entries: dict[str, Any]) -> dict[str, Any]:
 # Skills of states as a capability file of flexbe_synthesis: one capability for each way to bind a skill.
 #
 # An atom becomes a bit of the memory, ``at(kitchen)`` is ``at_kitchen``; the outcomes of a skill are normalized to
-# ``completed`` and ``failure``. Who only answers (conditions, the operator) is no capability.
+# ``completed`` and ``failure``. Skills that only answer (conditions, the operator) are not capabilities.
 
 _NORMALIZED: Final = {
     OutcomeClass.COMPLETED: 'completed',

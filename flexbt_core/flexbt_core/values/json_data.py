@@ -22,7 +22,7 @@ def load_json(text: str, **options: Any) -> Any:
     """``json.loads``.
 
     Raises:
-        ValueError: the text is no JSON.
+        ValueError: the text is not JSON.
         RecursionError: it is nested deeper than MAX_DEPTH.
     """
     if text.count('[') + text.count('{') > MAX_JSON_DEPTH:

@@ -26,7 +26,7 @@ def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
     Never waits: a pipe is refused, as devices and directories are.
 
     Raises:
-        TextFileError: it cannot be read, is longer, or is no text.
+        TextFileError: it cannot be read, is longer, or is not text.
     """
     try:
         with open(file, 'rb', opener=open_regular) as content:
@@ -46,7 +46,7 @@ def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
 def write_text(file: str | Path, text: str) -> None:
     """Write a file (UTF-8) as a whole: where that fails, as on a full disk, the one that was there stays as it is.
 
-    A new file takes the place of the old one, which must be writable, and gets its permissions; a link goes on leading
+    A new file replaces the old one, which must be writable, and gets its permissions; a link goes on leading
     to it. A pipe or device, and whatever is named below ``/dev``, is written to.
 
     Raises:

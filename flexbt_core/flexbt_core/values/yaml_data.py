@@ -32,7 +32,7 @@ _NUMBERS: Final = ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')
 
 
 class YamlError(ValueError):
-    """A text is no YAML, or none that is read. ``line`` and ``column``, from 1, say where (``mark``),
+    """A text is not YAML, or contains unsupported YAML. ``line`` and ``column``, from 1, say where (``mark``),
     ``reason`` what is wrong there."""
 
     def __init__(self, mark: Any, reason: str) -> None:
@@ -98,7 +98,7 @@ class _Bounds(yaml.composer.Composer):
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         event: yaml.NodeEvent = self.peek_event()
         tag = getattr(event, 'tag', None) or ''
-        if tag.startswith('!'):  # no plain data has one; somebody has written [!open]
+        if tag.startswith('!'):  # no plain data has one; the text has [!open]
             written = short_repr(tag.rstrip(',]}'))
             raise YamlError(event.start_mark, f'what begins with ! is a tag in YAML; put it in quotes: {written}')
         if isinstance(event, yaml.AliasEvent):
@@ -145,7 +145,7 @@ class _Constructor(yaml.constructor.SafeConstructor):
             return super().construct_object(node, deep)
         except yaml.YAMLError:
             raise
-        except Exception as error:  # PyYAML lets pass whatever a conversion raises
+        except Exception as error:  # PyYAML lets exceptions of a conversion pass
             kind = node.tag.rpartition(':')[2]
             raise YamlError(node.start_mark, f'{short_repr(node.value)} is no {kind}') from error
 
@@ -168,7 +168,7 @@ class YamlParts:
         self.problems: list[str] = []
 
     def root(self, text: str) -> yaml.Node | None:
-        """Return the node of the whole text; None, and a problem, when it is no YAML or empty."""
+        """Return the node of the whole text; None, and a problem, if it is not YAML or empty."""
         try:
             root = compose_yaml(text)
         except YamlError as error:

@@ -164,7 +164,7 @@ def _next_tick() -> Generator[None, None, None]:
     yield
 
 
-# A leaf whose work may block, and is done in a thread of its own.
+# A leaf whose work may block, and is done in its own thread.
 
 
 class ThreadedAction(LeafNode):
@@ -186,7 +186,7 @@ class ThreadedAction(LeafNode):
 
     @abstractmethod
     def run(self) -> NodeStatus:
-        """Do the work, in a thread of its own: SUCCESS, FAILURE or SKIPPED. May use the ports, but no other node."""
+        """Do the work, in its own thread: SUCCESS, FAILURE or SKIPPED. May use the ports, but no other node."""
 
     def on_halted(self) -> None:
         """End what :meth:`run` waits for, if it waits for anything but :meth:`sleep`. Must not block."""
@@ -308,6 +308,6 @@ class _Call:
         self._node.wake()
 
     def _report_error(self) -> None:
-        """Of a call whose result nobody asks for any more: the tree raises it."""
+        """Report the error of a call whose result is no longer wanted: the tree raises it."""
         if self.error is not None:
             self._node.context.halt_errors.append(self.error)

@@ -107,7 +107,7 @@ class _PostCondition(NodeScript):
         self.statuses = _COMPLETIONS[attribute]
 
     def after(self, tick: Tick) -> Tick:
-        """Return ``tick`` with the script after it, for where nobody sees the result before that."""
+        """Return ``tick`` with the script after it, for nodes whose result is not observed before that."""
         self._tick = tick
         return self._tick_and_run
 

@@ -93,7 +93,7 @@ class TreeContext:
 
     def wake(self) -> None:
         """Ask for a tick as soon as possible. From any thread, and also from within a tick."""
-        # The flag first: whoever is told by the callback has to find it set.
+        # The flag first: the receiver of the callback has to find it set.
         self.woken = True
         on_wake = self.on_wake
         if on_wake is not None:

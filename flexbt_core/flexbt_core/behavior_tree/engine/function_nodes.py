@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Node classes made of one function each, for what needs no class of its own::
+"""Node classes made of one function each, for simple nodes without a separate class::
 
     registry.register('CloseGripper', simple_action(lambda node: gripper.close()))
     registry.register('BatteryOk', simple_condition(battery_ok, ports={'minimum': input_port(DOUBLE)}))

@@ -272,7 +272,7 @@ class TreeNode(ABC):
         """Return the value of an input port; ``default`` when it is not given, or its entry is missing or was never
         written.
 
-        A value that is there but does not fit is an error all the same.
+        An existing value that does not fit is still an error.
         """
         value = self._values.get(port)
         if value is None:
@@ -285,7 +285,7 @@ class TreeNode(ABC):
         return self.get_input(port)
 
     def set_output(self, port: str, value: Any) -> None:
-        """Write an output port. A port that the XML does not give is not written, and that is no error.
+        """Write an output port. A port that the XML does not give is not written, which is not an error.
 
         Raises PortError when the value does not fit the port or the entry, or when the port holds a literal.
         """

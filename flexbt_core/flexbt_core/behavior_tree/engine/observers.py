@@ -54,7 +54,7 @@ class TickCallbacks:
         self._set(self._before, node, callback)
 
     def set_post_tick(self, node: TreeNode, callback: PostTick | None) -> None:
-        """Call ``callback`` after each tick of the node, whatever it gave; None: no callback."""
+        """Call ``callback`` after each tick of the node, with any result; None: no callback."""
         self._set(self._after, node, callback)
 
     @property

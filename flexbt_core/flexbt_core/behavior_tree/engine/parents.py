@@ -46,7 +46,7 @@ class ControlNode(TreeNode):
 
     @classmethod
     def incompleteness(cls, count: int) -> str:
-        """Why it cannot be ticked with so many children; '' when it can."""
+        """Return why it cannot be ticked with this many children; '' if it can."""
         if cls.tickable_with is None:
             return ''
         least, most = cls.tickable_with
@@ -148,7 +148,7 @@ class Control(ControlNode):
         super().halt()
 
 
-# Nodes with one child, and the base of those of one's own.
+# Nodes with one child, and the base of your own decorators.
 #
 # A decorator sets its child back to IDLE as soon as that has completed.
 

@@ -177,7 +177,7 @@ def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
 def _skill_problem(node_class: type[TreeNode]) -> str:
     """Return what is wrong with the skill that a leaf declares, taken by itself."""
     if not issubclass(node_class, LeafNode) or not isinstance(node_class.skill, Skill):
-        return ''  # the attribute of somebody's class may be something else
+        return ''  # the attribute of a user's class may be something else
     for name in node_class.skill.outcomes:
         if name not in ('SUCCESS', 'FAILURE'):
             return f'{short_repr(name)} is no outcome of a leaf; it ends by SUCCESS or FAILURE'
@@ -208,7 +208,7 @@ def _port_problem(name: str, port: object) -> str:
 
 
 def node_skill(manifest: NodeManifest) -> Skill | None:
-    """Return the skill of a node type; None when it is no leaf.
+    """Return the skill of a node type; None if it is not a leaf.
 
     A leaf reads and writes its ports, and ends by SUCCESS or FAILURE; a condition answers by them. One that derives
     from another has its skill, unless it declares its own.

@@ -5,7 +5,7 @@ A paused tree is not ticked, and its leaves hold what they have begun where they
 time goes on, as in FlexBE and in py_trees: a Timeout limits what happens in the world, and that does not stop. What has
 become due meanwhile is found by the next tick.
 
-A host may hold a tree for a reason of its own. That is a pause too, and apart from that of the commands: the tree goes
+A host may also hold a tree by itself. That is a pause too, and apart from that of the commands: the tree goes
 on when neither is left.
 """
 
@@ -86,7 +86,7 @@ class TickControl:
         self._on_command()
 
     def close(self, reason: str) -> None:
-        """Refuse whatever was asked for, and will be, for this reason: the run is over."""
+        """Refuse all pending and future commands for this reason: the run is over."""
         with self._lock:
             if self._closed is not None:
                 return

@@ -102,7 +102,7 @@ class Tree:
     # -- ticking -----------------------------------------------------------------------------------------------------
 
     def tick_exactly_once(self) -> NodeStatus:
-        """One tick. A wake-up that is asked for stays pending, see :meth:`take_wake`."""
+        """Tick once. A requested wake-up stays pending, see :meth:`take_wake`."""
         return self._settle(self._tick())
 
     def tick_once(self) -> NodeStatus:
@@ -143,7 +143,7 @@ class Tree:
     def _tick(self) -> NodeStatus:
         deadlines = self.context.deadlines
         if deadlines:
-            # This tick serves those that are due. Who is not satisfied by it asks again.
+            # This tick serves the requests that are due. A node that needs more asks again.
             now = self.context.clock.now()
             if now >= self.context.earliest:
                 for node in [node for node, when in deadlines.items() if when <= now]:
@@ -167,7 +167,7 @@ class Tree:
         return status
 
     def _expand(self) -> None:
-        """Make the trees that leaves have asked for."""
+        """Make the trees that leaves have requested."""
         context = self.context
         while context.expansions:
             leaf, (library, key, blackboard) = context.expansions.popitem()

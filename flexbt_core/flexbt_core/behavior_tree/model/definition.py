@@ -82,7 +82,7 @@ class ScriptFactory(Protocol):
         """The enum constants that scripts know."""
 
     def script(self, text: str) -> ParsedScript:
-        """Raise ScriptError when the text is no script."""
+        """Raise ScriptError if the text is not a script."""
 
 
 NO_CONDITIONS: Final[Mapping[str, ParsedScript]] = {}

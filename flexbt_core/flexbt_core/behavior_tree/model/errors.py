@@ -158,7 +158,7 @@ def _text_of(cause: BaseException | str) -> str:
 # Why a tree failed, or where in it something was raised: the nodes from the one at fault up to the root.
 #
 # Nothing of this is kept while a tree is ticked. A node knows which of its children made it fail, and its own part in
-# that, until it is ticked again; the chain is put together when somebody asks.
+# that, until it is ticked again; the chain is built on request.
 
 MOST_LINES: Final = 100
 

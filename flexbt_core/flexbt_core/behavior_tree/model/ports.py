@@ -141,11 +141,11 @@ def pointer_key(text: str, port_name: str) -> str | None:
 #
 # The rules are those of BehaviorTree.CPP 4: numbers convert to each other when nothing is lost, text converts to what
 # a port wants by a *prefix* parse (``7.5`` read as an integer is 7), and nothing else converts silently.
-# Other layers add types of their own, such as ROS messages: a :class:`PortType` with the Python class of the values.
+# Other layers add their own types, such as ROS messages: a :class:`PortType` with the Python class of the values.
 
 Category = Literal['integer', 'real', 'bool', 'text', 'object']
 
-# The largest integer up to which every integer has a double of its own.
+# The largest integer up to which every integer has a distinct double.
 _EXACT_IN_DOUBLE = 2**53 - 1
 _INTEGER_PREFIX = re.compile(r'(?=-?[0-9])(-?)0*([0-9]*)')
 _REAL_PREFIX = re.compile(r'-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?|nan)', re.IGNORECASE)
@@ -175,7 +175,7 @@ class PortType:
     immutable: bool = field(default=False)
 
     def parse(self, text: str) -> Any:
-        """Return the value that ``text`` means. Raises ConversionError, whatever ``from_text`` raises."""
+        """Return the value that ``text`` means. Raises ConversionError for every exception of ``from_text``."""
         if self.from_text is None:
             raise ConversionError(f'{self.name} cannot be written as text')
         try:

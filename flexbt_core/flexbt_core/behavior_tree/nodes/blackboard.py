@@ -132,7 +132,7 @@ class SetBlackboard(SyncAction):
             board.put(key, *self._converted(key, value))
             return SUCCESS
         kind = copied.type
-        if kind is STRING:  # what is no text was assigned by a script, whose integers have 64 bits
+        if kind is STRING:  # a value that is not text was assigned by a script, whose integers have 64 bits
             kind = INT64 if isinstance(value, int) else None
         board.put(key, value, kind)
         entry = board.entry(key)

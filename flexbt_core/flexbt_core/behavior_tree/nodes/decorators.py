@@ -310,7 +310,7 @@ class RunOnce(DecoratorNode):
 
 
 class SubTree(DecoratorNode):
-    """The border of a sub-tree: the child is the root of another tree, which has a blackboard scope of its own."""
+    """The border of a sub-tree: the child is the root of another tree, which has its own blackboard scope."""
 
     __slots__ = ()
 

@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPP
 
 
 def _completed() -> NodeStatus:
-    """Take the place of the tick of a child that has completed."""
+    """Replace the tick of a child that has completed."""
     return IDLE
 
 

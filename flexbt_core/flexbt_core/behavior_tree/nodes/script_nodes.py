@@ -27,7 +27,7 @@ class _PointedScript:
     __slots__ = ('_bound', '_condition', '_node', '_port', '_text')
 
     def __init__(self, node: TreeNode, port: str, condition: bool) -> None:
-        """Raise PortError or ScriptError when there is no such text, or when it is no script."""
+        """Raise PortError or ScriptError if there is no such text, or if it is not a script."""
         self._node = node
         self._port = port
         self._condition = condition

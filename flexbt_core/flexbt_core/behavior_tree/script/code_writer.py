@@ -110,7 +110,7 @@ def specialize(
     for place in range(len(variables)):
         known |= {f'e{place}': f'entries[{place}]', f't{place}': f'entries[{place}].type'}
     words = set(re.findall(r'\w+', '\n'.join(body)))
-    # As defaults of parameters that nobody gives, they take less memory than as variables of a closure.
+    # As defaults of parameters that are never passed, they take less memory than as variables of a closure.
     parameters = ', '.join(f'{name}={value}' for name, value in known.items() if name in words)
     code = [
         'def bind(entries, slow):',

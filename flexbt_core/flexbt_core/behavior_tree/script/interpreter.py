@@ -39,7 +39,7 @@ class CompiledScript:
     __slots__ = ('__weakref__', '_closures', '_enums', '_factories', '_statements', 'names', 'text', 'warm_up')
 
     def __init__(self, text: str, enums: Mapping[str, int], warm_up: int) -> None:
-        """Raise ScriptError when the text is no script. The empty text is one that does nothing."""
+        """Raise ScriptError if the text is not a script. The empty text is one that does nothing."""
         self.text = text
         self.warm_up = warm_up
         self._enums = enums
@@ -159,7 +159,7 @@ class ScriptLibrary:
         return MappingProxyType(self._enums)
 
     def register_enum(self, name: str, value: int) -> None:
-        """Make ``name`` mean ``value``. Raises RegistrationError when it means another number, or is no name."""
+        """Make ``name`` mean ``value``. Raises RegistrationError if it means another number, or is not a name."""
         if not _ENUM_NAME.fullmatch(name) or name in ('true', 'false'):
             raise RegistrationError(f'enum constant [{name}]: a name consists of letters, digits and _')
         known = self._enums.setdefault(name, int(value))
@@ -168,7 +168,7 @@ class ScriptLibrary:
         self._scripts = weakref.WeakValueDictionary()
 
     def script(self, text: str) -> CompiledScript:
-        """Return the script of this text, shared by all who have it. Raises ScriptError when the text is no script."""
+        """Return the script of this text, shared by all its users. Raises ScriptError if the text is not a script."""
         script = self._scripts.get(text)
         if script is None:
             # Not all at the same moment: to make code takes time.
@@ -181,7 +181,7 @@ def _offset(statement: Expression) -> int:
     return statement.offsets[0] if isinstance(statement, Comparison) else statement.offset
 
 
-# Scripts as nested closures: the meaning of every expression, whatever the values, and every error.
+# Scripts as nested closures: the meaning of every expression, for all values, and every error.
 #
 # A closure takes the :class:`Scope` in which it is to be evaluated, so one set of closures serves all nodes with the
 # same script. ``code_writer`` has a faster form for the values that are met most.

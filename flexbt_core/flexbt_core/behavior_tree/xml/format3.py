@@ -65,7 +65,7 @@ def _convert(element: Element) -> None:
         if id in _RENAMED_NODES:
             _rename_node(element, _RENAMED_NODES[id])
         if id == 'Parallel' and 'threshold' in element.attributes:
-            # Up to 3.5: it fails when it cannot succeed any more, and the number of failures has no limit of its own.
+            # Up to 3.5: it fails when it cannot succeed any more, and the number of failures has no separate limit.
             element.attributes.setdefault('failure_threshold', '-1')
             element.places.setdefault('failure_threshold', element.places['threshold'])
         _rename_attributes(element, _RENAMED_PORTS.get(id, {}))

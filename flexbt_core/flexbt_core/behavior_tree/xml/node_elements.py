@@ -51,7 +51,7 @@ class DocumentTypes(NodeTypes, Protocol):
     """The node types of all documents; what an ID means may depend on the file."""
 
     def types_for(self, elements: Iterable[tuple[str, Mapping[str, str]]]) -> NodeTypes:
-        """Return those of a file, by the ID of each element, or its tag if it is no node, and its attributes."""
+        """Return those of a file, by the ID of each element, or its tag if it is not a node, and its attributes."""
 
 
 def elements_of(root: Element) -> Iterator[tuple[str, Mapping[str, str]]]:

@@ -93,7 +93,7 @@ def decode(data: bytes, file: str, max_bytes: int = MAX_BYTES) -> str:
 
 
 def parse(source: Source, *, max_bytes: int = MAX_BYTES, max_depth: int = MAX_DEPTH) -> Element:
-    """Return the root element. Raises TreeLoadError at the first place where the text is no XML, or is refused."""
+    """Return the root element. Raises TreeLoadError at the first place where the text is not XML, or is refused."""
     text = source.text
     _check_size(len(text), source.file, max_bytes)
     bad = _BAD_CHARACTER.search(text)
@@ -198,7 +198,7 @@ class _Parser:
         return read
 
     def _skip_other(self, start: int) -> int:
-        """Return the end of what begins at ``start`` and is no tag."""
+        """Return the end of the markup at ``start`` that is not a tag."""
         text = self._text
         for begin, end, what in (
             ('<!--', '-->', 'comment'),

@@ -231,7 +231,7 @@ class _Loader:
             line, _ = source.position(self._trees[id].offset)
             self._warn(source, element, f'tree [{id}] of line {line} is replaced by this one')
         if len(self.errors) == before and root is not None:
-            # A later definition takes the place of an earlier one, also in the order.
+            # A later definition replaces an earlier one, also in the order.
             self._trees.pop(id, None)
             self._trees[id] = TreeDefinition(id, root, source, element.offset)
 

@@ -204,7 +204,7 @@ def _reachability(path: str, machine: Machine) -> Iterator[str]:
 def _read_inputs(node: EventState | Machine, around: tuple[Machine, ...] = ()) -> Iterable[str]:
     """Return the input keys that have to be given: of a machine, those that something in it reads, or that it hands
     out."""
-    if isinstance(node, EventState) or node in around:  # a machine in itself is told elsewhere
+    if isinstance(node, EventState) or node in around:  # a machine in itself is reported elsewhere
         return node.input_keys
     read, written = set[str](), set[str]()
     for child in node.children:

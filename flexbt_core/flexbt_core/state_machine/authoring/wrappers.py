@@ -20,13 +20,13 @@ TIMEOUT: Final = 'timeout'
 
 
 def with_timeout(state: EventState, seconds: float, outcome: str = TIMEOUT) -> EventState:
-    """Return the state, but left by ``outcome`` when it was active for so long.
+    """Return the state, but left by ``outcome`` when it has been active for this long.
 
     Its on_exit is called with the reason TIMED_OUT then. The time counts on the clock of the state: it stands still
     while the state is paused. While the operator is asked for an outcome, nothing is timed out.
 
     Raises:
-        StateError: the time is not positive, or it is no state (a machine is none).
+        StateError: the time is not positive, or it is not a state (a machine is none).
     """
     return _Timeout(state, seconds, outcome)
 
@@ -40,7 +40,8 @@ def with_retry(
     does not halt, it is left by its outcome. What it raises is no failure to try again, but a fault.
 
     Raises:
-        StateError: there are no attempts, ``on`` has something that is no outcome of the state, or it is no state.
+        StateError: there are no attempts, ``on`` has something that is not an outcome of the state, or it is not a
+        state.
     """
     return _Retry(state, attempts, on, delay)
 

@@ -49,12 +49,12 @@ class Engine(Protocol):
         """Give an event to its readers."""
 
     def fail(self, message: str) -> None:
-        """End the run as an error: there is no way to go on."""
+        """End the run as an error: it cannot continue."""
 
     def new_decision(
         self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
     ) -> Decision:
-        """Return a decision with an id of its own, which the operator was not asked yet."""
+        """Return a decision with a new id, which the operator was not asked yet."""
 
     def new_halt_wait(self) -> HaltTimeout:
         """Something to wait with for what is left; the run is woken when its time is over."""
@@ -77,7 +77,7 @@ class RunningCallback:
     callback: str
 
 
-# Waiting until what was left has halted: it may have something to finish, as a goal to cancel, but not for ever.
+# Waiting until what was left has halted: it may have something to finish, as a goal to cancel, but not forever.
 
 
 class HaltTimeout:

@@ -29,7 +29,7 @@ class RunReader:
     """A reader of the events of a run. Reading must take almost no time."""
 
     reads: ClassVar[Collection[type[RunEvent]]] = ()
-    """Types of the events that it reads; () for all of them. The engine makes none that nobody reads."""
+    """Types of the events that it reads; () for all of them. The engine makes none without a reader."""
 
     def read(self, event: RunEvent) -> None:
         """Take an event in."""
@@ -90,7 +90,7 @@ class HaltAwaited(RunEvent):
 
 @dataclass(slots=True)
 class RunEnded(RunEvent):
-    """The run has ended, and everything has halted or nobody waits for it any more."""
+    """The run has ended, and everything has halted or is no longer waited for."""
 
     outcome: str
     message: str
@@ -181,7 +181,7 @@ class DecisionAsked(RunEvent):
 
 @dataclass(slots=True)
 class DecisionClosed(RunEvent):
-    """A decision is no longer pending, whatever became of it."""
+    """A decision is no longer pending, with any result."""
 
     decision: Decision
 
@@ -245,7 +245,7 @@ class BreakpointSet(RunEvent):
 class CommandDecided(RunEvent):
     """A command had its effect (``refusal`` is None), or was refused with a reason. Once for each command.
 
-    ``command_id`` is whatever was given with it.
+    ``command_id`` is the id that was given with it.
     """
 
     command_id: object

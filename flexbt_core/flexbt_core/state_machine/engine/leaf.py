@@ -56,7 +56,7 @@ class LeafRun:
         self._woken = False
         self._wake_times: list[float] = []
         self._next_poll: float | None = None
-        self._successor: EventState | None = None  # takes the place of the state when it is entered next
+        self._successor: EventState | None = None  # replaces the state when it is entered next
         self._never_halted: str | None = None
 
     # -- what the state uses -----------------------------------------------------------------------------------------

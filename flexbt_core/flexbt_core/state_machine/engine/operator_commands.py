@@ -128,7 +128,7 @@ def unlock(run: MachineRun, path: str) -> str | None:
 
 
 def set_breakpoint(run: MachineRun, path: str) -> str | None:
-    """Make each transition out of a state or machine wait for the operator, whatever the autonomy."""
+    """Make each transition out of a state or machine wait for the operator, at every level of autonomy."""
     refusal = _mark(run, run.controls.breakpoints, path, 'has a breakpoint')
     if refusal is None:
         run.tell(BreakpointSet(path, True))

@@ -134,7 +134,7 @@ class Region:
         self.child, self.coming, self.is_resumed = None, child, is_resumed
 
     def leave(self, reason: ExitReason) -> None:
-        """Leave the child; whoever does that waits until it has halted."""
+        """Leave the child; the caller waits until it has halted."""
         self.is_leaving = self.is_approved = False
         self.coming = None
         self._halt_wait.cancel()
@@ -178,7 +178,7 @@ class Region:
         self._approve(self.decision.outcome)
 
     def force(self, outcome: str) -> None:
-        """Leave the child by ``outcome``, whatever it is doing: the operator wants it."""
+        """Leave the child by ``outcome`` in any state: the operator wants it."""
         assert self.child is not None  # checked by the caller
         self.child.exit_reason = ExitReason.FORCED
         self._approve(outcome)
@@ -412,7 +412,7 @@ class ContainerRun:
         """Leave everything that is active in here."""
         self.is_active = False
         self.ending = None
-        self._halt_wait.cancel()  # whoever leaves the machine waits for what is in it
+        self._halt_wait.cancel()  # the one that leaves the machine waits for what is in it
         self._leave_regions(reason if reason.is_of_the_run else ExitReason.PARENT_LEFT)
 
     def _leave_regions(self, reason: ExitReason) -> None:

@@ -62,7 +62,7 @@ class RunPosition:
         """Return the position that :meth:`to_plain` gave.
 
         Raises:
-            StateMachineError: that is no position; it says what is missing, left over, or of another type.
+            StateMachineError: that is not a position; the text says what is missing, left over, or of another type.
         """
         names = {field.name for field in fields(cls)}
         if plain.keys() != names:
@@ -124,7 +124,7 @@ _NONE_STAYS: Final[Mapping[str, LeafRun]] = {}
 
 
 def position_of(run: MachineRun) -> RunPosition:
-    """Return where a run is, for another one to :func:`start_at`. On its thread, also while it tells an event."""
+    """Return where a run is, for another one to :func:`start_at`. On its thread, also while it reports an event."""
     root, controls = run.root, run.controls
     active: list[str] = []
     coming: list[str] = []

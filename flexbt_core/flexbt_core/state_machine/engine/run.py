@@ -139,7 +139,7 @@ class MachineRun:
         self._halt_wait = self.new_halt_wait()
         stop_wait = max(0.0, limits.stop_timeout - limits.exit_timeout)
         self._stop_wait = HaltTimeout(self._steady, stop_wait, self.wake)
-        self._is_overdue = False  # while it ends: something has not halted in its time, which was told
+        self._is_overdue = False  # while it ends: something has not halted in its time, which was reported
         self._abort_reason = ''
         self._is_started = False
         self._lock = threading.Lock()
@@ -199,7 +199,7 @@ class MachineRun:
         if pausing.has_changed and self._pause_or_resume_one():
             return True
         is_commanded = self._apply_next_command()
-        if pausing.is_paused or pausing.has_changed:  # states are told that they go on before anything else
+        if pausing.is_paused or pausing.has_changed:  # states are notified that they go on before anything else
             return is_commanded or pausing.has_changed
         return self.root.advance() or is_commanded
 
@@ -336,7 +336,7 @@ class MachineRun:
         self.wake()
 
     def preempt(self, reason: str = '') -> None:
-        """Stop the run, whatever it is doing. It cannot be taken back."""
+        """Stop the run in any state. This cannot be undone."""
         with self._lock:
             if self._preempt_reason is None:
                 self._preempt_reason = reason
@@ -354,7 +354,7 @@ class MachineRun:
         return self._end is not None
 
     def close_commands(self, reason: str) -> None:
-        """Refuse what was commanded and not applied, and whatever will be: the host does not go on with the run."""
+        """Refuse pending and future commands: the host does not continue the run."""
         with self._lock:
             self._refusal = reason
         self._refuse_commands(reason)
@@ -378,14 +378,14 @@ class MachineRun:
             self.readings[kind].append(reader)
 
     def fail(self, message: str) -> None:
-        """End the run as an error: there is no way to go on."""
+        """End the run as an error: it cannot continue."""
         if self._end is None:
             self._end = _End(ERROR, message, ExitReason.FAULT)
 
     def new_decision(
         self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
     ) -> Decision:
-        """Return a decision with an id of its own, which the operator was not asked yet."""
+        """Return a decision with a new id, which the operator was not asked yet."""
         self.decision_count += 1
         number = str(self.decision_count)
         return Decision(number, kind, path, outcome, outcomes, required, prompt, self.clock.now())
@@ -463,7 +463,7 @@ class MachineRun:
     # -- the end -----------------------------------------------------------------------------------------------------
 
     def _await_halt(self, end: _End) -> bool:
-        """Leave everything, and finish when it has halted, or nobody waits for that any more."""
+        """Leave everything, and finish when it has halted, or is no longer waited for."""
         self.root.leave(end.reason)
         halting = {leaf.path: text for leaf in self.active_states() if (text := leaf.halting()) is not None}
         path, text = next(iter(halting.items()), ('', None))

@@ -172,7 +172,7 @@ def _target(parent: str, transition: Transition | None) -> str:
     return f'={transition.outcome}' if transition.state is None else child_path(parent, transition.state)
 
 
-# A machine as it is written, in whatever form: not checked yet, and no part of a run.
+# A machine as it is written, in any form: not checked yet, and not part of a run.
 
 
 @dataclass(frozen=True)

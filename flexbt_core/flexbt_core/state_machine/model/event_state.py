@@ -94,7 +94,7 @@ class EventState:
     # -- callbacks ---------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Once, before the run begins, for every state."""
+        """Prepare the state; called once before the run begins, for every state."""
 
     def on_enter(self, userdata: UserData) -> None:
         """Begin the work of the state, which becomes active."""
@@ -118,7 +118,7 @@ class EventState:
         """Go on with the work of the state, which is executed soon."""
 
     def on_stop(self) -> None:
-        """Once, after the run has ended, for every state."""
+        """Clean up; called once after the run has ended, for every state."""
 
     def halting(self) -> str | None:
         """After ``on_exit``: what has not halted yet, such as a goal that is being canceled; None when everything has.
@@ -159,7 +159,7 @@ class EventState:
         return self._host
 
     def bind(self, host: StateHost | None) -> None:
-        """Be part of a run, at this place; None: of none any more. For whoever runs the state."""
+        """Be part of a run, at this place; None: of none any more. For the host of the state."""
         self._host = host
 
     @property
@@ -267,7 +267,7 @@ def state_skill(state: EventState) -> Skill:
     It reads and writes its keys, and ends by its outcomes, which mean what is declared, or what their names say.
     """
     inner = state.unwrapped
-    # The attribute of somebody's state may be something else.
+    # The attribute of a user's state may be something else.
     declared = inner.skill if isinstance(inner.skill, Skill) else Skill()
     skill = declared.completed_by(
         type(inner).__name__, {name: Outcome() for name in state.outcomes}, state.input_keys, state.output_keys

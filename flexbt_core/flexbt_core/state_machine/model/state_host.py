@@ -83,7 +83,7 @@ class StateClock:
         return timer
 
     def wall_seconds(self, when: float) -> float | None:
-        """None: nobody knows how long it will stand still."""
+        """Return None: it is not known how long it will stand still."""
         return None
 
     def on_base(self, when: float) -> float:

@@ -3,7 +3,7 @@
 
 StateMachineError
 ├── MachineError     a machine that cannot be run; carries every problem that was found
-├── UserDataError    userdata that is not declared, or that nobody has written
+├── UserDataError    userdata that is not declared, or was never written
 └── StateError       a state that is used against the rules
 """
 
@@ -98,7 +98,7 @@ class Scope:
         return self._parent is not None and key in self._inputs and self._inputs[str(key)] in self._parent
 
     def get(self, key: str) -> Any:
-        """Return the value of a key. Raises KeyError when nobody has written it."""
+        """Return the value of a key. Raises KeyError if it was never written."""
         if key in self._data:
             return self._data[key]
         if self._parent is not None and key in self._inputs:
@@ -122,7 +122,7 @@ class Scope:
         return dict(self._data)
 
     def visible(self) -> dict[str, Any]:
-        """Keys and values of this scope, and of its inputs, whoever has written them."""
+        """Return the keys and values of this scope and of its inputs, from all writers."""
         inputs = {key: self.get(key) for key in self._inputs if key in self}
         return {**inputs, **self._data}
 

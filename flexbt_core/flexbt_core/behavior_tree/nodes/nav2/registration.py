@@ -59,7 +59,7 @@ class _BranchOf:
     """The branch of Nav2 for which a file was written, by the names and attributes of its elements; None if unknown.
 
     Nodes that only one branch has identify it. If there are none, the names of trees do: all of Nav2's own in jazzy are
-    the main tree ``MainTree``, those of main have names of their own. Then ports that only one branch has, of Nav2's
+    the main tree ``MainTree``, those of main have different names. Then ports that only one branch has, of Nav2's
     own nodes: a user's class that derives from one inherits them. The trees of kilted, whose nodes behave as those
     of jazzy, have its names, and some ports of main.
     """
@@ -86,7 +86,7 @@ class _BranchOf:
 
 
 def _the_only(told: set[str]) -> str | None:
-    """Return the branch, if only one is told."""
+    """Return the branch, if only one is indicated."""
     branches = told & {*NAV2_BRANCHES}
     return branches.pop() if len(branches) == 1 else None
 
