@@ -79,7 +79,7 @@ def _is_model(file: str) -> bool:
         with open(file, encoding='utf-8', errors='replace', opener=open_regular) as opened:
             return is_model(opened.read(_HEAD))
     except OSError:
-        return False  # whoever reads trees tells of it
+        return False  # the reader of trees reports it
 
 
 def run(options: argparse.Namespace) -> ExitCode:

@@ -113,7 +113,7 @@ def names_of(paths: Iterable[str]) -> dict[str, str]:
                         counts[f'{scope}{plain}'] += 1
                         number = counts[f'{scope}{plain}']
                         named = plain if number == 1 else f'{plain} ({number})'
-                        if f'{beside}{named}' not in taken:  # somebody may have given that name to another
+                        if f'{beside}{named}' not in taken:  # that name may be given to another
                             break
                     found[whole] = f'{scope}{named}'
                 scope = f'{found[whole]}/'

@@ -140,13 +140,13 @@ class ConfigurationGraph:
         return (*self.way_to(first), *reversed(moves))
 
     def comes_about(self, event: str, source: bytes) -> None:
-        """In a step from there, which is no stop, something comes about that is to stay possible."""
+        """Note that a step from there, which is not a stop, causes an event that has to stay possible."""
         self._leading.setdefault(event, set()).add(source)
 
     def lost(
         self, possible: Iterable[Possible], position: Callable[[tuple[Move, ...]], str]
     ) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
-        """Yield where something is not possible any more although nobody has stopped it, and where a stop ends
+        """Yield where something is not possible any more although nothing has stopped it, and where a stop ends
         nothing."""
         before = self._before()
         going_on = self._going_on()

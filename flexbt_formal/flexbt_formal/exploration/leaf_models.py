@@ -449,14 +449,14 @@ def _parts(script: str) -> list[tuple[dict[str, None], list[Any]]]:
 
 
 def fitting(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Return those of a type; of a type that nobody tells, numbers or texts where there are any, and each once."""
+    """Return those of a type; of an unknown type, numbers or texts where there are any, and each once."""
     of_type = [one for one in values if kind is None or type(one) is kind.python_type]
     plain = of_type if kind is not None else [one for one in of_type if type(one) is not bool]
     return tuple(dict.fromkeys(plain or of_type))
 
 
 def some_value(kind: PortType | None) -> Any:
-    """Return a value of a type: nobody asks which."""
+    """Return any value of a type."""
     if kind is None or kind.python_type is object:
         return 'value'
     try:

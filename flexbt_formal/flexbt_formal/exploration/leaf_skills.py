@@ -82,7 +82,7 @@ def _is_asked_otherwise(leaf: TreeNode, skill: Skill, told: Mapping[str, str]) -
 
 
 def _is_default(port: Port, value: PortValue) -> bool:
-    """Return whether a port is given its default, in whatever notation."""
+    """Return whether a port is given its default, in any notation."""
 
     def meant(given: Any) -> Any:
         if isinstance(given, str) and port.type is not None and port.type.from_text is not None:
@@ -125,7 +125,7 @@ class Facts:
         self._needed |= {str(one.atom): one.atom for one in needs.preconditions}
 
     def refresh(self) -> None:
-        """Forget what is about entries that were written since the last time, whoever has done that."""
+        """Forget facts about entries that were written since the last time, by any writer."""
         if not self._needed:
             return
         for entry, name in self.names.items():

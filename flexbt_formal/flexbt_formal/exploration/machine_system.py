@@ -443,7 +443,7 @@ class MachineSystem(RunReader):
         return frozenset(f'{node.path} > {outcome}' for node in self._definition.nodes() for outcome in node.outcomes)
 
     def promised(self) -> frozenset[str]:
-        """Return the outcomes of the machine, and its states, but where nobody answers what is asked."""
+        """Return the outcomes of the machine, and its states, except those that need an answer which is never given."""
         if self._bounds.operator is Operator.NONE:
             return frozenset()
         return frozenset((*(f'/ > {outcome}' for outcome in self._definition.outcomes), *self._states))
@@ -451,7 +451,7 @@ class MachineSystem(RunReader):
     def idle(self) -> Sequence[Violation]:
         return ()
 
-    # -- what is at rest ---------------------------------------------------------------------------------------------
+    # -- what is idle -----------------------------------------------------------------------------------------------
 
     def _idle_leaf(self, leaf: LeafRun) -> list[Any] | None:
         """Return what is kept of a state that is not active: it begins anew when it is entered."""
@@ -487,7 +487,7 @@ class MachineSystem(RunReader):
                 text = f'what {path} has begun has not ended, and the run has, by {run.outcome!r}'
                 found.append(Violation(Property.STOP_STOPS, path, text))
 
-    # -- what the run tells ------------------------------------------------------------------------------------------
+    # -- events of the run ------------------------------------------------------------------------------------------
 
     def read(self, event: RunEvent) -> None:
         match event:
@@ -533,7 +533,7 @@ class MachineSystem(RunReader):
 
 
 def _shared_writes(machine: MachineDefinition) -> dict[str, frozenset[str]]:
-    """By the paths of the states, what they write while others may, and somebody reads: userdata, and blackboards."""
+    """Return, by the paths of the states, what they write while others may and others read: userdata, blackboards."""
     states = {node.path: node.state.unwrapped for node in machine.nodes() if isinstance(node, StateDefinition)}
     found = {
         path: state.model.outputs if isinstance(state, ModelState) else frozenset() for path, state in states.items()

@@ -89,7 +89,7 @@ def state_model(definition: StateDefinition) -> StateModel:
 
 
 def parameters_of(state: EventState) -> tuple[str, ...]:
-    """Return what tells a state from another one of its class: attributes whose values can be compared."""
+    """Return what distinguishes a state from another one of its class: attributes whose values can be compared."""
     common = vars(EventState()).keys() - {'desired_rate'}
     return plain_values({name: value for name, value in vars(state.unwrapped).items() if name not in common})
 
@@ -263,7 +263,7 @@ InterchangeableGroup = tuple[str, ...]
 
 
 def interchangeable(machine: MachineDefinition) -> list[InterchangeableGroup]:
-    """Return those of all containers in a machine of models, outermost first. None of them has a time of its own: of
+    """Return those of all containers in a machine of models, outermost first. None of them has its own time: of
     two that are due at once, the first may end what the other is in. Neither has one priority, which is the first
     one's."""
     return [group for node in machine.nodes() if isinstance(node, MachineDefinition) for group in _groups(node)]

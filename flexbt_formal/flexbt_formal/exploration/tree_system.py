@@ -138,12 +138,12 @@ TREE_LAYOUT: Final = Layout(
 
 
 def _is_unlimited(node: Any) -> bool:
-    """Return whether a node counts attempts to which there is no limit."""
+    """Return whether a node counts attempts without a limit."""
     limit = getattr(node, 'limit', None)
     try:
         return limit is not None and node.get_input(limit) == -1
     except PortError:
-        return False  # not written yet, or no number: the tick that needs it tells
+        return False  # not written yet, or not a number: the tick that needs it reports that
 
 
 def _goes_on_for_ever(node: TreeNode) -> bool:
@@ -196,7 +196,7 @@ class TreeSystem:
             clock=self.clock,
             services=self._environment,
             substitute=lambda definition, path: monitor.watched(substitute(definition, models(definition)), path),
-            on_livelock=lambda message: None,  # what is found tells of it
+            on_livelock=lambda message: None,  # the findings report it
             max_rounds=_ROUNDS,
         )
         self._tree.observe(self._note_status)
@@ -290,7 +290,7 @@ class TreeSystem:
         found = []
         tested = self._tested(scripts)
         for key, entry in declared.items():
-            if id(entry) in tested:  # scripts read it, by whatever name
+            if id(entry) in tested:  # scripts read it, by any name
                 read.setdefault(id(entry), (key, entry))
                 needed.add(id(entry))
         for at, (key, entry) in read.items():
@@ -305,7 +305,7 @@ class TreeSystem:
         return tuple(sorted({key for key, _ in found}))
 
     def _tested(self, scripts: Iterable[str]) -> dict[int, tuple[Any, ...]]:
-        """By entries, of whatever name in a sub-tree, the values that make a difference to scripts."""
+        """Values that make a difference to scripts, by entries, under any name in a sub-tree."""
         values = tested_values(scripts)
         found: dict[int, tuple[Any, ...]] = {}
         for subtree in self._tree.subtrees:

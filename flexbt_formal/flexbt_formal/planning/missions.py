@@ -101,7 +101,7 @@ def skill_problem(
         disturbances: each the literals that others may make true.
 
     Raises:
-        PlanningError, SkillError: a text is no literal, or speaks of what the library does not know.
+        PlanningError, SkillError: a text is not a literal, or uses names that the library does not know.
     """
     return grounded_problem(library, start, goal, disturbances)[0]
 
@@ -128,7 +128,7 @@ def grounded_problem(
     problem = PlanningProblem(
         tuple(map(_action, actions)),
         grounded.start,
-        # What nothing changes and holds is no goal any more.
+        # What nothing changes and holds is not a goal any more.
         tuple(frozenset(map(str, one)) & grounded.goal for one in alternatives),
         tuple(map(_action, others)),
         leaves,
@@ -176,7 +176,7 @@ def _action_leaf(skill: Skill, action: GroundAction) -> Leaf:
 
 
 def sensor_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
-    """Return the leaf that tells whether a literal holds: that of the predicate's sensor, otherwise one that is called
+    """Return the leaf that checks whether a literal holds: that of the predicate's sensor, otherwise one that is called
     as the predicate. None when the library has no such predicate."""
     predicate = library.predicates.get(literal.predicate)
     if predicate is None:
@@ -250,10 +250,10 @@ class Measurement:
         """Return the literals that hold at the start: those that were measured, and of ``given`` those that nothing
         measures.
 
-        ``holds`` tells whether an entry of the tree's blackboard is there, and true.
+        ``holds`` returns whether an entry of the tree's blackboard exists and is true.
 
         Raises:
-            SkillError: one of ``given`` is no literal.
+            SkillError: one of ``given`` is not a literal.
         """
         remembered = [literal for literal in map(parse_literal, given) if literal.atom not in self.leaves]
         measured = [atom for number, atom in enumerate(self.leaves) if holds(_entry(number))]

@@ -255,7 +255,7 @@ class TeamPolicy:
 
 
 def branches_of(domain: Domain, division: Division, robots: Sequence[str], doers: Sequence[str]) -> list[TeamBranch]:
-    """Return the branches of a division: one for whatever may be done of it at a moment."""
+    """Return the branches of a division: one for each part of it that may be done at a moment."""
     plan, before = division.plan, division.before
     whole = (1 << len(plan)) - 1
     own = [[place for place, action in enumerate(plan) if doers[action] == robot] for robot in robots]

@@ -7,7 +7,7 @@
       Script                            nobody is lost
       Fallback
         ReactiveSequence
-          Inverter(the goal)            when it holds, whatever runs is halted
+          Inverter(the goal)            when it holds, everything that runs is halted
           ReactiveFallback              not more actions than are allowed
           Parallel                      the trees of the robots
         ReactiveSequence(the goal)
@@ -48,7 +48,7 @@ from .tree_xml import (
 def team_xml(plan: TeamPlan, name: str = 'Plan', most_actions: int | None = None) -> str:
     """Return the XML of the trees of a plan: ``name`` runs all robots, ``name_ROBOT`` is that of one.
 
-    ``most_actions``: after so many actions that succeeded they give up; without it, after three times as many as the
+    ``most_actions``: after this many actions that succeeded they give up; without it, after three times as many as the
     longest way that was tried.
 
     Raises:

@@ -145,12 +145,12 @@ def add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree
 
 
 def allowed_actions(coverage: Coverage) -> int:
-    """Three times as many actions as the longest way that was tried: after so many a tree gives up."""
+    """Return the number of actions after which a tree gives up: three times that of the longest way that was tried."""
     return _MARGIN * max(1, coverage.longest)
 
 
 def actions_left(parent: ElementTree.Element, most: int) -> None:
-    """Give up when so many actions have succeeded."""
+    """Give up when this many actions have succeeded."""
     allowed = add(parent, 'ReactiveFallback', name='actions are left')
     add(allowed, 'ScriptCondition', code=f'{COUNT_ENTRY} < {most}')
     add_last_branch(
@@ -201,7 +201,7 @@ def _times(number: int) -> str:
 def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) -> str:
     """Return the XML of a plan's tree.
 
-    ``most_actions``: after so many actions that succeeded the tree gives up; without it, after three times as many as
+    ``most_actions``: after this many actions that succeeded the tree gives up; without it, after three times as many as
     the longest way that was tried.
 
     Raises:

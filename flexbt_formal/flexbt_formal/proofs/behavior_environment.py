@@ -99,7 +99,7 @@ class Blackboards:
         return _named(self.observed.intersection((*use.use.writes, *by_tree)), use)
 
     def note(self, reports: Mapping[TreeKey, Report]) -> str:
-        """Return what is not known of who writes what, since trees are not proved; '' when there is no such."""
+        """Return which writers are not known since trees are not proved; '' if there are none."""
         trees = ', '.join(key.id for key, report in reports.items() if not report.is_proof)
         if not trees or not self.observed:
             return ''

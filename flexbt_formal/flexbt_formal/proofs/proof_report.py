@@ -96,7 +96,7 @@ def _counterexample_lines(found: Counterexample) -> Iterator[str]:
     if kind in _REMEDIES:
         yield f'    remedy: {_REMEDIES[kind]}'
     if not found.moves:
-        return  # what never happens, or is so from the beginning: there is no way to show
+        return  # what never happens, or is so from the beginning: no steps can show it
     yield f'    the shortest way to it ({pluralize(len(found.moves), "step")}):'
     yield from (f'      {line}' for line in found.lines)
 

@@ -81,7 +81,7 @@ def missions(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnosti
         for node in tree.nodes():
             name = _constant(node, 'mission')
             if node.manifest.id == _LEAF and name is not None:
-                base = base or node_skills(registry, lambda text: None)  # who declares it is told of what is wrong
+                base = base or node_skills(registry, lambda text: None)  # the declaring part reports what is wrong
                 yield from _of_leaf(tree, node, name, registry, base)
 
 
@@ -128,7 +128,7 @@ def _constant(node: NodeDefinition, port: str) -> str | None:
 
 
 def _why_hopeless(library: SkillLibrary, mission: Mission, goal: str, registry: NodeRegistry) -> str:
-    """Whatever sensors measure may hold, or not hold, at the start and later on."""
+    """Return why the goal is out of reach, although everything that sensors measure may hold or not at any time."""
     measured = Measurement.of(library, goal, registry.__contains__).leaves
     others = {(str(literal),) for atom in measured for literal in (atom, ~atom)} | set(mission.disturbances)
     return hopeless(skill_problem(library, mission.start, goal, sorted(others)))

@@ -67,7 +67,7 @@ class ReachGoal(ExpandingAction):
 
     First every predicate that matters is measured by its sensor: a condition leaf, or a test of the blackboard. One
     that has had no message yet is asked again for ``sensor_timeout``; then it does not hold. What nothing measures is
-    as the mission's ``start`` says. Then the plan is searched in a thread of its own, and its reactive tree runs below
+    as the mission's ``start`` says. Then the plan is searched in a separate thread, and its reactive tree runs below
     this leaf, as a sub-tree does; its entries that are not its own are those of the blackboard around it. Where that
     tree gives up, the world is measured and planned for anew, without an action that has failed as often as its
     manifest allows for. Where there is no way, it is measured again for ``sensor_timeout``, and planned for what has
@@ -218,7 +218,7 @@ class ReachGoal(ExpandingAction):
 
 
 class _Thought(Generic[T]):
-    """Work in a thread of its own, which wakes the node at its end. What both threads change is under a lock."""
+    """Work in a separate thread, which wakes the node at its end. State that both threads change is under a lock."""
 
     def __init__(self, node: ReachGoal, work: Callable[[SearchClock], T]) -> None:
         self.ended = False
@@ -238,7 +238,7 @@ class _Thought(Generic[T]):
         return self._results[0]
 
     def stop(self) -> None:
-        """Nobody asks for the result any more. Until it has ended it is unfinished work of the tree."""
+        """Note that the result is no longer wanted. Until it has ended it is unfinished work of the tree."""
         with self._lock:
             self._stopped = True
             if not self.ended:

@@ -77,7 +77,7 @@ def _end_with_input() -> None:
 
 
 def searched(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
-    """Return the answer to a request, as it is told; ``tell`` gets what is being done."""
+    """Return the answer to a request, as it is printed; ``tell`` gets the current activity."""
     try:
         return _answered(asked, tell)
     except (SynthesisError, SynthesisTimeout, UsageError, ResourceError, BrokenBehaviorError) as error:
@@ -138,7 +138,7 @@ def _text(machine: SynthesizedMachine, asked: Mapping[str, Any], modules: Sequen
 
 
 def _capabilities(asked: Mapping[str, Any], directories: Sequence[Path]) -> tuple[str, str]:
-    """Their text, and what it is called: where a demand stands is told by the name of the file alone."""
+    """Return their text and its name: the place of a demand is shown by the name of the file alone."""
     if not asked['system']:
         return asked['capabilities'], 'capabilities'
     file = _file(asked['system'], directories)

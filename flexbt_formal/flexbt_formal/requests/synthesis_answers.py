@@ -56,7 +56,7 @@ def happening(step: PlayStep) -> str:
 def step_through(
     play: CounterPlay, problem: SynthesisProblem, ask: Callable[[str], str], tell: Callable[[str], None]
 ) -> None:
-    """Let somebody be the machine, against a world that prevents the goal. ``ask`` raises EOFError at the end."""
+    """Let the user play the machine against a world that prevents the goal. ``ask`` raises EOFError at the end."""
     tell('You are the machine; the world prevents the goal. Type the number of an answer, or q.')
     if play.state is None and len(play.answers) == 1:
         play.answer(0)

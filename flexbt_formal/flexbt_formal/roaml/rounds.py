@@ -51,7 +51,7 @@ class Path:
         return None if self._left(state.seen) else False
 
     def at_end(self, state: GlobalState) -> bool:
-        """Return whether a path that does not go on is satisfied: it stays as it is for ever."""
+        """Return whether a path that does not go on is satisfied: it stays as it is forever."""
         return self.asked.upper is None and self._right(state.seen) and self._left(state.seen)
 
 

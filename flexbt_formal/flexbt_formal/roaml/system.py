@@ -165,7 +165,7 @@ class ModelSystem:
 
     def steps(self, state: GlobalState, *, first_only: bool) -> list[ModelStep]:
         """Return what can happen now; nothing when that is the end. ``first_only``: only what is next when each takes
-        its turn: what is under way is delivered, oldest first; then who has waited longest goes on."""
+        its turn: events under way are delivered, oldest first; then the automaton that waited longest continues."""
         found: list[ModelStep] = []
         for place, (event, values) in enumerate(state.slots):
             if self._is_deliverable(event, state):
@@ -293,7 +293,7 @@ class ModelSystem:
         return bool(self._receivers[event]) or event in self._of_tree
 
     def _put(self, state: GlobalState, event: int, values: tuple[Any, ...]) -> GlobalState:
-        """Return an event is under way, unless nobody receives it."""
+        """Put an event under way, unless it has no receiver."""
         place = self._places.get(event)
         if place is not None:
             state = state._replace(seen=(*state.seen[:place], values, *state.seen[place + 1 :]))
@@ -375,7 +375,7 @@ class ModelSystem:
     # -- in words ----------------------------------------------------------------------------------------------------
 
     def narrate(self, state: GlobalState, step: ModelStep, after: GlobalState) -> Iterator[str]:
-        """Yield what a step is, in words; what nobody would ask for is left out."""
+        """Yield what a step is, in words; uninteresting details are left out."""
         if step.kind == 'ask':
             assert self.tree is not None and step.event is not None
             what = self.events.names[step.event].rpartition('_')[2]

@@ -121,7 +121,7 @@ class _Plugin(TreeNode):
         if self.status is RUNNING:
             self.tell('halt')
             super().store_status(IDLE)
-            # Its parent sets it to IDLE once more.
+            # Its parent sets it to IDLE again.
             self._is_told = True
 
     def store_status(self, status: NodeStatus) -> None:
@@ -396,7 +396,7 @@ class TreePlayer:
         changed = self._at_blackboard()
         seen += [(self._watched[key], (self._value_of(key),)) for key in changed if changed[key] != before.get(key)]
         if pending is None:
-            for answer in conversation.answers:  # what was written while nobody waited any more
+            for answer in conversation.answers:  # what was written while nothing waited any more
                 self._services.apply(answer)
             return self._at_rest(time, status), tuple(seen)
         uid, event, values = pending

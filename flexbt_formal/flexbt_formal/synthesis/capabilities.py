@@ -105,7 +105,7 @@ def read_mappings(text: str, source: str) -> Mappings:
 
 
 def read_capabilities(text: str, source: str, mappings: Mappings | None = None) -> CapabilityFile:
-    """Return a capability file; ``mappings`` hold where it has none of its own.
+    """Return a capability file; ``mappings`` apply where it has none.
 
     Raises:
         SynthesisError: with every problem of it, each as ``source:line: what``.

@@ -429,14 +429,14 @@ def _numbered(keys: Sequence[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-# Whether what a state reads has been written, whatever way it is reached.
+# Whether the keys that a state reads have been written, on every way to it.
 
 
 def keys_from_the_start(machine: SynthesizedMachine) -> tuple[str, ...]:
     """Return the keys that no state writes and some state reads: the machine has to get them.
 
     Raises:
-        SynthesisError: a key is written by a state, but there is a way to a reader without that; it is told.
+        SynthesisError: a key is written by a state, but there is a way to a reader without that; the text shows it.
     """
     reads = {
         name: {key for part in state.parts for key in part.reads.values()} for name, state in machine.states.items()

@@ -3,7 +3,7 @@
 
 Capabilities are the outputs ``NAME_a``, their outcomes the inputs ``NAME_c``, ``NAME_f`` and so on; or, where there is
 an output ``capability``, its values, and the outcomes by their full names. A capability file says which states they
-are; without one each is a state of its own name, with normalized outcomes.
+are; without one each is a state of the same name, with normalized outcomes.
 """
 
 from __future__ import annotations

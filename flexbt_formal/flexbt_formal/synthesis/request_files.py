@@ -183,7 +183,7 @@ def _specification(
 
 
 def as_structured_slugs(specification: Specification) -> Iterator[str]:
-    """Yield the lines of a specification as structuredslugs, each formula with what asked for it."""
+    """Yield the lines of a specification as structuredslugs, each formula with its origin."""
     for is_input, section in ((True, 'INPUT'), (False, 'OUTPUT')):
         yield f'[{section}]'
         for one in specification.variables.values():

@@ -58,7 +58,7 @@ def synthesize(problem: SynthesisProblem, watch: Watch | None = None) -> Synthes
     """Solve a problem. ``watch`` is called between steps with what is being done, and may raise to end it.
 
     Raises:
-        SynthesisError: nothing is asked for, or not of a world that there can be; there is a strategy, but no machine
+        SynthesisError: nothing is requested, or the world cannot exist; there is a strategy, but no machine
             carries it out; or the check of its certificate fails, which is a fault of the solver.
     """
     specification = problem.specification

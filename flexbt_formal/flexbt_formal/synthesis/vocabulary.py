@@ -49,7 +49,7 @@ class Vocabulary:
         return tuple(one for one in self.outcomes[capability] if values.get(self.input_of(capability, one)))
 
     def input_of(self, capability: str, outcome: str) -> str:
-        """Return the input that tells of an outcome."""
+        """Return the input that reports an outcome."""
         return outcome if self.numbers is not None else f'{capability}_{self.suffixes[outcome]}'
 
     def ends_in(self, values: Mapping[str, int]) -> tuple[str, ...]:

@@ -288,7 +288,7 @@ class Ascxml:
         """Return the parameter of an event, or a member of one; or the record of all parameters below a name."""
         names = self._events.parameters[event]
         if event not in self._events.sent:
-            return '0'  # nobody sends it, so nobody asks
+            return '0'  # it has no sender, so no request arrives
         whole = prefix + '__'.join(path) if path else prefix
         for taken in range(len(path), -1, -1):
             name = prefix + '__'.join(path[:taken]) if prefix != whole or taken else prefix
@@ -451,7 +451,7 @@ class Ascxml:
         elif node.tag == 'bt_set_output':
             yield self._write(node, scope)
         elif node.tag in BT_CHILD_TRIGGERS and not node.need('id').strip().isdigit():
-            # Which child it is tells a variable.
+            # A variable says which child it is.
             chosen = self._parsed(node.need('id'), node, 'id')
             sends = [self._send(node, event, values, scope) for event, values in self._sent(node, scope.thread)]
             conditions = [

@@ -206,7 +206,7 @@ class Automaton:
         return self.states[-1 - local.at] if local.at < 0 else ''
 
     def handles(self, local: LocalState, event: int) -> bool:
-        """Return whether the state in which it rests has a transition for an event, whatever its condition."""
+        """Return whether the state in which it rests has a transition for an event, under any condition."""
         return local.at < 0 and event in self._by_event[-1 - local.at]
 
     def take(self, local: LocalState, event: int, values: tuple[Any, ...], around: Around) -> Branches:

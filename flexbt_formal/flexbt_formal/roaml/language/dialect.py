@@ -63,7 +63,7 @@ class Events:
         return self._numbers.get(name)
 
     def send(self, name: str, parameters: Iterable[str] = ()) -> int:
-        """Tell that somebody sends it, with these parameters; its number."""
+        """Note that it has a sender with these parameters, and return its number."""
         number = self.number(name)
         self.sent.add(number)
         known = self.parameters[number]

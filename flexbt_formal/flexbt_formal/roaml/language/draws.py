@@ -83,7 +83,7 @@ class EnumeratedDraws:
         return is_below
 
     def _take(self, count: int) -> int:
-        """Return which of so many values it is in this set."""
+        """Return which of this many values it is in this set."""
         place = len(self._made)
         if place >= len(self._given):
             self.others += [(*self._made, other) for other in range(1, count)]

@@ -2,7 +2,7 @@
 """The expressions of the models: a subset of ECMAScript, compiled to Python.
 
 Arithmetic, comparison, ``&& || !``, ``a ? b : c``, members and indexes, literals of arrays and objects, ``Math``. The
-compiler is our own: the engines for JavaScript on PyPI keep values on a heap of their own, and a call of them costs 100
+compiler is our own: the engines for JavaScript on PyPI keep values on a separate heap, and a call of them costs 100
 times as much as an expression here.
 
 A number is an int or a float as in Python: ``/`` gives a float, ``%`` has the sign of the dividend, as in ECMAScript.
@@ -306,7 +306,7 @@ LOTS: Final = ('random', 'whole by lot', 'below by lot')
 
 
 def is_random(expression: Expression, calls: Collection[str] = LOTS[:1]) -> bool:
-    """Return whether it draws by lot: real numbers, of which there are too many to follow each, or by one of
+    """Return whether it draws random values: real numbers, of which there are too many to follow each, or by one of
     ``calls``."""
     inner: tuple[Any, ...] = ()
     if isinstance(expression, Call):

@@ -142,7 +142,7 @@ def valuations(
 ) -> Iterator[dict[VariableName, int]]:
     """Yield all values of ``names`` with which every formula holds, given values of others (``known``).
 
-    In order of the names, each from its least value. Formulas that hold or not whatever the names are, are checked
+    In order of the names, each from its least value. Formulas that do not depend on the names are checked
     once. Raises KeyError when a formula has variables that are in neither.
     """
     found = dict(known)
