@@ -56,7 +56,7 @@ def check_behavior(
 # Whether the states of a behavior and the trees that they run agree about the blackboards.
 #
 # All trees that a behavior runs on a blackboard, and all states that write to it or read from it, are checked
-# together: what one of them writes another may read, whatever the order.
+# together: what one of them writes another may read, in any order.
 
 
 def blackboard_findings(trees: UsedTrees, inputs: Collection[str] = ()) -> Iterator[Finding]:

@@ -67,7 +67,7 @@ def add_trees(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[TreeKey]:
-    """Return the trees that are meant: one; or with --expand those that are no sub-trees; or all, the main ones
+    """Return the trees that are meant: one; or with --expand those that are not sub-trees; or all, the main ones
     first."""
     if options.tree is not None:
         return [find_tree(library, options.tree)]
@@ -92,7 +92,7 @@ def add_json(parser: argparse._ActionsContainer) -> None:
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:
-    """Keys that somebody else writes: ``options.input``."""
+    """Return the keys that others write: ``options.input``."""
     parser.add_argument(
         '--input',
         metavar='KEY',
@@ -116,7 +116,7 @@ def add_skills(parser: argparse.ArgumentParser) -> None:
 def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:
     """Return the skills of the node types, and what the files add. Raises RefusedError.
 
-    Tells of classes whose skills do not fit together.
+    Report classes whose skills do not fit together.
     """
     return read_skill_files(files, node_skills(known, lambda text: print(one_line(f'note: {text}'), file=sys.stderr)))
 
@@ -124,7 +124,7 @@ def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:
 def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistry:
     """Return the node types of installed packages, and of the models that are given. Raises RefusedError.
 
-    Tells of packages whose nodes, or one of them, cannot be used.
+    Report packages of whose nodes at least one cannot be used.
     """
     known = node_registry(
         lambda nodes, error: print(one_line(f'note: without {nodes}: {error}'), file=sys.stderr),

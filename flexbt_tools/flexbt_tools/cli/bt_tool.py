@@ -188,7 +188,7 @@ def run_skills(options: argparse.Namespace) -> ExitCode:
 def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
     """Yield what a library names beyond those of ``base`` and is not there, as lines for people.
 
-    A class that is no leaf of this computer is known when the library has a skill of it.
+    A class that is not a leaf of this computer is known if the library has a skill of it.
     """
     conditions = {manifest.id for manifest in registry if manifest.kind.value == 'Condition'}
     for predicate in library.predicates.values():

@@ -48,7 +48,7 @@ def add_report_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[Ch
 
 def report_findings(options: argparse.Namespace, found: Iterable[Reported], noun: str, number: int) -> ExitCode:
     """Print what was found in a ``number`` of things, for each of which the ``noun`` stands: errors first, and remarks
-    only where they are asked for."""
+    only where they are requested."""
     kept = [one for one in found if one.rule.name not in options.ignore]
     order = list(CheckSeverity)
     shown = sorted(kept, key=lambda one: order.index(one.rule.severity))

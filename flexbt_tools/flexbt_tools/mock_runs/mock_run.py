@@ -169,7 +169,7 @@ class MockRun:
             now = clock.now()
             if status is not NodeStatus.RUNNING or now >= end or tree.wake_pending:
                 return status
-            # The next tick of the rate, or what a node has asked for, or the end.
+            # The next tick of the rate, or the time requested by a node, or the end.
             due = self._start + (math.floor((now - self._start) / self._period + 1e-6) + 1) * self._period
             self._wait(min(due, math.inf if tree.next_wake is None else tree.next_wake, end))
             tree.take_wake()

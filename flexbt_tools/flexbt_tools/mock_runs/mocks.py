@@ -130,7 +130,7 @@ class Mocking:
         self._missing: dict[str, LoadError] = {}
 
     def substitute(self, node: NodeDefinition, path: str) -> NodeDefinition:
-        """Return what takes the place of a node, see Tree."""
+        """Return the replacement of a node, see Tree."""
         rule = self._rule(node, path)
         if rule is None:
             if _needs_mock(node):

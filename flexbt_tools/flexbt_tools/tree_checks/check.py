@@ -48,7 +48,7 @@ def findings(
 ) -> Iterator[Diagnostic]:
     """Everything that is found in the trees of a library.
 
-    ``inputs`` are keys that are written from outside. ``shared`` tells that all trees run on one blackboard.
+    ``inputs`` are keys that are written from outside. ``shared``: all trees run on one blackboard.
     ``skills`` are those that files declare.
     """
     for document in library.documents.values():
@@ -223,8 +223,8 @@ def check_trees(
     shared: bool = False,
     skills: SkillLibrary = _NO_SKILLS,
 ) -> list[Diagnostic]:
-    """Return what is found in the files, in the order of files and places. Findings that are no errors are looked for
-    when there are no errors. ``skills`` are those that files declare, in the place of those of the classes."""
+    """Return what is found in the files, in the order of files and places. Warnings are searched only
+    if there are no errors. ``skills`` are those that files declare, in place of those of the classes."""
     try:
         library = read_library(files, registry)
     except RefusedError as error:

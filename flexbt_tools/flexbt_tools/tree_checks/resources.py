@@ -68,7 +68,7 @@ def _united(children: list[Resources], node: NodeDefinition, skill: Skill | None
 
 
 def skill_of(node: NodeDefinition, skills: SkillLibrary) -> Skill | None:
-    """Return the skill of a leaf: of a file, or of its class; None when it is no leaf."""
+    """Return the skill of a leaf: of a file, or of its class; None if it is not a leaf."""
     return skills.skills.get(node.manifest.id) or node_skill(node.manifest)
 
 

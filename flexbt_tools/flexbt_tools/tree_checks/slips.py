@@ -49,7 +49,7 @@ _CONTRARIES: Final = (
 
 
 def crossed_keys(usages: Iterable[EntryUsage]) -> Iterator[Diagnostic]:
-    """Yield a finding for each reader of a key that somebody writes who means something else by it."""
+    """Yield a finding for each reader of a key whose writer means something else by it."""
     for usage in usages:
         for reader in usage.readers:
             wanted = _read_meaning(reader)
@@ -199,7 +199,7 @@ def copies(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]
 
 
 def _meant(node: NodeDefinition, trees: Mapping[str, str], leaves: Mapping[str, NodeManifest]) -> str:
-    """Return what a node is, and what its name says; '' when that is no other type or tree, or one of other ports."""
+    """Return what a node is, and what its name says; '' if that is not another type or tree, or one of other ports."""
     name = _letters(node.name)
     if _letters(node.tree_id or node.manifest.id).endswith(name):
         return ''

@@ -41,7 +41,7 @@ def read_library(
     files: Sequence[str], registry: NodeRegistry, texts: Mapping[str, bytes] = MappingProxyType({})
 ) -> TreeLibrary:
     """Return the files as one library, by their paths or as ``package://PACKAGE/PATH``; ``texts`` has the contents of
-    those that are no files. With an OpenRegistry node types
+    those that are not files. With an OpenRegistry node types
     may be unknown.
 
     Raises RefusedError with all errors of all files; then also with references that lead nowhere.
@@ -169,7 +169,7 @@ def _place(library: TreeLibrary, key: TreeKey) -> tuple[str, int]:
 
 
 def roots(library: TreeLibrary) -> list[TreeKey]:
-    """Return the trees that are run by themselves, if any: those that are no sub-trees, and the main ones of all
+    """Return the trees that are run by themselves, if any: those that are not sub-trees, and the main ones of all
     files."""
     used = used_trees(library)
     mains = {TreeKey(document.file, document.main) for document in library.documents.values() if document.main}

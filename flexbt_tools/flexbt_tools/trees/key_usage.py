@@ -55,7 +55,7 @@ class KeyUse(NamedTuple):
 def uses(node: NodeDefinition, enums: Collection[str]) -> Iterator[KeyUse]:
     """Yield the uses of a node in its own scope. ``enums`` are the names that are constants in scripts.
 
-    What a sub-tree is given leads to entries that others use; it is no use itself.
+    An argument of a sub-tree leads to entries that others use; it is not a use itself.
     """
     if node.tree_id is None:
         yield from _uses_of_ports(node, enums)
@@ -106,7 +106,7 @@ def _uses_of_expression(attribute: str, expression: Expression) -> Iterator[KeyU
         yield from _uses_of_expression(attribute, part)
 
 
-# Who reads and who writes the blackboard entries of a tree, sub-trees included.
+# Readers and writers of the blackboard entries of a tree, sub-trees included.
 #
 # The tree is made as if it were to run, of nodes that do nothing. So it is the engine that says which entry a key
 # means, through remappings, defaults of models and ``@``, and which types clash.
@@ -245,7 +245,7 @@ def _last_before(number: int, places: Sequence[NodePlace]) -> int:
 
 
 def _output(place: NodePlace) -> tuple[int, str]:
-    """Return what tells a port of a file, wherever the tree that it is in is used."""
+    """Return what identifies a port of a file, wherever the tree that it is in is used."""
     return id(place.node), place.use.attribute
 
 

@@ -58,7 +58,7 @@ class StandIn:
 def _stand_in(
     kind: NodeKind, ports: Mapping[str, Port], where: str = __name__, *, is_guessed: bool = False
 ) -> type[TreeNode]:
-    """Return a class whose module is told to be ``where``: the file that describes it, in messages about its ports."""
+    """Return a class whose module is given as ``where``: the file that describes it, in messages about its ports."""
 
     def execute(self: TreeNode) -> NodeStatus:
         raise self.fault('this node type is not installed here')
@@ -84,7 +84,7 @@ def is_of_unknown_kind(manifest: NodeManifest) -> bool:
 def add_models(registry: NodeRegistry, file: str, text: str) -> list[LoadError]:
     """Register the node types that a <TreeNodesModel> of the file describes, if they are not registered yet.
 
-    Gives what is wrong with those that cannot be. Raises TreeLoadError when the file is no XML.
+    Return also the problems of those that cannot be. Raises TreeLoadError if the file is not XML.
     """
     source = Source(file, text)
     errors = []
@@ -116,7 +116,7 @@ def _port(element: Element, known: dict[str, PortType]) -> Port:
     attributes = element.attributes
     name = attributes.get('type', '')
     if name not in ('', _ANY_TYPE) and name not in known:
-        # A type of its own: nothing is known of its values but their text.
+        # A separate type: nothing is known of its values except their text.
         text = type(name, (str,), {})
         known[name] = PortType(name, text, from_text=text, immutable=True)
     return Port(
