@@ -151,9 +151,9 @@ class TreeState(GoalState):
         halting = super().halting()
         if halting is None and self._pause is not None:
             if self._goal.is_over:
-                self._pause.end()  # not before: a tree that is being canceled is not to move once more
+                self._pause.end()  # not before: a tree that is being canceled must not move again
             if (result := self._goal.last_result) is not None:
-                self._warn_of(result.not_ended)  # no feedback tells it any more
+                self._warn_of(result.not_ended)  # no feedback reports it any more
             self._pause = None
         return halting
 
@@ -434,7 +434,7 @@ class TreePause:
                 self._goes_on = _what_goes_on(outcome) if wanted else ()
             if was_known or self._is_known or not reason:
                 self._agree()  # otherwise it is asked again by run_seen
-            is_over = self._is_over  # then nobody may have taken the tree over, and there is no run
+            is_over = self._is_over  # then no client may have taken the tree over, and there is no run
         if is_over:
             return
         self._services.changed()

@@ -132,7 +132,7 @@ class GoalCall:
             call.cancel(None)
 
     def halting(self) -> str | None:
-        """Return what has not halted yet: a goal whose end nobody has confirmed. None when there is none."""
+        """Return what has not halted yet: a goal whose end is not confirmed. None if there is none."""
         for call in [call for call in self._unfinished if call.done]:
             self._unfinished.remove(call)
             if call.outcome is not None and call.outcome.status not in _ENDED:

@@ -63,7 +63,7 @@ class CheckConditionState(EventState):
         return 'true' if self._predicate(userdata['input_value']) else 'false'
 
 
-# State that tells the operator something.
+# State that logs a line for the operator.
 
 
 class LogState(EventState):
@@ -90,7 +90,7 @@ class LogState(EventState):
         return 'done'
 
 
-# State that tells the operator a value.
+# State that logs a value for the operator.
 
 
 class LogKeyState(EventState):
