@@ -74,7 +74,7 @@ def _entry(source: FlexbeManifest) -> BehaviorEntry:
         shim.install()
         known = {parameter.name for parameter in parameters}
         of_code = tuple(one for one in code_parameters(load_class(source)) if one.name not in known)
-    except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
+    except (Exception, SystemExit) as error:  # any exception that foreign code raises when it is imported
         reason = described(error) + _remedy(error)
         return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters, None, reason)
     make = partial(HostedBehavior, source, of_code)

@@ -154,7 +154,7 @@ class _HostedState:
         """FlexBE asks at its rate anyway."""
 
     def ask(self, prompt: str, suggestion: str | None) -> None:
-        """FlexBE lets the operator choose any outcome at any time; the prompt is told, the suggestion wanted."""
+        """FlexBE lets the operator choose any outcome at any time; the prompt is logged, the suggestion wanted."""
         if prompt:
             self.log(Severity.HINT, prompt)
         self.outcome = suggestion

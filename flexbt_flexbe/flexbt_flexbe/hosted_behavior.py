@@ -46,7 +46,7 @@ class HostedBehavior(Behavior):
         A name that the manifest does not have may be one of the code, which is asked by :meth:`create`.
 
         Raises:
-            ParameterError: a name that is given twice, or a text that is no value of the type.
+            ParameterError: a name that is given twice, or a text that is not a value of the type.
         """
         given: dict[str, Any] = {}
         for argument, text in arguments:
@@ -90,7 +90,7 @@ class HostedBehavior(Behavior):
 
 
 def load_class(source: FlexbeManifest) -> type[Any]:
-    """Return the class that a manifest names; it is called with the node. Raises whatever importing its module raises.
+    """Return the class that a manifest names; it is called with the node. Raises any exception of importing its module.
 
     Raises:
         FlexbeManifestError: the module has no such class, or one of FlexBE for ROS 1.

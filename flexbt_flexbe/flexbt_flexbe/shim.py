@@ -60,7 +60,7 @@ def _location(package: str) -> Path | None:
     """Return the directory that a package is, or would be, imported from."""
     try:
         spec = importlib.util.find_spec(package)
-    except ValueError:  # in sys.modules, and nobody knows from where
+    except ValueError:  # in sys.modules, from an unknown place
         return Path(package)
     return Path(spec.origin).resolve().parent if spec is not None and spec.origin else None
 

@@ -59,7 +59,7 @@ class Behavior:
         """Return the state machine of an embedded behavior, to be added like a state.
 
         Its input keys have to be supplied by the machine around it, except for ``default_keys``, which keep the
-        behavior's own values. ``parameters`` are set whatever the operator says.
+        behavior's own values. ``parameters`` are set regardless of the operator's choice.
 
         Raises:
             FlexbeManifestError: the behavior was not added.

@@ -98,7 +98,7 @@ class ProxyActionClient(RunProxy):
             self.setupClient(topic, action_type, wait_duration)
 
     def setupClient(self, topic: str, action_type: type[Any], wait_duration: float = 10.0) -> None:
-        """Make the action known. Discovery begins now; it is not waited for, whatever ``wait_duration`` says."""
+        """Make the action known. Discovery begins now; it is not waited for, regardless of ``wait_duration``."""
         known = self._clients.get(topic)
         if known is not None and known.link.action_type is action_type:
             return
@@ -293,7 +293,7 @@ class ProxyServiceCaller(RunProxy):
             self.setupService(topic, service_type, wait_duration)
 
     def setupService(self, topic: str, srv_type: type[Any], wait_duration: float = 10.0) -> None:
-        """Make the service known. Discovery begins now; it is not waited for, whatever ``wait_duration`` says."""
+        """Make the service known. Discovery begins now; it is not waited for, regardless of ``wait_duration``."""
         known = self._services.get(topic)
         if known is None:
             self._services[topic] = _Service(self._run.services.services.link(srv_type, topic))

@@ -40,7 +40,7 @@ class RosAccess:
 
 
 class _Provided:
-    """An attribute that every state has, and that a state may set to something of its own."""
+    """An attribute that every state has, and that a state may set to its own value."""
 
     def __init__(self, value_of: Callable[[Any], Any]) -> None:
         self._value_of = value_of

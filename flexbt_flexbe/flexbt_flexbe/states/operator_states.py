@@ -53,7 +53,7 @@ class _OperatorInputState(RosAccess, GoalState):
         self._goal.send(goal)
 
     def answer(self, userdata: UserData, type_name: str, length: int | None) -> str | None:
-        """Outcome of the state, None while there is no answer."""
+        """Return the outcome of the state, None while there is no answer."""
         outcome = self._goal.poll()
         if outcome is None:
             return None
