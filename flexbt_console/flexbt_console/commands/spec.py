@@ -243,8 +243,8 @@ class CommandSpec:
     """The declaration of a command.
 
     How it is written: ``name``, ``arguments``, ``options``, and ``check``, which finds what is wrong with a line beyond
-    its single words (UsageError). What it does: ``action``. ``details`` are paragraphs of help. ``link`` is what it
-    needs of the link, and ``has_arrived`` tells whether what it is checked against, or shows, is part of the view.
+    its single words (UsageError). Its effect: ``action``. ``details`` are paragraphs of help. ``link`` is what it needs
+    of the link, and ``has_arrived`` tells whether what it is checked against, or shows, is part of the view.
     """
 
     name: str
@@ -368,7 +368,7 @@ def seconds(text: str) -> float:
     return number
 
 
-# What the words of a line may be, as the robot is now; for completion.
+# The possible words of a line for the current robot; for completion.
 
 
 def levels(typed: Typed) -> Iterable[str]:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The robots of the domain, each with its own operator link, on one node.
 
-Anybody in the domain can publish statuses under any name. So there are at most :data:`MOST_ROBOTS` besides those that
-are asked for; they are joined some at a time; each process gets its share of them, so that one with a thousand names
+Anybody in the domain can publish statuses under any name. So there are at most :data:`MOST_ROBOTS` in addition to the
+requested ones; they are joined some at a time; each process gets its share of them, so that one with a thousand names
 keeps no other out; of a robot that nobody has opened only the status is heard; and one that is gone is forgotten.
 """
 
@@ -23,10 +23,11 @@ from flexbt_console.mirror.mirror import Mirror
 from .operator_link import ExecutiveLink
 
 MOST_ROBOTS: Final = 64
-"""Robots that are joined although nobody has named or opened them, at most."""
+"""Maximum number of robots that are joined without being named or opened."""
 
 JOINED_AT_ONCE: Final = 4
-"""Robots that are joined in one turn of the executor, at most: what an operator does must not wait for more."""
+"""Maximum number of robots that are joined in one turn of the executor: an operator's command must not wait for
+more."""
 
 LOOK_SECONDS: Final = 0.5
 LOOK_TOLERANCE: Final = 0.1

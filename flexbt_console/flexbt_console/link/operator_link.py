@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 T = TypeVar('T')
 
 MESSAGE_BYTES: Final = 16_000_000
-"""Bytes of a message of the executive, at most."""
+"""Maximum bytes of a message of the executive."""
 
 PONG_BYTES: Final = 1_000
 
@@ -70,7 +70,7 @@ LIST_DEPTH: Final = 4
 """Depth of the queue of topics that are latched once, such as places, from all participants."""
 
 STATUS_BYTES: Final = 4_000_000
-"""Bytes of a status, at most."""
+"""Maximum bytes of a status."""
 
 GUARD_RATE: Final = 20.0
 GUARD_BURST: Final = 100
@@ -78,7 +78,7 @@ GUARD_BYTES: Final = 100_000
 """Limits of the messages of the stop guard, as of the status: it sends some bytes when it stops the robot."""
 
 REPORT_SECONDS: Final = 10.0
-"""Between two lines about messages that cannot be read."""
+"""Time between two lines about messages that cannot be read, s."""
 
 
 class ExecutiveLink:
@@ -240,8 +240,8 @@ class ExecutiveLink:
         return self._synthesis_query().cancel(timeout)
 
     def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
-        """Return the picture with trees, map and plan, and with the scan if it is to come every so many seconds; as
-        soon as what is wanted ``has_arrived``, or what there is after ``timeout`` seconds. Not on the executor thread.
+        """Return the picture with trees, map and plan, and with the scan if its period in seconds is given; as soon as
+        what is wanted ``has_arrived``, or what there is after ``timeout`` seconds. Not on the executor thread.
 
         They are received meanwhile only, unless they are shown, see :meth:`open_surroundings`.
 
@@ -492,7 +492,7 @@ class ExecutiveLink:
 
 
 def no_link_text(view: View, when: str) -> str:
-    """Why there is no link, and what to do."""
+    """Reason why there is no link, and the remedy."""
     if view.problem:
         return f'no link: {view.problem}'
     held = f'. {view.guard.told}' if view.guard.told else ''

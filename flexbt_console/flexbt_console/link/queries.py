@@ -55,7 +55,7 @@ def userdata(
 Goal, Result = SynthesizeBehavior.Goal, SynthesizeBehavior.Result
 
 _GRACE: Final = 15.0
-"""Seconds beyond the time limit for which the answer is waited for: the search has to be started, and ended."""
+"""Time beyond the time limit for which the answer is awaited, s: the search has to be started, and ended."""
 _CANCEL_SECONDS: Final = 0.5
 """Time for which the end of the console waits until its cancels are sent, s."""
 

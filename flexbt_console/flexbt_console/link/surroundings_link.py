@@ -36,7 +36,7 @@ MOST_CELLS: Final = 16_000_000
 """Cells of a map at most, which is 4,000 in a row and as many rows."""
 
 MOST_RESOLUTION: Final = 100.0
-"""Metres of a cell, at most."""
+"""Maximum size of a cell, m."""
 
 MOST_TREE_NODES: Final = 5_000
 """Nodes of a tree that are kept; the number of further ones is reported to the operator."""

@@ -22,8 +22,8 @@ _DOUBLINGS: Final = 10
 hours."""
 
 ANSWER_SECONDS: Final = 3.0
-"""An executive answers a STOP before, whatever its behavior and its disk do (other commands wait for the behavior): so
-long after it was given, a status without the answer is not of the executive that has got it."""
+"""Time within which an executive answers a STOP, s, whatever its behavior and its disk do (other commands wait for the
+behavior). A later status without the answer is not from the executive that has received it."""
 
 
 class Confirmation(Enum):

@@ -314,7 +314,7 @@ class Mirror:
 
     def is_silent(self, listened: float = math.inf) -> bool:
         """Return whether the executive should have been heard again by now, or was never heard; we have ``listened``
-        for so many seconds since, and were held up ourselves otherwise."""
+        for this many seconds since, and were held up ourselves otherwise."""
         with self._lock:
             return self._freshness.silent(self._now(), listened)
 
@@ -386,7 +386,7 @@ class Mirror:
         with self._lock:
             return self._commands.get(command_id)
 
-    # What is known
+    # Known data
 
     def view(self) -> View:
         """Return the picture at this moment, and how old it is."""

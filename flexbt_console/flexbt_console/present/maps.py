@@ -123,8 +123,8 @@ class MapCanvas:
         columns: int,
         rows: int,
     ) -> tuple[Frame, list[list[Cell]]]:
-        """Return the frame, and its characters row by row from the top. Of a scan what is on the map already is left
-        out."""
+        """Return the frame, and its characters row by row from the top. Points of a scan that are on the map already
+        are left out."""
         points = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
         frame = frame_for(around.map, [*points, *around.plan, *around.driven, *around.scan], columns, rows)
         dots: dict[tuple[int, int], Layer] = {}

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """MCAP files of runs: written so that a crash costs the last few messages, read also when their end is missing.
 
-What a full disk does not take waits until there is room. A file that was not closed, or for which there was none in the
-end, ends after a whole record, and lacks the index that many readers need. :func:`recover_run` rewrites it with one, as
-``mcap recover`` of MCAP's own tools does.
+Data that a full disk does not take waits until there is room. A file that was not closed, or for which there was no
+room in the end, ends after a whole record, and lacks the index that many readers need. :func:`recover_run` rewrites it with
+one, as ``mcap recover`` of MCAP's own tools does.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CHUNK: Final = 4096
 """Bytes that are compressed and written together, and may be lost in a crash: some ten pictures of the executive."""
 
 MOST_WAITING: Final = 16_000_000
-"""Bytes that may wait for the disk, at most."""
+"""Maximum bytes that may wait for the disk."""
 
 MOST_RECORD: Final = 64_000_000
 """Bytes of a record, and of what a chunk holds, that are read at most."""
@@ -126,8 +126,8 @@ def write_recording(file: Path, messages: Iterable[tuple[int, str, Any]]) -> Non
 class _WholeWrites:
     """A new file to which each write is made as a whole, or not at all; what fails is made again with the next one.
 
-    ``problem`` is why there are writes that wait. Not a stream of the standard library: MCAP's writer would put a
-    buffer of its own on a raw one, and never empty it.
+    ``problem`` is why there are writes that wait. Not a stream of the standard library: MCAP's writer would put its own
+    buffer on a raw one, and never empty it.
     """
 
     def __init__(self, file: Path) -> None:

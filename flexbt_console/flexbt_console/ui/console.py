@@ -103,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ConsoleError as error:
         return _report(words, line, error.exit_code, str(error))
     except (_Interrupted, RuntimeError) as error:
-        # What waited for a lock when the signal came has lost it, and says so by a RuntimeError.
+        # A caller that waited for a lock when the signal arrived has lost it, and raises a RuntimeError.
         if not any(isinstance(one, _Interrupted) for one in (error, error.__context__)):
             raise
         endless = line is not None and line.spec is not None and isinstance(line.spec.action, Mode)

@@ -126,7 +126,7 @@ class TerminalWatch:
         return signal.SIGTERM
 
 
-# What others write to the terminal, such as the log of the middleware, as lines of our own.
+# Output of others to the terminal, such as the log of the middleware, as lines of our own.
 
 LINE_BYTES = 4_000
 """Maximum bytes of a line; the rest begins another one."""
@@ -134,8 +134,8 @@ LINE_BYTES = 4_000
 
 class _Terminal(io.FileIO):
     def write(self, data: Any) -> int:
-        """Return where nothing can be written any more it is lost: an error would end Textual's thread that writes, and
-        who has 30 things to write afterwards waits for that thread for ever."""
+        """Write, or drop the output if nothing can be written any more: an error would end Textual's thread that
+        writes, and a caller with 30 further writes would wait for that thread without end."""
         try:
             return super().write(data)
         except OSError:
@@ -173,8 +173,8 @@ def _read(pipe: int, tell: Callable[[str], object]) -> None:
                 tell(one_line(text))
 
 
-# What prompt, screen and page share: what a key or a line means, which decision it answers, how they end, and what
-# others write to the terminal.
+# The common parts of prompt, screen and page: what a key or a line means, which decision it answers, how they end, and
+# what others write to the terminal.
 
 OnSignal = Callable[[Callable[[], object]], AbstractContextManager[None]]
 """See :meth:`TerminalWatch.on_signal`."""

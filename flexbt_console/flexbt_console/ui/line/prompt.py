@@ -136,7 +136,7 @@ class Prompt:
 
     def _typed(self, text: str) -> None:
         """Count a key as dealing with the decision on the screen."""
-        # What is too long was cut, here or in the terminal's reader: it stays refused when it is made shorter.
+        # A line that is too long was cut, here or in the terminal's reader: it stays refused when it is made shorter.
         self._history.is_cut = bool(text) and (self._history.is_cut or len(text) > MOST_TYPED)
         if len(text) > MOST_TYPED + 1:
             self._prompt.default_buffer.text = text[: MOST_TYPED + 1]

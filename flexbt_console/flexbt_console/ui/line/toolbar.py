@@ -49,7 +49,8 @@ STYLES: Final = {
 def toolbar(view: View, width: int, height: int) -> list[tuple[str, str]]:
     """Style class and text of each line, at most ``height`` of at most ``width`` cells.
 
-    What matters most stays when there is little room: link and behavior, the decision, what is wrong, then the rest.
+    The most important parts stay if there is little room: link and behavior, the decision, what is wrong, then the
+    rest.
     """
     first, *head = _head(view, width)
     decision = _decision(view, width)[: max(0, height - 1)]

@@ -195,7 +195,7 @@ class OperatorScreen(OrderedApp):
             self.tell([*page, f'Press ? for the keys, ! or F8 to stop the robot, q to quit: {self._station.leaving}.'])
         self.draw()
 
-    # What is shown
+    # Display
 
     @property
     def _station(self) -> Station:
@@ -470,7 +470,7 @@ class OperatorScreen(OrderedApp):
             self._carry_out(self._session.interpret(text, view, bound), view)
         self.draw()
 
-    # What is done
+    # Actions
 
     def do(self, text: str) -> None:
         """Do what a line says, as at the prompt; it is bound to the decision on the screen."""

@@ -148,7 +148,7 @@ class ChoiceList(ModalScreen[int | None]):
         self.query_one('.dialog').border_subtitle = Text(text, 'bold' if text != HOW_TO_CHOOSE else '')
 
     def action_move(self, move: str) -> None:
-        """Mark another line, as the list moves by itself; not by a page while there is no room for any line."""
+        """Mark another line, as the list moves by itself; not by a page while no line fits."""
         self._filter()
         options = self.query_one(OptionList)
         if options.scrollable_content_region.height > 0:

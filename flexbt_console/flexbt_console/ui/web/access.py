@@ -72,7 +72,7 @@ class WrongTokens:
 
 @dataclass(frozen=True)
 class Access:
-    """``address`` is where it listens, ``names`` what the computer is called besides; an empty ``token`` is none.
+    """``address`` is where it listens, ``names`` are further names of the computer; an empty ``token`` is none.
 
     A page of another site reaches this server in two ways: by its own address, which the browser sends in ``Origin``;
     and under a name of its own that it lets point to us (DNS rebinding), which is the ``Host``. So Host is an address

@@ -101,7 +101,7 @@ class PageLink:
             await self._send({'refused': {'word': word, 'text': text, 'robots': robot_lines(robots)}})
         await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER)
 
-    # What the page is told
+    # Messages to the page
 
     async def _show(self) -> None:
         try:
@@ -166,7 +166,7 @@ class PageLink:
         async with self._sending, asyncio.timeout(SEND_SECONDS):
             await self._socket.send_str(text)
 
-    # What the page says
+    # Messages of the page
 
     async def _hear(self) -> None:
         allowance = Allowance()

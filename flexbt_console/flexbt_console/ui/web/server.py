@@ -199,10 +199,11 @@ MOST_CONNECTIONS: Final = 256
 """Maximum number of connections at the same time."""
 
 REQUEST_SECONDS: Final = 10.0
-"""A connection has asked for something by then, or is ended; and so long after an answer it may ask for more."""
+"""Time within which a connection has to send a request, s, or it is closed; also the time that it may wait after an
+answer."""
 
 REPORT_SECONDS: Final = 10.0
-"""Between two lines about requests that are none."""
+"""Time between two lines about malformed requests, s."""
 
 REPORT_CHARACTERS: Final = 200
 
