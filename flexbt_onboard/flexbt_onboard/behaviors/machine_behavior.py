@@ -84,7 +84,7 @@ MOST_MACHINES: Final = 100
 """Machines that are kept; the oldest is removed."""
 
 MACHINE_LENGTH: Final = 1_000_000
-"""Characters of a machine, at most."""
+"""Maximum characters of a machine."""
 
 _MACHINE: Final = re.compile(r'^(machine|concurrency|priority):', re.MULTILINE)
 """Pattern of a key that the text of a machine has and other YAML, such as a file of capabilities, does not."""

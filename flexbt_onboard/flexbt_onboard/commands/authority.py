@@ -4,8 +4,8 @@ participant.
 
 - While nobody holds it, every operator may command.
 - An operator who claims it gets it if it is free. Otherwise the operator becomes a requester, whom the holder sees.
-- The holder gives it back, or hands it over to somebody, or refuses a requester, who may ask again. What is given
-  back goes to the oldest requester.
+- The holder gives it back, or hands it over to somebody, or refuses a requester, who may ask again. A returned
+  authority goes to the oldest requester.
 - It is lost when the holder was gone for a set time: no console of theirs, and no command. That goes on to the oldest
   requester, too.
 - It goes only to a requester who is connected. A requester who is gone for as long as a holder may be is dropped. The
@@ -218,7 +218,7 @@ class Authority:
 # its console has ended, or the middleware misses it. (Which participants may command at all is for DDS security.)
 
 NAMES_OF_PARTICIPANT: Final = 16
-"""Names of one participant, at most: a program may speak for several operators."""
+"""Maximum number of names of one participant: a program may act for several operators."""
 
 _TOLD: Final = 256
 

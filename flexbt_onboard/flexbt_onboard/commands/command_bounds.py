@@ -21,7 +21,7 @@ COMMAND_LENGTHS: Final[Mapping[str, int]] = {
     'text': ExecutiveCommand.NOTE_LENGTH,
     'reason': 1000,
 }
-"""Characters of each text of an ExecutiveCommand, at most."""
+"""Maximum characters of each text of an ExecutiveCommand."""
 
 ARGUMENTS: Final = 100
 ARGUMENT_LENGTHS: Final[Mapping[str, int]] = {'name': 256, 'value': 10_000}

@@ -2,8 +2,8 @@
 """The ledger of commands: each lives here from its arrival until its result is forgotten.
 
 A command is admitted once, however often it is sent, and has its effect at most once. It is decided when the effect has
-come or it is refused; that is journaled before it is written to the event log and reported in the status. What was
-decided before a restart of the executive is remembered from the journal.
+come or it is refused; that is journaled before it is written to the event log and reported in the status. Decisions
+before a restart of the executive are remembered from the journal.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ REPORTED_RESULTS: Final = 32
 """Results that are part of a status at most (ExecutiveStatus.results)."""
 
 OPEN_COMMANDS: Final = 100
-"""Commands of one writer that may wait for their effect, at most: a behavior that is held up applies none."""
+"""Maximum number of commands of one writer that may wait for their effect: a behavior that is held up applies none."""
 
 REPORT_TIME: Final = 5.0
 """Seconds for which a result is part of every status. A console that has lost it sends the command again, and so has it

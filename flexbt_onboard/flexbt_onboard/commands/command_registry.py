@@ -240,7 +240,7 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
     return {name: value for name, value in fields.items() if value != '' and value != {}}
 
 
-# What each command of an operator does (flexbt_msgs/msg/ExecutiveCommand).
+# The effect of each command of an operator (flexbt_msgs/msg/ExecutiveCommand).
 
 
 def _start(given: CommandContext) -> Later:

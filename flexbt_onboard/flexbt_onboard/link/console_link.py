@@ -37,7 +37,7 @@ from flexbt_msgs.msg import (
 from flexbt_msgs.msg import Place as PlaceMessage
 
 PING_BYTES: Final = 1_000
-"""Bytes of a ping, at most; a larger one is not echoed."""
+"""Maximum bytes of a ping; a larger one is not echoed."""
 
 PING_RATE: Final = 50.0
 PING_BURST: Final = 100
@@ -184,11 +184,10 @@ def _log_to_node(node: Node, severity: int, line: str) -> None:
 
 # Commands as they come in: from anybody, as many as anybody sends, and of any size.
 #
-# A stop comes on a topic of its own as well, so that no flood of commands drives it out of a queue. All that has come
-# is taken at once, and what one process sends above a rate, however many participants it has, or is too large, is
-# dropped before it is unpacked: so the operators' commands are found among any number of others, and cost and memory
-# stay bounded. The middleware ignores a participant that continues to exceed them. A console sends a command again
-# until it is answered.
+# A stop also has a separate topic, so that no flood of commands drives it out of a queue. All that has come is taken at
+# once, and what one process sends above a rate, however many participants it has, or is too large, is dropped before it
+# is unpacked: so the operators' commands are found among any number of others, and cost and memory stay bounded. The
+# middleware ignores a participant that continues to exceed them. A console sends a command again until it is answered.
 
 COMMAND_RATE: Final = 50.0
 """Commands a second that are taken from one process on average, and as many stops."""
@@ -197,7 +196,7 @@ COMMAND_BURST: Final = 100
 """Commands that are taken from one process at once after a quiet time."""
 
 COMMAND_BYTES: Final = 2_000_000
-"""Bytes of a command, at most."""
+"""Maximum bytes of a command."""
 
 _PROCESSES: Final = 256
 _TELL_SECONDS: Final = 10.0

@@ -218,7 +218,7 @@ class ShownStatus:
 # When the status goes out: at once on a change, as a heartbeat while nothing changes, and never too often.
 
 MAXIMUM_RATE: Final = 20.0
-"""Messages per second on average, at most."""
+"""Maximum average rate of messages, 1/s."""
 
 BURST: Final = 4
 """Messages that may go out at once after a quiet time, so that a command's answer and its effect are not held back."""

@@ -38,7 +38,7 @@ def main(args: list[str] | None = None) -> int:
     )
 
 
-# What consoles see of an executive that is not configured: that it is there, and why it does nothing.
+# The console's view of an executive that is not configured: it exists, and the reason why it does nothing.
 
 
 class UnconfiguredExecutive:

@@ -53,7 +53,7 @@ STATUS_BURST: Final = 200
 """Maximum number of statuses taken from one process: per second, and at once. An executive sends 20 per second."""
 
 STATUS_BYTES: Final = 4_000_000
-"""Bytes of a status of the executive, at most."""
+"""Maximum bytes of a status of the executive."""
 
 STATUS_DEPTH: Final = 20
 """Depth of the queue of statuses, from all participants: others must not drive the executive's own out."""

@@ -314,7 +314,7 @@ def _installed_command() -> Sequence[str]:
 # ends when its standard input does, so none is left behind when the executive is gone.
 
 _LINE: Final = 16_000_000
-"""Bytes of a line of the process, at most."""
+"""Maximum bytes of a line of the process."""
 
 _GRACE: Final = 5.0
 """Seconds beyond its time limit that a process may take: it keeps the limit by itself, where it comes to look."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The journal and its line format: what the executive must know after a crash, on disk before others learn of it.
 
-The file ``<node>.journal`` holds lines that are only appended (:mod:`.journal_format`). It is written anew, beside
+The file ``<node>.journal`` holds lines that are only appended (:mod:`.journal_format`). It is rewritten, first beside
 the old one and then in its place, when it has grown, when it was moved or removed, and after the disk has failed. Of
 what a crash has cut off at the end the whole lines count. A file that is corrupt in another way is kept aside, as
 ``<node>.<time>.corrupt``, and what can be read of it counts.
@@ -44,10 +44,10 @@ RETRY_SECONDS: Final = 0.5
 """Time between two attempts to write to a disk that has failed, s."""
 
 _LARGEST: Final = 1_000_000
-"""Bytes after which the file is written anew, unless what it has to hold is larger."""
+"""Size after which the file is rewritten, bytes, unless its necessary contents are larger."""
 
 _MOST_WAITING: Final = 1000
-"""Lines that wait for the disk, at most. More of them are as well written as the state that they lead to."""
+"""Maximum number of lines that wait for the disk. If there are more, the state that they lead to is written instead."""
 
 _CLOSE_SECONDS: Final = 0.3
 _OPEN_SECONDS: Final = 5.0
@@ -155,9 +155,9 @@ class Journal:
         self._clock = clock
         self._changed = threading.Condition()
         self._lines: list[JournalLine] = []
-        self._appended, self._durable = 1, 0  # lines so far; to write the file that was found anew counts as one
+        self._appended, self._durable = 1, 0  # lines so far; rewriting the file that was found counts as one
         self._waiting: deque[tuple[int, Callback]] = deque()  # and how many lines have to be durable for it
-        self._is_anew = True  # the file has to be written anew
+        self._is_anew = True  # the file has to be rewritten
         self._problems: set[object] = set()  # kinds reported since the last write
         self._is_closed = False
         self._count = self._size = self._least_size = 0

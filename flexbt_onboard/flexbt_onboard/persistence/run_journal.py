@@ -182,7 +182,7 @@ class RunJournal:
         decided: Sequence[CommandDecided],
         switched_to: RunRequest | None = None,
     ) -> Sequence[str]:
-        """Write the position of a run that the journal has. What was decided with it is written in the same line.
+        """Write the position of a run that the journal has. The decision with it is written in the same line.
 
         Return the types of values that could not be written, each once.
         """

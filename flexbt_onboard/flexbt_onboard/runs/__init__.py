@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of behaviors, each on a thread of its own and seen as values, and how they and the robot are stopped."""
+"""Runs of behaviors, each on its own thread and seen as values, and the stopping of them and of the robot."""

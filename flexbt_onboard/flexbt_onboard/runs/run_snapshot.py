@@ -42,7 +42,7 @@ _RAISED: Final = ('activity() raised; see the log',)
 """Instead of what a state says that it does. It is not asked again as long as it is active."""
 
 _PAUSE_RAISED: Final = ('not_paused() raised; see the log',)
-"""Instead of what a state says that goes on while it is paused. It is not asked again in that pause."""
+"""Text in place of a state's report of what goes on while it is paused. It is not asked again in that pause."""
 
 _NOT_ENTERED: Final = ('is entered when the run is resumed',)
 
@@ -173,7 +173,7 @@ class RunStatus(RunReader):
             self.snapshot = replace(self.snapshot, **changes)
 
     def _of_machine(self, machine: MachineRun) -> dict[str, Any]:
-        """Return what the machine says of the fields of a snapshot. What has not changed keeps its time stamp."""
+        """Return what the machine says of the fields of a snapshot. Unchanged parts keep their time stamp."""
         known = {leaf.path: leaf for leaf in self.snapshot.active}
         active = []
         blocked = machine.blocked

@@ -192,7 +192,7 @@ class RunSupervisor(RunReader):
         self._tell(RunShown())
 
 
-# What happens to a run when no operator has been there for some time: what its behavior wants then.
+# Handling of a run when no operator has been connected for some time, as its behavior requests.
 
 
 class OperatorAbsenceWatch:
