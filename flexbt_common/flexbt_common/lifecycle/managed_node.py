@@ -36,8 +36,8 @@ from .liveliness import LivelinessToken
 
 
 class ExtendedLifecycleNode(LargeQueueNode, LifecycleNode):
-    """``self._get_state`` and ``self._change_state`` are rclpy's answers; :meth:`answer_get_state` and
-    :meth:`answer_change_state` are what is answered. For a transition that is not possible rclpy raises RCLError."""
+    """A lifecycle node that can change rclpy's answers, ``self._get_state`` and ``self._change_state``: it answers by
+    :meth:`answer_get_state` and :meth:`answer_change_state`. For an impossible transition rclpy raises RCLError."""
 
     def __init__(self, name: str, **options: Any) -> None:
         Node.__init__(self, name, **options)

@@ -40,7 +40,7 @@ UNKNOWN_NODE: Final = '_NODE_NAME_UNKNOWN_'
 """Name that rmw reports for the node of an endpoint that it has just discovered."""
 
 UNKNOWN_WRITER: Final = b''
-"""Stands for a writer that the middleware, or stock rclpy (``FLEXBT_STOCK_RCLPY``), does not report."""
+"""Placeholder for a writer that the middleware, or stock rclpy (``FLEXBT_STOCK_RCLPY``), does not report."""
 
 EXCESS_MESSAGES: Final = 500
 EXCESS_BYTES: Final = 20_000_000

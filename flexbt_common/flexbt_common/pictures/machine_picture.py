@@ -44,7 +44,7 @@ class DrawnState:
 
     @property
     def label(self) -> str:
-        """Its own name."""
+        """Name of the state, without its path."""
         return self.path.rpartition('/')[2]
 
 

@@ -37,7 +37,7 @@ MARK_STYLES: Final = {
     'Goal': MarkStyle('#fff3c4', '#57501f', 'the goal holds'),
     'Nowhere': MarkStyle('#f8e0dc', '#5a3330', 'no way to the goal any more'),
 }
-"""By the class of their elements in a picture."""
+"""Styles of nodes, by the class of their elements in a picture."""
 
 
 class LineStyle(NamedTuple):
@@ -60,7 +60,7 @@ LINE_STYLES: Final = {
     'onward': LineStyle('solid', 1.0, '#555555', '#b0b0b0', '', 'an action ends, after a disturbance'),
     'disturbed': LineStyle('dashed', 1.2, '#c03030', '#ff8a80', '6 3', 'somebody else does this'),
 }
-"""By class: transitions, by the level of autonomy that they require, in the colours of FlexBE; and ways of a plan."""
+"""Styles of lines, by class: transitions by their required level of autonomy, in FlexBE's colours; ways of a plan."""
 
 
 def _style() -> str:

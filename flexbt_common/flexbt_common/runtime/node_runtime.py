@@ -169,7 +169,7 @@ class LargeQueueNode(Node):
 
     @cached_property
     def qos_misfits(self) -> QosMisfits:
-        """Topics on which nothing comes or goes, since the qualities of service do not fit."""
+        """Topics without any exchange of messages, since the qualities of service are incompatible."""
         return QosMisfits(self)
 
     def create_subscription(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
