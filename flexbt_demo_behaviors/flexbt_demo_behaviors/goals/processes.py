@@ -15,7 +15,7 @@ from flexbt_sim.world import Pose, World
 from .rooms import config_file
 
 SPEED: Final = 0.7
-"""On a free and straight way, m/s: the greatest speed of the robot in the world file."""
+"""Speed on a free and straight way, m/s: the maximum speed of the robot in the world file."""
 
 
 def robot_processes(speed: float) -> tuple[Process, ...]:

@@ -19,7 +19,7 @@ from flexbt_sim.world import World
 ROBOTS: Final = ('alpha', 'beta')
 
 SPEED: Final = 0.7
-"""On a free and straight way, m/s: the greatest speed of the robots in the world file."""
+"""Speed on a free and straight way, m/s: the maximum speed of the robots in the world file."""
 
 
 def config_file(name: str) -> str:
