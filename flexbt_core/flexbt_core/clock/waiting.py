@@ -67,7 +67,7 @@ class _Timer(NamedTuple):
 
 
 class CoalescedTimers:
-    """Timers of one thread, which asks here how long it may sleep, and what is due whenever it wakes."""
+    """The timers of one thread, which gets from here how long it may sleep, and what is due when it wakes."""
 
     def __init__(self) -> None:
         self._timers: list[_Timer] = []

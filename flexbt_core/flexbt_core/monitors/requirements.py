@@ -22,7 +22,7 @@ from .properties import Property, Violation
 
 @dataclass(frozen=True)
 class Never:
-    """``event`` does not happen."""
+    """A requirement that ``event`` does not happen."""
 
     event: str
 
@@ -32,7 +32,7 @@ class Never:
 
 @dataclass(frozen=True)
 class AtMost:
-    """``event`` happens at most ``times`` times; with ``seconds``, in any period of that length of the run's clock."""
+    """A requirement that ``event`` happens at most ``times`` times; with ``seconds``, in any period of that length."""
 
     event: str
     times: int
@@ -45,8 +45,8 @@ class AtMost:
 
 @dataclass(frozen=True)
 class Before:
-    """``event`` happens only after ``needs`` has happened ``times`` times since the beginning; with ``again``, since
-    the last ``event``."""
+    """A requirement that ``event`` happens only after ``needs`` has happened ``times`` times since the beginning; with
+    ``again``, since the last ``event``."""
 
     event: str
     needs: str
@@ -91,7 +91,7 @@ class Within:
 
 @dataclass(frozen=True)
 class Apart:
-    """``one`` and ``other`` (states, or leaves) do not work at the same time."""
+    """A requirement that ``one`` and ``other`` (states, or leaves) do not work at the same time."""
 
     one: str
     other: str

@@ -33,7 +33,7 @@ def short_repr(value: object) -> str:
 
 
 class _Repr(reprlib.Repr):
-    """Writes one value, so much of it that :func:`shown` leaves out the rest: each part has a character at least.
+    """A writer of one value, up to the length from which :func:`shown` cuts it: each part has at least one character.
 
     Messages of ROS and what is derived from a collection or a text are written part by part, too.
     """

@@ -212,7 +212,7 @@ class FailureTrace(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Why the node at fault failed."""
+        """Reason why the node at fault failed."""
         return self.steps[0].reason
 
     @property

@@ -85,7 +85,7 @@ class ForceFailure(DecoratorNode):
 
 
 class _Repeating(DecoratorNode):
-    """Counts the runs of the child. The limit is read at each tick; -1 is none."""
+    """A decorator that counts the runs of the child. The limit is read at each tick; -1 is none."""
 
     __slots__ = ('_count', '_limit')
 

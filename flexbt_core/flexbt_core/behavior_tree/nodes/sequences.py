@@ -50,7 +50,7 @@ class _OrderedControl(ControlNode):
 
 
 class _SteadyControl(_OrderedControl):
-    """Ticks the next child within the same tick."""
+    """A control that ticks the next child within the same tick."""
 
     __slots__ = ()
 
@@ -130,7 +130,7 @@ class Fallback(_SteadyControl):
 
 
 class _YieldingControl(_OrderedControl):
-    """Returns RUNNING, and asks to be ticked again at once, after each child that began and completed in one tick.
+    """A control that yields after each child that began and completed in one tick: RUNNING, to be ticked again at once.
 
     So the rest of the tree is ticked between two children.
     """

@@ -125,7 +125,7 @@ def specialize(
 
 
 class _CodeWriter:
-    """Writes the code of scripts, in parts.
+    """A writer of the code of scripts, in parts.
 
     First come the :meth:`guards` of the entries; then ``lines``, which raise ArithmeticError or ValueError for what the
     code is not made for; then the :meth:`commits`. The entries are called e0, e1 and so on, in the order of

@@ -77,7 +77,7 @@ class Conditional(NamedTuple):
 
 
 class Assignment(NamedTuple):
-    """``target`` is a blackboard key, also when an enum constant has the same name."""
+    """An assignment. ``target`` is a blackboard key, even if an enum constant has the same name."""
 
     offset: int
     operator: str
@@ -244,7 +244,7 @@ class TokenKind(Enum):
 
 
 class Token(NamedTuple):
-    """``value`` is what a literal means, otherwise the characters of the token. ``offset`` counts from 0."""
+    """A token. ``value`` is the value of a literal, otherwise the characters. ``offset`` counts from 0."""
 
     kind: TokenKind
     value: int | float | str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads behavior-tree XML, formats 4 and 3, into definitions; everything that is wrong in a file is reported at once.
+"""A reader of behavior-tree XML, formats 4 and 3, into definitions; all errors of a file are reported at once.
 
 The rules are those of BehaviorTree.CPP 4.10 (its VerifyXML and node creation); on top of them a port that a node cannot
 do without has to be given, which there shows only when the node is ticked.

@@ -101,14 +101,14 @@ class RunEnded(RunEvent):
 
 @dataclass(slots=True)
 class StateEntered(RunEvent):
-    """``on_enter`` of a state is called next."""
+    """A state is entered: its ``on_enter`` is called next."""
 
     path: str
 
 
 @dataclass(slots=True)
 class StateExited(RunEvent):
-    """``on_exit`` of a state is called next."""
+    """A state is exited: its ``on_exit`` is called next."""
 
     path: str
 

@@ -85,7 +85,7 @@ class Container(RegionChild, Protocol):
 
     @property
     def scope(self) -> Scope:
-        """Its userdata."""
+        """Userdata of the container."""
 
     @property
     def children(self) -> Mapping[str, RegionChild]:

@@ -155,7 +155,7 @@ class EventState:
 
     @property
     def bound_to(self) -> StateHost | None:
-        """Its place in a run; None while it is part of none."""
+        """Place of the state in a run; None while it is part of none."""
         return self._host
 
     def bind(self, host: StateHost | None) -> None:
