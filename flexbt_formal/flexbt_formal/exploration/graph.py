@@ -17,7 +17,7 @@ _Ways = frozenset[LabelEffect | None]
 _STOPS: _Ways = frozenset()
 _ANY: _Ways = frozenset((None,))
 _Before = dict[bytes, list[tuple[bytes, _Ways]]]
-"""Steps by what they lead to."""
+"""Steps, by the configuration to which they lead."""
 
 
 class ConfigurationGraph:

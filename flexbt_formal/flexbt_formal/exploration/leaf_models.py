@@ -65,7 +65,7 @@ class LeafModel:
 
 
 LeafModels = Callable[[NodeDefinition], LeafModel]
-"""Says what stands for a node."""
+"""A function that returns the model of a node."""
 
 REAL: Final = LeafModel(LeafKind.REAL)
 # What decides by the robot, or by messages, whether its child begins. GoalUpdater only hears of goals.

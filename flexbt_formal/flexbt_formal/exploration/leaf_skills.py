@@ -19,7 +19,7 @@ from flexbt_core.skills.literals import Literal
 from flexbt_core.skills.skill import OutcomeClass, Skill
 
 _MARK: Final = '\0'
-"""Stands in what an entry of a blackboard is called, whose value is not known: no text of a tree has it."""
+"""Mark in the name of a blackboard entry whose value is not known: no text of a tree contains it."""
 
 
 class Needs(NamedTuple):

@@ -64,7 +64,7 @@ class StateModel:
 
 
 StateModels = Callable[[StateDefinition], StateModel]
-"""Says what stands for a state."""
+"""A function that returns the model of a state."""
 
 _UNSUCCESSFUL: Final = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT, OutcomeClass.CANCELED)
 """A state that ends so has not written its outputs."""

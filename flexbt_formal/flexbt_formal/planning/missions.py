@@ -195,7 +195,7 @@ def sensor_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
 # How a world is: a tree that asks every sensor of a library once, and the start of a mission that follows from it.
 
 MOST_FACTS: Final = 4096
-"""Facts that one tree asks for."""
+"""Maximum number of facts that one tree reads."""
 
 
 @dataclass(frozen=True, slots=True)

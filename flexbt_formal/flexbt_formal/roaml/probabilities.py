@@ -116,7 +116,7 @@ class ProbabilityBounds(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Return how far the probability can be from the value: near 0 and 1 that is one end of the bounds."""
+        """Maximum distance of the probability from the value: near 0 and 1 that is one end of the bounds."""
         return max(self.high - self.value, self.value - self.low)
 
 

@@ -27,7 +27,7 @@ class Order(Enum):
 
 
 class Path:
-    """``left`` until ``right``, along the steps of a model."""
+    """A path property: ``left`` until ``right``, along the steps of a model."""
 
     def __init__(self, system: ModelSystem, left: Judge, right: Judge, asked: ModelProperty, order: Order) -> None:
         self.system = system

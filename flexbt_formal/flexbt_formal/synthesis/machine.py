@@ -22,7 +22,7 @@ class MachinePart:
 
     @property
     def remapping(self) -> dict[str, str]:
-        """Keys of the class that the machine calls otherwise."""
+        """Keys of the class that have another name in the machine."""
         return {key: name for key, name in {**self.reads, **self.writes}.items() if key != name}
 
 

@@ -50,7 +50,7 @@ from .expressions import (
 from .source_text import SourceElement
 
 _INPUT: Final = ' input'
-"""Stands before the key of a port in a name that no expression can have."""
+"""Prefix of the key of a port in a name that no expression can have."""
 _RESERVED: Final = ('_event', '_msg', '_req', '_res', '_action', '_goal', '_feedback', '_wrapped_result', '_bt')
 _ROOT_CHILDREN: Final = (
     'datamodel',

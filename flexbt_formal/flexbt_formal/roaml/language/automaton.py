@@ -28,7 +28,7 @@ MAX_STEPS: Final = 20_000
 
 @dataclass
 class Assign:
-    """``path`` has members (texts) and indexes (functions)."""
+    """An assignment. ``path`` has members (texts) and indexes (functions)."""
 
     variable: int
     kind: DataType
@@ -39,7 +39,7 @@ class Assign:
 
 @dataclass
 class Send:
-    """``values`` in the order of the parameters of the event; None for one that is not sent."""
+    """A sending. ``values`` are in the order of the event's parameters; None for one that is not sent."""
 
     event: int
     values: tuple[Evaluated | None, ...]
@@ -75,7 +75,7 @@ class Target:
 
 @dataclass
 class Transition:
-    """``event`` None: it needs none. The targets' probabilities are 1 together."""
+    """A transition. ``event`` None: it needs none. The probabilities of the targets sum to 1."""
 
     event: int | None
     condition: Evaluated | None

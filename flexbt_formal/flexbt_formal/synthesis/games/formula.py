@@ -34,7 +34,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Sum:
-    """``left`` plus or minus (``op``) ``right``."""
+    """A sum or difference (``op``) of ``left`` and ``right``."""
 
     op: str
     left: Term
