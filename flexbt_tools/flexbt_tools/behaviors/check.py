@@ -70,7 +70,7 @@ def blackboard_findings(trees: UsedTrees, inputs: Collection[str] = ()) -> Itera
 
 _WORD: Final = re.compile(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+')
 _LEAST: Final = 4
-"""Letters that a word has at least, so that having it in common means something."""
+"""Minimum number of letters of a word that counts as a common one."""
 
 
 def _other_trees(trees: UsedTrees) -> Iterator[Finding]:

@@ -29,7 +29,7 @@ from flexbt_tools.errors import RefusedError
 from .stand_ins import OpenRegistry, add_models
 
 STDIN: Final = '-'
-"""Stands for the standard input as a file."""
+"""File name that means the standard input."""
 
 BY_PACKAGE: Final = 'package://'
 """Before a file in the share directory of a package: ``package://PACKAGE/PATH``."""
