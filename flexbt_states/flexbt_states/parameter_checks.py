@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of what states are constructed with: what cannot work is refused while the behavior is built."""
+"""Checks of the parameters of states: those that cannot work are refused while the behavior is built."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ class _NodeWatch:
 
     @property
     def state(self) -> str:
-        """Why it is not ready."""
+        """Reason why the node is not ready."""
         seen = {None: 'not seen yet', False: 'gone'}.get(self.watch.alive)
         return seen or self.watch.problem
 
