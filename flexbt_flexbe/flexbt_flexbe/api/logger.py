@@ -159,7 +159,7 @@ Class = TypeVar('Class', bound=type[Any])
 
 
 class StateLogger(RosAccess):
-    """Records become debug lines of the run.
+    """A logger whose records become debug lines of the run.
 
     The executive records entering, leaving, outcomes and decisions of every state by itself, so that the decorators
     which add this to single classes leave them as they are.
