@@ -2,8 +2,8 @@
 """MCAP files of runs: written so that a crash costs the last few messages, read also when their end is missing.
 
 Data that a full disk does not take waits until there is room. A file that was not closed, or for which there was no
-room in the end, ends after a whole record, and lacks the index that many readers need. :func:`recover_run` rewrites it with
-one, as ``mcap recover`` of MCAP's own tools does.
+room in the end, ends after a whole record, and lacks the index that many readers need. :func:`recover_run` rewrites it
+with one, as ``mcap recover`` of MCAP's own tools does.
 """
 
 from __future__ import annotations
