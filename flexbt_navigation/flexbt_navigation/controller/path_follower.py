@@ -409,7 +409,7 @@ class PathFollower:
         return self._apart.limited(self._costmap, pose, velocity)
 
     def _is_free_until(self, end: float) -> bool:
-        """Return whether the path itself is free for so far, m from its beginning."""
+        """Return whether the path itself is free for this distance from its beginning, m."""
         track, turn = self._track, math.pi if self._legs[0].backward else 0.0
         places = numpy.arange(self._at, min(end, track.length), self._costmap.world.resolution)
         poses = (Pose(*track.point(at), track.heading(at) + turn) for at in places)

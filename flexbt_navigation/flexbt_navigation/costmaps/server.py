@@ -72,7 +72,7 @@ GREATEST_STEP: Final = 0.5
 """Farther apart, m, two poses are not on one way: the robot was put somewhere else."""
 
 LIDAR_FRAME_SECONDS: Final = 5.0
-"""So long, s, the frame of a lidar may come after its scans without a complaint."""
+"""Time that the frame of a lidar may arrive after its scans without a warning, s."""
 
 _SHOWN: Final = numpy.array([0, *(1 + 97 * (cost - 1) // 251 for cost in range(1, 253)), 99, 100, -1], numpy.int8)
 """The occupancy that shows a cost, as Nav2 shows it: 99 for inscribed, 100 for lethal, -1 for unknown."""
@@ -176,7 +176,7 @@ class CostmapServer:
         """There is a new map. Of what was seen only the newest scan counts on."""
         static = Costmap(world, self._parameters.inflation)
         before = self._kept
-        # Of the local one obstacles are kept in a square round the robot: a rolling window as that of Nav2.
+        # The local one keeps obstacles in a square around the robot: a rolling window as in Nav2.
         windows = {GLOBAL: math.inf, LOCAL: local_size(static.inflation)}
         self._kept = {name: _Kept(LayeredCostmap(static, window=windows[name])) for name in names.COSTMAPS}
         for name, kept in before.items():

@@ -51,7 +51,7 @@ CHARGING_CURRENT: Final = 0.5
 """A, from which on a battery is charged whatever its status: Nav2's charging_threshold."""
 
 LONGEST: Final = 1e6
-"""s; longer ones are without limit."""
+"""Longest time limit, s; longer ones are without limit."""
 
 
 class DockingServer:

@@ -60,7 +60,7 @@ class HybridPlanner(OutlinePlanner):
     Where that leads nowhere the way is made of shorter pieces, before it is said that there is none. Where it takes
     long either end may be hard to get to: then ways from both to a place with room between them are tried.
 
-    Of a path ``before``, of this planner and to the same goal, the rest is the plan as long as it is free and the robot
+    The rest of a path ``before``, of this planner and to the same goal, is the plan as long as it is free and the robot
     nearly on it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the same, one
     begins forward and the other backward. A robot that gets them in turn makes no progress. NavigationError TIMEOUT is
     raised, too, when the search is given up.
@@ -135,7 +135,7 @@ class HybridPlanner(OutlinePlanner):
     def _searched(
         self, problem: tuple[Any, ...], radius: float, lengths: list[float], most: int, stop: StopFlag
     ) -> tuple[NDArray[numpy.float64], int]:
-        """Return the pieces of a way, empty when none was found, and how many states were looked at, at most so many
+        """Return the pieces of a way, empty when none was found, and how many states were looked at, at most ``most``
         with pieces of each length. Lengths without a way are removed; the last one is tried first.
         """
         looked, pieces = 0, numpy.empty((0, 2))

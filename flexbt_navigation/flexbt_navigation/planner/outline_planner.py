@@ -79,7 +79,7 @@ class OutlinePlanner(GridPlanner):
     searched and there is no way for the outline; if the search is given up before, the plan is still that of the
     circle, as from a start where the robot overlaps an obstacle.
 
-    Of a path ``before`` to the same goal, the rest is the plan where the circle's is none, as long as the outline has
+    If the circle's path is not a plan, the rest of a path ``before`` to the same goal is, as long as the outline has
     room on it and the robot is on it.
     """
 
