@@ -225,7 +225,7 @@ def tree_reader(runtime: Runtime) -> WorkThread:
     reader = WorkThread('tree_reader', runtime.steady, READ_SECONDS, late, fault)
 
     def close() -> None:
-        """Of the token, which the node keeps, take back what was said of a read that may never end."""
+        """Clear the report of a read that may never end from the token, which the node keeps."""
         nonlocal is_open
         reader.close()
         with lock:

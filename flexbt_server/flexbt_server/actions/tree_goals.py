@@ -62,7 +62,7 @@ _REPORT_SECONDS: Final = 0.3
 """A run that has not halted in time says so a little later, s."""
 
 MOST_PAUSING: Final = 20
-"""Nodes on whose behalf one tree is paused, at most: each is watched."""
+"""Maximum number of nodes on whose behalf one tree is paused: each is watched."""
 
 _BY_CLIENT: Final = 'canceled by the client'
 
@@ -137,7 +137,7 @@ class TreeGoals:
     def stop_all(self, reason: str, within: float) -> bool:
         """Stop every tree, and wait until all goals have their results. Not on the executor thread.
 
-        Gives whether they have, within so many seconds of wall time.
+        Return whether they have, within this many seconds of wall time.
         """
 
         halting = min(self._parameters.cancel_timeout, within - _REPORT_SECONDS)
@@ -301,7 +301,7 @@ class TreeGoals:
         self.stop(self._goals[served.id], _BY_CLIENT)
 
     def stop(self, goal: TreeGoal, reason: str, within: float | None = None) -> None:
-        """Stop what is done for a goal; within so many seconds of wall time, by default the cancel timeout."""
+        """Stop what is done for a goal; within this many seconds of wall time, by default the cancel timeout."""
         if goal.stop_reason is None:
             goal.stop_reason = reason
         if goal.running is None:  # its tree is being looked for, on a disk that may not answer

@@ -94,7 +94,7 @@ class WatchedTree:
     def end(self) -> None:
         """Nothing more is about these nodes: reads what was written, and ends a recording of theirs.
 
-        What is written from now on is for another one, also where a request has come late.
+        Marks from now on are for another one, even if a request arrives late.
         """
         with self._reading:
             self._read()

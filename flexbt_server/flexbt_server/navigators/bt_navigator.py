@@ -341,7 +341,7 @@ class NavigatorGoal(TreeGoal):
 
     def fresh_values(self) -> list[Value]:
         # A tree that begins does not drive the path of the goal before. One that is taken over drives on, on the path
-        # that it has, until it plans anew.
+        # that it has, until it plans again.
         return [(self.navigator.parameters.path_key, Path(), PATH)]
 
     def when_ready(self, go_on: Callable[[], None]) -> None:
