@@ -90,7 +90,7 @@ class SimulatorParameters:
 
 
 def built_in_map() -> Path:
-    """Return the map that comes along."""
+    """Return the included map."""
     return Path(get_package_share_directory('flexbt_sim')) / 'maps' / 'rooms.yaml'
 
 

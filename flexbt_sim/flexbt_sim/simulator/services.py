@@ -48,7 +48,7 @@ class SimulatorParts(Protocol):
         """Return the time of the clock."""
 
     def spawned(self, entity: Entity, namespace: str) -> None:
-        """Make the topics of a new entity, in a namespace of its own unless it is named."""
+        """Make the topics of a new entity, in its own namespace unless it is named."""
 
     def is_free_namespace(self, namespace: str) -> bool:
         """Return whether no robot is there."""

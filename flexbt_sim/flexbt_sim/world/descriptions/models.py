@@ -95,7 +95,7 @@ CAR: Final = RobotModel(
     battery=BatteryModel(capacity=50_000.0, voltage=400.0, idle=500.0, driving=20_000.0, charging=11_000.0),
 )
 MODELS: Final[Mapping[str, RobotModel]] = {'burger': BURGER, 'waffle': WAFFLE, 'car': CAR}
-"""The models that come along; the speeds and outlines of TurtleBot3 are those of its data sheets and of Nav2."""
+"""The included models; the speeds and outlines of TurtleBot3 are those of its data sheets and of Nav2."""
 
 
 @dataclass(frozen=True)

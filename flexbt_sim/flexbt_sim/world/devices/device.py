@@ -116,7 +116,7 @@ class Device:
 
 
 class Sensor(Device):
-    """A device that measures ``rate`` times a second, in steps of the world, with noise of its own.
+    """A device that measures ``rate`` times a second, in steps of the world, with its own noise.
 
     A reading that is due always draws its noise, also if nobody reads it, the robot has no power or a fault hides it.
     So neither readers nor faults change the noise of later readings.
