@@ -99,7 +99,7 @@ class DecisionState(EventState):
     -- outcomes     string[]    What there is to choose from
     -- conditions   function    Function of one value; gives an outcome, or None to wait
 
-    ># input_value              What the function is given.
+    ># input_value              Argument of the function.
 
     <= OUTCOME                  Each of outcomes: the function gave it. Another name is a fault of the state.
     """
