@@ -61,7 +61,7 @@ def is_full(error: OSError) -> bool:
 
 
 def report_full_output(program: str, error: OSError) -> bool:
-    """Return whether an error is that the output does not fit onto its disk; it is told then, and nothing more is
+    """Return whether an error means that the disk of the output is full; it is reported then, and nothing more is
     written."""
     if not is_full(error):
         return False

@@ -34,14 +34,14 @@ def load(module: str) -> ModuleType:
 def run_main(module: str, *, raises_interrupt: bool = False, address_space: int = 0) -> int:
     """Import a module, which may take a second, and run its ``main()``; gives the exit code of the process.
 
-    Until ``main()`` installs a handler of its own, a SIGINT ends the process by that signal (130 for a shell): Python's
+    Until ``main()`` installs its own handler, a SIGINT ends the process by that signal (130 for a shell): Python's
     own raises KeyboardInterrupt wherever the program is, and from a callback of importlib or of the garbage collector
     that goes no further than to standard error. One that is ignored stays so, as in the background of a shell.
     With ``raises_interrupt``, ``main()`` has Python's handler.
 
     Where the process may have less than ``address_space`` bytes, this is said, and nothing is imported: libraries hang
     or abort when they find out by themselves. The library of matrices, which takes the more the more processors there
-    are, begins no threads of its own.
+    are, starts no threads.
     """
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < address_space:

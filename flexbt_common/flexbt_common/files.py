@@ -147,7 +147,7 @@ def _names_in(directory: Path) -> list[str]:
         return []
 
 
-# Where programs keep files of the user who runs them.
+# Directory in which programs keep files of the user that runs them.
 
 USER_DIRECTORY: Final = '~/.ros/flexbt'
 """The directory of records and recordings, unless another one is given."""
@@ -156,8 +156,8 @@ USER_DIRECTORY: Final = '~/.ros/flexbt'
 def home_path(path: str) -> Path:
     """Return a path that may begin with ``~`` or ``~user``.
 
-    Where there is no such home directory, as in a container whose user has no account, that of temporary files stands
-    for it.
+    If there is no such home directory, as in a container whose user has no account, that of temporary files replaces
+    it.
     """
     try:
         return Path(path).expanduser()

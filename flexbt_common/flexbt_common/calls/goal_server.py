@@ -49,12 +49,12 @@ class GoalAdmission:
 #
 # An action is three services and two topics, and they are made here as such. rclpy's ActionServer runs a coroutine for
 # each goal. When that has returned, the result takes two more turns of the executor until it is sent, after the list of
-# goals that tells the client of the end. And the list, which goes out with every change of any goal, has all goals of
+# goals that shows the client the end. And the list, which goes out with every change of any goal, has all goals of
 # the last ``result_timeout`` seconds in it, which each client unpacks: at 10 goals a second and the 15 minutes of
 # rclpy's default that is longer than the goals take.
 #
-# Here the result leaves first. Ended goals stay in the list for a moment only. Their results can be asked for longer,
-# and as long a cancel is answered with "terminated", not with "unknown".
+# Here the result leaves first. Ended goals stay in the list for a moment only. Their results can be requested for
+# longer, and as long a cancel is answered with "terminated", not with "unknown".
 
 MOST_RESULTS: Final = 1000
 RESULTS_LENGTH: Final = 64_000_000
@@ -153,7 +153,7 @@ class ServedGoal:
             self._server.publish_feedback(self._goal, feedback)
 
     def succeed(self, result: Any) -> None:
-        """End the goal: what it asked for was done. Whoever ends a goal a second time changes nothing."""
+        """End the goal as succeeded. Ending a goal a second time changes nothing."""
         self._end(GoalStatus.STATUS_SUCCEEDED, result)
 
     def abort(self, result: Any) -> None:
@@ -271,8 +271,8 @@ class GoalServer:
         return bool(self._goals)
 
     def end_all(self, end: Callable[[ServedGoal, Any], None]) -> None:
-        """End all goals, also those that wait for something, as for the end of a fault: nobody is left who would stop
-        them. Who works on them is told as by a cancel; then ``end(goal, result)`` is called, with an empty result.
+        """End all goals, also those that wait, for example for the end of a fault: nothing else would stop them.
+        Their workers are notified as by a cancel; then ``end(goal, result)`` is called with an empty result.
         """
         for goal in list(self._goals.values()):
             if goal.active:

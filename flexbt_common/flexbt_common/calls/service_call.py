@@ -63,7 +63,7 @@ class ServiceLink(ServerLink):
 def service_outcome(link: ServiceLink, request: Any, timeout: float) -> ServiceOutcome:
     """Send a request, and wait for its outcome. Not on the executor thread.
 
-    ``timeout`` in seconds of wall time: for the service to appear, and once more for the response.
+    ``timeout`` in seconds of wall time: for the service to appear, and again for the response.
     """
     done: Future[ServiceOutcome] = Future()
     call = ServiceCall(link, request, on_done=done.set_result, server_timeout=timeout, response_timeout=timeout)

@@ -72,8 +72,8 @@ class ExtendedLifecycleNode(LargeQueueNode, LifecycleNode):
 # A managed node, as lifecycle managers and launch files know it (https://design.ros2.org/articles/node_lifecycle.html).
 #
 # rclpy's ``LifecycleNode`` makes a whole transition within one callback. Ours have to wait: what runs comes to rest
-# with the help of the executor. So transitions have a thread of their own, where they are made one after the other, and
-# the answer of ``change_state`` is sent when the transition is over. Meanwhile the node answers everybody else.
+# with the help of the executor. So transitions have their own thread, where they are made one after the other, and
+# the answer of ``change_state`` is sent when the transition is over. Meanwhile the node answers all others.
 #
 # What exists in which state:
 #
@@ -108,10 +108,10 @@ class Managed(Protocol):
         """Begin to work."""
 
     def deactivate(self, why: str, refusal: str, within: float) -> None:
-        """Refuse what comes from now on, and stop what runs; come back when it is at rest and all results are sent.
+        """Refuse new work and stop running work; return when it has stopped and all results are sent.
 
-        ``why`` tells what is stopped, ``refusal`` what is refused; they follow a subject, as in 'the server was
-        deactivated'. ``within`` is in seconds of wall time.
+        ``why`` is the text for stopped work, ``refusal`` that for refused work; they follow a subject, as in 'the
+        server was deactivated'. ``within`` is in seconds of wall time.
 
         Raises:
             FlexbtError: something did not halt in this time.
@@ -274,7 +274,7 @@ class ManagedNode(ExtendedLifecycleNode):
 
     def destroy_node(self) -> None:
         """As that of the base."""
-        self._transitions.shutdown(wait=False, cancel_futures=True)  # one is asked for, and the node was never managed
+        self._transitions.shutdown(wait=False, cancel_futures=True)  # one is requested, and the node was never managed
         self._is_managed.set()
         super().destroy_node()
 

@@ -98,7 +98,7 @@ def offline_default_context() -> Iterator[None]:
 
 @contextmanager
 def undiscovered() -> Iterator[None]:
-    """Provide the nodes of contexts that are made in the block discover nobody, and are discovered by nobody."""
+    """Provide that nodes of contexts made in the block discover no others, and are not discovered."""
     before = os.environ.get(RANGE)
     os.environ[RANGE] = 'OFF'
     try:
@@ -127,6 +127,6 @@ def _without_name(args: Sequence[str]) -> Iterator[str]:
 
 
 def _nodes_in(context: Context) -> list[Node]:
-    """Return the nodes of a context. rclpy keeps no list of them; what nobody holds any more has been collected, and
+    """Return the nodes of a context. rclpy keeps no list of them; unreferenced ones have been collected, and
     one whose constructor has raised has no context."""
     return [one for one in gc.get_objects() if issubclass(type(one), Node) and getattr(one, 'context', None) is context]

@@ -34,10 +34,10 @@ def loaded_function(library: str, name: str, result: Any, *arguments: Any, is_sh
 # The end of a DDS participant that hangs in some builds of Fast DDS 2.14, and what prevents it.
 #
 # Before rmw_fastrtps destroys a participant, it takes the participant's listener off, and waits as long as it takes for
-# a callback that is under way just then, since endpoints of somebody else have come or gone. Fast DDS waits until the
+# a callback that is under way just then, since endpoints of others have appeared or gone. Fast DDS waits until the
 # greatest time of the steady clock. A C++ library that can wait by the system clock only (that of a glibc before 2.30,
 # for which the PyPI wheels are built) converts this time, which overflows: each wait comes back at once, as invalid,
-# with the mutex still held that the callback needs. The process spins for ever, and as rclpy keeps the lock of the
+# with the mutex still held that the callback needs. The process spins forever, and as rclpy keeps the lock of the
 # interpreter meanwhile, no code of Python runs any more, no timer and no signal handler.
 
 CALLBACK_SECONDS: Final = 1
@@ -86,7 +86,7 @@ def participant_address(node: Node) -> int | None:
 # To hear nothing more of a participant of the domain: the middleware drops what it sends as it comes in.
 #
 # What a node does not want to have still costs it memory: the middleware puts large messages together and keeps
-# them until somebody takes them. (DDS has ``ignore_participant`` for this, DDS 1.4, 2.2.2.2.1.14; rmw does not offer
+# them until they are taken. (DDS has ``ignore_participant`` for this, DDS 1.4, 2.2.2.2.1.14; rmw does not offer
 # it.)
 
 _IGNORE: Final = (
@@ -119,9 +119,9 @@ def ignore_participant(node: Node, participant: bytes) -> bool:
 
 
 def ignore_each_other(first: Node, second: Node) -> None:
-    """Have two nodes, each with a process or a context of its own, not discover each other: neither hears of what the
-    other has in the graph, nor anything that it sends. Best done before either has much in it. Where the middleware is
-    not Fast DDS 2.14, nothing is done."""
+    """Keep two nodes, each with its own process or context, from discovering each other: neither sees the entities of
+    the other in the graph, nor receives anything that it sends. Best done before either has much in it. Where the
+    middleware is not Fast DDS 2.14, nothing is done."""
     for node, other in ((first, second), (second, first)):
         ignore_participant(node, _prefix_of(other))
 

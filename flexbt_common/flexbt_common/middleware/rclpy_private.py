@@ -195,7 +195,7 @@ def release_lifecycle(node: Node) -> None:
     """Take what the lifecycle of a node has in the graph out of it, after the node is destroyed.
 
     rclpy's state machine, a compiled object, keeps the services of the lifecycle, and with them the participant and
-    its threads, until Python collects the node. It is found by its type, whatever rclpy calls it.
+    its threads, until Python collects the node. It is found by its type, under any name.
     """
     for name, part in tuple(vars(node).items()):
         if isinstance(part, _STATE_MACHINE):

@@ -2,11 +2,11 @@
 """Subscriptions to what any participant may send: bounded, with the identity of the writer, or only the latest
 message.
 
-rclpy unpacks every message, whatever its size, takes one in a turn of the executor, and does not say who has written
-it (7.1 leaves the identifier of the publisher out of its message info, which rcl has). A flood from one writer so
-drives what others have written out of the queue, and costs as much as what is worth something. Here all that is there
-is taken at once, as bytes, by rcl's own function; what is too large is never unpacked, and the receiver can tell the
-writers from each other before it unpacks anything.
+rclpy unpacks every message of any size, takes one in a turn of the executor, and does not report its writer (7.1 leaves
+the identifier of the publisher out of its message info, which rcl has). A flood from one writer so drives what others
+have written out of the queue, and costs as much as what is worth something. Here all that is there is taken at once, as
+bytes, by rcl's own function; what is too large is never unpacked, and the receiver can tell the writers from each other
+before it unpacks anything.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ SYMBOLS: Final[Mapping[str, str]] = {
 @dataclass(frozen=True, slots=True)
 class DrawnNode:
     """A node of a tree: ``parent`` is the position of its parent in the list, None for the root; ``name`` is empty
-    where it has none of its own; ``attributes`` are further lines of its label."""
+    if it has none; ``attributes`` are further lines of its label."""
 
     type: str
     name: str

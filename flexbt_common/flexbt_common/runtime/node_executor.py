@@ -9,7 +9,7 @@ that it is made for; ``add_node`` adds such as have other names (:mod:`flexbt_co
 
 A subscription wakes the executor only while something waits for its messages: that to the simulated time while a timer
 waits for a time (:mod:`.simulated_time`), and one whose callback has ``is_awaited`` while that gives True. What comes
-meanwhile stays with the middleware, up to the depth of the subscription, for whoever takes it. Whether the two ends of
+meanwhile stays with the middleware, up to the depth of the subscription, until it is taken. Whether the two ends of
 a topic do not fit each other is checked once a second: there are two such events for each topic of a node.
 
 While it waits, another thread may call something in its place (:meth:`NodeExecutor.run_here`): to wake it, and to be

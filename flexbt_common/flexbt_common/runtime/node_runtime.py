@@ -6,10 +6,10 @@ is the exception, it is thread-safe). rclpy's clients fill their table of pendin
 left; when another thread receives the answer in between, the answer is lost. :meth:`NodeRuntime.post` and
 :meth:`NodeRuntime.call` bring work there.
 
-A node that cannot go on says so by :meth:`NodeRuntime.abort`; so does one whose executor thread has ended, whatever
-ended it. It is not alive for others any more, and its process ends with an exit code that is not 0.
+A node that cannot continue calls :meth:`NodeRuntime.abort`; so does one whose executor thread has ended for any
+reason. It is not alive for others any more, and its process ends with an exit code that is not 0.
 
-The order of the end, which is silent whatever the node was doing: the components in reverse order of their
+The order of the end, which is silent in every situation: the components in reverse order of their
 :meth:`NodeRuntime.on_close`, while callbacks still run; then rclpy's default context, which users' code has; then
 executor, its thread, the node, the context. Of several runtimes of one process, the components of all end first.
 """
@@ -215,7 +215,7 @@ class LargeQueueNode(Node):
 
     @contextlib.contextmanager
     def _told_types(self, msg_type: Any, topic: str) -> Iterator[None]:
-        """Say what is wrong with a topic that has another type in this process: rcl tells of its allocator."""
+        """Explain the error of a topic that has another type in this process: rcl reports its allocator."""
         try:
             yield
         except RuntimeError as error:
@@ -276,7 +276,7 @@ class _PostedTimer:
 
 class Runtime(Protocol):
     """A runtime as the parts of a node use it: that of the node (:class:`NodeRuntime`, which describes the members), or
-    of a part of it that has an end of its own (:class:`flexbt_common.lifecycle.managed_node.NodeScope`)."""
+    of a part of it that ends by itself (:class:`flexbt_common.lifecycle.managed_node.NodeScope`)."""
 
     node: LargeQueueNode
     name: str
@@ -572,7 +572,7 @@ class NodeRuntime:
         try:
             self.health.fail(problem)
             self.node.get_logger().fatal(f'the node cannot go on: {problem}')
-        finally:  # whatever comes of that, when memory is short for example
+        finally:  # even if that fails, when memory is short for example
             for fn in list(self._on_failure):
                 fn()
 
@@ -624,7 +624,7 @@ class NodeRuntime:
                 if self._thread.is_alive():
                     self.report_fault(error, where)
                     self.fail(f'{where} was not done')
-                else:  # the executor, whose end has been told
+                else:  # the executor, whose end was reported
                     self.node.get_logger().warning(f'{where}: {error}')
 
     def _post_locked(self, fn: Callable[[], object]) -> None:
@@ -807,7 +807,7 @@ def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
     what puts a byte there without a signal, from any thread.
 
     The C handler writes the byte on whatever thread the signal arrives: no code of ours is interrupted at an
-    unsuitable moment, nothing is lost during set-up, and a second signal finds nobody.
+    unsuitable moment, nothing is lost during set-up, and a second signal finds no handler.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
@@ -832,7 +832,7 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
     in_time.daemon = True
     with contextlib.suppress(RuntimeError):  # no thread is left for it: the watchdog ends the process a second later
         in_time.start()
-    # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
+    # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and reports where. It
     # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
     with contextlib.suppress(RuntimeError):
         faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=watchdog_descriptor())

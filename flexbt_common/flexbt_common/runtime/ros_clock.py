@@ -52,8 +52,8 @@ class RosClock:
 
     The time equals ROS time until the latter jumps back (simulation reset), jumps ahead by a day or more in one
     message (another recording), or a computer's clock is set: such a jump is taken out, so that this time never goes
-    back, and whoever waits for two more seconds does so. So is the jump with which simulated time begins, from 0 to the
-    first message of /clock, when somebody has asked for the time before. Time stamps of messages are ROS time: take
+    back, and a wait of two more seconds lasts that long. So is the jump with which simulated time begins, from 0 to the
+    first message of /clock, if the time was requested before. Time stamps of messages are ROS time: take
     them from :meth:`stamp`. ``jumps`` counts the jumps of simulated time, ``last_jump`` is the newest, s.
 
     One rclpy timer serves all timers, set to the earliest. While time is not simulated, it is one of the steady clock:
@@ -206,8 +206,8 @@ class SimulatedTime:
     """The source of rclpy's clocks: the newest message of /clock. From any thread.
 
     ``subscription`` is rclpy's own one, which the executor finds; None while only the executor is to take from
-    it, or time is not simulated. ``post_fault`` gets what a callback of a jump of time lets escape: on the thread of
-    whoever asks for the time, which may hold any lock, so it must only keep it for later.
+    it, or time is not simulated. ``post_fault`` gets the exceptions of callbacks of jumps of time, on the thread that
+    reads the time, which may hold any lock, so it must only keep them for later.
 
     ``refused`` are messages without a valid time, which were dropped; ``last_refused`` is the newest of them.
     """
@@ -223,7 +223,7 @@ class SimulatedTime:
     def take_newest(self) -> None:
         """Take the newest message, if there is one that was not taken yet.
 
-        Where somebody is about that, or has the time stand still, it is left to them.
+        Nothing is done while another thread does it, or keeps the time still.
         """
         subscription = self.subscription
         if subscription is None or not self._lock.acquire(blocking=False):
@@ -298,8 +298,8 @@ class HandledTime:
 
 
 def watch_clock_publishers(node: Node, on_change: Callable[[], object]) -> None:
-    """Have ``on_change`` called on the executor thread, within a second, when somebody who tells the simulated time has
-    come or gone; never where time is not simulated when this is called, on the executor thread.
+    """Have ``on_change`` called on the executor thread, within a second, when a publisher of the simulated time has
+    appeared or gone; never where time is not simulated when this is called, on the executor thread.
     """
     for subscription in filter(is_clock_subscription, node.subscriptions):
         callbacks = SubscriptionEventCallbacks(matched=lambda _event: on_change(), use_default_callbacks=False)

@@ -146,7 +146,7 @@ def _from_binary(data: bytes, resolved: ValueType) -> Any:
 def _from_cdr(data: bytes, resolved: ValueType) -> Any:
     try:
         return deserialize_message(data, resolved.message)
-    except Exception as error:  # whatever the middleware raises on malformed CDR
+    except Exception as error:  # any exception of the middleware on malformed CDR
         raise FieldError('', f'{len(data)} bytes are not the CDR of a {resolved}: {error}') from error
 
 
