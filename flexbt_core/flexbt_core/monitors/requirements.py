@@ -234,7 +234,7 @@ class Requirements:
         for one in self.requirements:
             if isinstance(one, Before):
                 self.met.add(str(one))
-            elif isinstance(one, Within) and one.times is not None:  # it may have come so often
+            elif isinstance(one, Within) and one.times is not None:  # it may have happened that often
                 self.counts[str(one)] = one.times
 
     def event(self, event: str) -> None:
@@ -265,8 +265,8 @@ class Requirements:
                 self._tell(one, one.works, f'{one.works} works on, and {one.condition} was not asked, or {does}')
 
     def rests(self, is_paused: bool) -> None:
-        """Whether something is overdue. Time in which the run is paused does not count for that; of
-        what happens so often in some time it does."""
+        """Return whether something is overdue. Time for which the run is paused does not count for that; for limits
+        within a time it does."""
         if not self.due and not self.recent:
             self.paused_at = None
             return

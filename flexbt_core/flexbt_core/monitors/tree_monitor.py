@@ -65,7 +65,7 @@ class TreeMonitor:
         self._is_taken = False  # an actuator, so that it may have two owners
         self._tree: Tree
 
-    # -- for whoever makes and ticks the tree ------------------------------------------------------------------------
+    # -- for the host of the tree ------------------------------------------------------------------------------------
 
     def watched(self, definition: NodeDefinition, path: str) -> NodeDefinition:
         """Return what is made in the place of a node: see ``substitute`` of :class:`Tree`."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Skills of objects as actions of STRIPS: what holds before and after, as atoms that are only names.
 
-An action needs ``pre``, makes ``add`` true and ``delete`` false. A literal with ``not`` that something asks for becomes
-an atom of its own, ``not open(door)``, that actions keep up to date: then all conditions are positive (Gazen, Knoblock:
+An action needs ``pre``, makes ``add`` true and ``delete`` false. A required literal with ``not`` becomes a
+separate atom, ``not open(door)``, that actions keep up to date: then all conditions are positive (Gazen, Knoblock:
 "Combining the expressivity of UCPOP with the efficiency of Graphplan", 1997).
 """
 

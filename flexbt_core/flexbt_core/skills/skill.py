@@ -103,7 +103,7 @@ class Skill(Immutable):
     ``outcomes``        by name: class, effects, autonomy
     ``resources``       actuators that it needs for itself while it runs
     ``reads, writes``   ports, or keys of the userdata
-    ``cost``            of one attempt, of whatever unit a mission counts in; usually seconds
+    ``cost``            of one attempt, in the unit of the mission; usually seconds
     ``deadline``        s, after which an attempt is given up; None: never
     ``retries``         attempts after the first that make sense; None: any number
     ``ignores_cancel``  whether what it has begun goes on after it was canceled
@@ -186,7 +186,7 @@ class Skill(Immutable):
     def completed_by(
         self, name: str, outcomes: Mapping[str, Outcome], reads: Iterable[str] = (), writes: Iterable[str] = ()
     ) -> Skill:
-        """Return the skill with what its class tells: the name, the ``outcomes`` of which it does not speak, and its
+        """Return the skill completed from its class: the name, the ``outcomes`` that it does not declare, and its
         keys."""
         return replace(
             self,

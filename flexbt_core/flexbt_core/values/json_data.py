@@ -2,7 +2,7 @@
 """JSON and numbers from untrusted sources, with bounds.
 
 Python's parser calls itself for each level and stops at the recursion limit. That limit is one for the whole process,
-and is raised by whoever runs deep trees; then a text of brackets would end the process.
+and is raised by programs that run deep trees; then a text of brackets would end the process.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def write_text(file: str | Path, text: str) -> None:
     """Write a file (UTF-8) as a whole: where that fails, as on a full disk, the one that was there stays as it is.
 
     A new file replaces the old one, which must be writable, and gets its permissions; a link goes on leading
-    to it. A pipe or device, and whatever is named below ``/dev``, is written to.
+    to it. A pipe or device, and any name below ``/dev``, is written to.
 
     Raises:
         OSError: it cannot be written; names the file.
@@ -93,6 +93,6 @@ def open_regular(file: str | Path, flags: int, mode: int = 0o666) -> int:
 def open_private(file: str | Path, flags: int) -> int:
     """As :func:`open_regular`, for a file of ours that holds what people said: only the user may read a new one.
 
-    A symbolic link is not followed: whoever may write to the directory could have another file of the user overwritten.
+    A symbolic link is not followed: others with write access could have another file of the user overwritten.
     """
     return open_regular(file, flags | os.O_NOFOLLOW, 0o600)

@@ -5,7 +5,7 @@ PyYAML's composer calls itself for each level, an alias repeats what may be any 
 take the square of their length. All of it is bounded here, while the text is read.
 
 The text is scanned by libyaml, where PyYAML is built with it: PyYAML's own scanner takes 1 to 3 s for 100 kB, in
-which a node hears nothing. Its errors say more, so a short text that libyaml refuses is scanned once more by it.
+which a node hears nothing. Its errors say more, so a short text that libyaml refuses is scanned again by it.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def _problem(error: Exception) -> str:
     return f'{problem}; indent by blanks' if "'\\t' that cannot start" in problem else problem
 
 
-# The parts of a YAML text that somebody has written: taken by what they have to be, each problem with its line.
+# The parts of a YAML text: read by the types that they have to have, each problem with its line.
 #
 # Names are taken as they are written: ``off`` is a name, and no truth value.
 

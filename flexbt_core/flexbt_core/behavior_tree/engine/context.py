@@ -119,7 +119,7 @@ class TreeContext:
             awaited.set()
 
     def add_unfinished(self, description: str, advance: Callable[[], None] | None = None) -> UnfinishedWork:
-        """Register work that has to end before the tree is at rest; call ``done()`` of what is returned at its end.
+        """Register work that has to end before the tree is idle; call ``done()`` of the returned object at its end.
 
         Work that needs ticks to come to its end gives ``advance``: each tick calls it, and after the last the host.
         """

@@ -85,8 +85,8 @@ class LeafNode(TreeNode):
     def on_pause(self) -> str:
         """Return the tree is paused while the leaf is RUNNING: have what it has begun stand still. Must not block.
 
-        Gives why something goes on all the same, for people; ''. It may be called again in the same pause, after a
-        step. A pause ends by :meth:`on_resume`, or by a halt.
+        Return why work continues nevertheless, for people; '' if none does. It may be called again in the same pause,
+        after a step. A pause ends by :meth:`on_resume`, or by a halt.
         """
         return self.goes_on
 

@@ -262,8 +262,8 @@ class TreeNode(ABC):
     def ready_entry(self, port: str) -> Entry:
         """Return where the last :meth:`get_input` of the port has found a value that it need not convert.
 
-        As long as the value there is of the Python class of the port's type, it is the one that ``get_input`` gives; so
-        who reads a port in each tick looks there first. MISSING when it had to be converted.
+        As long as the value there is of the Python class of the port's type, ``get_input`` returns it; so a node that
+        reads a port in each tick looks there first. MISSING if it had to be converted.
         """
         known = self._entries.get(port)
         return MISSING if known is None else known[0]
@@ -347,7 +347,7 @@ class TreeNode(ABC):
     # -- errors ------------------------------------------------------------------------------------------------------
 
     def fault(self, cause: BaseException | str) -> NodeExecutionError:
-        """Return the error that names this node as the place of ``cause``, whatever its code has raised.
+        """Return the error that names this node as the place of ``cause``, any exception of its code.
 
         Raises KeyboardInterrupt when that is the cause, and on the main thread: it is the user's then, and not the
         node's.

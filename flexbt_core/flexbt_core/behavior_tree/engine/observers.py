@@ -208,7 +208,7 @@ class LogReader(Generic[T]):
 
 
 # How the changes of statuses are noticed. To store a status must cost next to nothing, so the attribute ``status`` of a
-# node is a slot. A node whose changes somebody has to hear of, or whose post-conditions run when it stores its result,
+# node is a slot. A node whose changes are observed, or whose post-conditions run when it stores its result,
 # gets a class derived from its own in which ``status`` is a property. Nothing else differs.
 
 

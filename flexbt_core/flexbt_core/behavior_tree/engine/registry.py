@@ -161,7 +161,7 @@ class BranchTypes:
 
 
 def declared_id(node_class: type[TreeNode]) -> str:
-    """Return the ID that a class declares: its name, unless it has an ``xml_name`` of its own."""
+    """Return the ID that a class declares: its name, unless it has its own ``xml_name``."""
     id: str = vars(node_class).get('xml_name', node_class.__name__)
     return id
 
@@ -236,8 +236,9 @@ def node_skill(manifest: NodeManifest) -> Skill | None:
 def node_skills(registry: NodeRegistry, broken: Callable[[str], None]) -> SkillLibrary:
     """Return the skills of all leaves of a registry.
 
-    What a class declares and does not fit is told to ``broken``, with file and line of the class; of its skill only the
-    resources and what the outcomes mean are kept then, so that one wrong package does not keep others from their work.
+    Unfit declarations of a class are reported to ``broken``, with file and line of the class; of its skill only the
+    resources and the meanings of the outcomes are kept then, so that one wrong package does not keep others from their
+    work.
     """
     manifests = {manifest.id: manifest for manifest in registry}
     skills = {id: skill for id, manifest in manifests.items() if (skill := node_skill(manifest)) is not None}

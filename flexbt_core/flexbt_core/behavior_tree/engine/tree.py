@@ -235,7 +235,7 @@ class Tree:
         Harmless at any time; also after an error. Work that goes on is in :attr:`unfinished`. Raises
         NodeExecutionError, after everything was halted, when a leaf raised.
         """
-        # The root first, which halts what is RUNNING in its order. Then all others are told, too: some keep counts
+        # The root first, which halts what is RUNNING in its order. Then all others are halted, too: some keep counts
         # from one activation to the next, and scripts of _onHalted run for all, as in BehaviorTree.CPP.
         for node in (self.root, *self.nodes):
             try:
@@ -269,7 +269,7 @@ class Tree:
     def pause(self) -> tuple[str, ...]:
         """Has the RUNNING leaves hold what they have begun; the host does not tick the tree from now on.
 
-        Gives 'path: why' for each that goes on all the same. May be called again, after a tick in between.
+        Return 'path: why' for each that continues nevertheless. May be called again, after a tick in between.
         """
         self.context.paused = True
         goes_on = []
@@ -383,8 +383,8 @@ class Tree:
         after_round: Callable[[], None] | None = None,
         on_expanded: Callable[[], None] | None = None,
     ) -> None:
-        """Tell every change of a status to these observers from now on, in order and at once, on the ticking thread,
-        and to no others; none: to nobody.
+        """Report every change of a status to these observers from now on, in order and at once, on the ticking thread,
+        and to no others.
 
         ``after_round()`` is called after each round of a tick, on its thread, also when that raises. ``on_expanded()``
         is called there between two rounds when leaves have had trees made below them (:class:`ExpandingAction`):

@@ -144,7 +144,7 @@ def import_blackboard(board: Blackboard, document: Mapping[str, Any], types: Jso
     """Write all entries of a document, or none of them. Other entries stay as they are.
 
     A new entry gets the type and the value of the document; one that has a type takes the value as
-    :meth:`Blackboard.set` does, by conversion without loss. (BehaviorTree.CPP overwrites an entry whatever its type,
+    :meth:`Blackboard.set` does, by conversion without loss. (BehaviorTree.CPP overwrites an entry of any type,
     and does not count that as a write.)
 
     Raises:
@@ -230,7 +230,7 @@ def _decode_entry(item: Any, types: JsonTypes, present: Entry | None) -> tuple[P
             f'an object has to have {TYPE_FIELD!r} beside its fields, or only "type" and "value"; this one has '
             f'{", ".join(map(repr, item)) or "nothing"}'
         )
-    # Types of one's own are known where a tree that uses them has made the entry.
+    # Users' types are known where a tree that uses them has made the entry.
     known = present.type if present is not None and present.type is not None and present.type.name == name else None
     kind = known or types.port_type(name)
     if kind is None and name != UNTYPED:

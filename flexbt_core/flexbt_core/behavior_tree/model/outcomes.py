@@ -312,8 +312,8 @@ class TimeLimit(Outcomes):
     def limit(self, values: Mapping[str, PortValue], child: Times) -> float | None:
         """Return the time after which the child never goes on, s; None when it may.
 
-        That is so when the time is not known before a run, and when the child may be skipped before: in a tick that
-        finds it so there is no limit any more.
+        That is so when the time is not known before a run, and when the child may be skipped before: in such a
+        tick the limit no longer applies.
         """
         limit = _milliseconds(values, self.port)
         return limit if limit and limit <= child.get(SKIPPED, math.inf) else None

@@ -311,7 +311,7 @@ written next fixes it; but text is refused where it would have to be converted."
 
 
 def is_fixed(type: PortType | None) -> TypeGuard[PortType]:
-    """Return whether an entry of this type keeps it, whatever is written."""
+    """Return whether an entry of this type keeps it on every write."""
     return type is not None and type is not ANY
 
 

@@ -73,19 +73,19 @@ class LostWrite:
 
 
 def problems_of_reads(machine: MachineDefinition) -> Iterator[str]:
-    """Read of what cannot have been written, on whatever way the state is reached."""
+    """Yield the reads of keys that cannot have been written on any way to the state."""
     for read in _reads(machine, is_sure=False):
         yield f'{read}; only {" and ".join(read.writers)} writes it, and no way leads from there to here'
 
 
 def unsure_reads(machine: MachineDefinition) -> list[KeyRead]:
-    """Read of what has not been written on each way by which the state is reached. They may be right all the same."""
+    """Return the reads of keys that are not written on every way to the state. They may still be correct."""
     never = set(_reads(machine, is_sure=False))
     return [read for read in _reads(machine, is_sure=True) if read not in never]
 
 
 def races(machine: MachineDefinition) -> Iterator[WriteRace]:
-    """Keys of which it is chance who writes them last, if anybody may read them then."""
+    """Yield the keys whose last writer depends on chance, if they may be read then."""
     for node in machine.nodes():
         if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
             yield from _races_in(node)

@@ -37,7 +37,7 @@ def with_retry(
     """Return the state, but entered again, ``attempts`` times in all, when it wants to be left by an outcome of ``on``.
 
     Before that its on_exit is called with the reason REPEATED, it halts, and ``delay`` seconds go by. When it
-    does not halt, it is left by its outcome. What it raises is no failure to try again, but a fault.
+    does not halt, it is left by its outcome. Its exceptions are faults, not failures to try again.
 
     Raises:
         StateError: there are no attempts, ``on`` has something that is not an outcome of the state, or it is not a

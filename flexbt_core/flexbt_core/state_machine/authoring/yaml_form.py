@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """State machines as YAML, of states that exist.
 
-The text names states, machines and data; it holds no code, and names no module. Which states there are is said by
-whoever reads it. Names are taken as they are written: ``off`` is a name, and no truth value. A state with ``retry`` is
+The text names states, machines and data; it holds no code, and names no module. The reader provides the
+existing states. Names are taken as they are written: ``off`` is a name, not a truth value. A state with ``retry`` is
 entered again, ``attempts`` times in all, when it would be left by an outcome of ``on`` (:func:`with_retry`). ::
 
     machine:

@@ -161,7 +161,7 @@ class LeafRun:
     def leave(self, reason: ExitReason) -> None:
         """Call on_exit, once for each time the state was entered.
 
-        A state that raises here fails if it is left by an outcome of its own; what others decided stands.
+        A state that raises here fails if it is left by its own outcome; what others decided stands.
         """
         if not self.is_entered:
             return
@@ -193,8 +193,8 @@ class LeafRun:
             self._fail()
 
     def halting(self) -> str | None:
-        """Return what has not halted yet of the state that was left. One that raised is not asked again: nobody
-        knows."""
+        """Return what has not halted yet of the state that was left. One that raised is not asked again:
+        the answer is unknown."""
         if self._never_halted is not None:
             return self._never_halted
         halting = self.call('halting', self.state.halting)

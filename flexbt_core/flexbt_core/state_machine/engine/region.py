@@ -130,7 +130,7 @@ class Region:
         child.enter(self.container.scope)
 
     def await_entry(self, child: RegionChild, *, is_resumed: bool = False) -> None:
-        """Have a child entered in a step of its own, which what has priority, a pause and a stop come before."""
+        """Have a child entered in a separate step, after work with priority, a pause and a stop."""
         self.child, self.coming, self.is_resumed = None, child, is_resumed
 
     def leave(self, reason: ExitReason) -> None:

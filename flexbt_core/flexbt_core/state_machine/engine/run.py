@@ -149,8 +149,8 @@ class MachineRun:
     def start(self, enter: Callable[[], None] | None = None) -> None:
         """Call on_start of every state and enter the first one. Once, on the thread of the run.
 
-        ``enter`` takes the place of entering the first one: :func:`start_at` goes on
-        by it where another run was.
+        ``enter`` replaces entering the first one: with it :func:`start_at` continues
+        where another run was.
 
         Raises:
             StateMachineError: it was called before.

@@ -2,12 +2,12 @@
 """The base of all states, and the skill of a state.
 
 A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
-once for each ``on_enter``, whatever becomes of the state in between, and ``exit_reason`` says why.
+once for each ``on_enter``, in every case, and ``exit_reason`` says why.
 
 What a callback raises is shown to the operator with its trace, and the callback is not repeated: a state that raises
 in on_enter, in execute, or in on_exit on its way out by an outcome of its own, is left by ``failed``; when it has no
-such outcome, the run ends by ``error``, as it does when on_start raises. Where somebody else decided that the state
-be left, that stands.
+such outcome, the run ends by ``error``, as it does when on_start raises. If the state is left by another
+decision, that stands.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ class EventState:
             host.wake()
 
     def wake_at(self, time: float) -> None:
-        """Have the state executed at a time of the clock, too: each time that was asked for holds until it has come.
+        """Have the state executed at a time of the clock, too: each requested time holds until it has come.
 
         Call it in on_enter or execute.
         """

@@ -41,10 +41,11 @@ class StateError(StateMachineError):
 
 # Userdata: what the states of a machine hand to each other.
 #
-# Each machine has a scope of its own. A state sees, through a :class:`UserData` view, only the keys that it declares;
+# Each machine has its own scope. A state sees, through a :class:`UserData` view, only the keys that it declares;
 # remapping says under which names its machine has them. What a state reads and does not also write is a copy, so that a
-# value can only be changed by whoever declares to. (FlexBE hashes the text of such values in every tick instead, which
-# is slow and misses changes.) What cannot be copied, such as a driver or a lock, is handed on itself, with a warning.
+# value can only be changed by a state that declares it. (FlexBE hashes the text of such values in every tick instead,
+# which is slow and misses changes.) What cannot be copied, such as a driver or a lock, is handed on itself, with a
+# warning.
 
 _IMMUTABLE: Final = (bool, int, float, complex, str, bytes, type(None))
 
