@@ -45,7 +45,7 @@ lint:  ## ruff, mypy, the contracts of the architecture, shellcheck
 bench:  ## the benchmarks; figures into out/bench
 	@tools/workspace.sh bench
 
-conformance:  ## the BT engine, without and with acceleration, against BehaviorTree.CPP, event by event: N=20000 random trees of each profile, from SEED=0 on
+conformance:  ## the BT engine, with scripts interpreted and as Python code, against BehaviorTree.CPP, event by event: N=20000 random trees of each profile, from SEED=0 on
 	@FLEXBT_ACCELERATION=0 tools/workspace.sh run python3 -m flexbt_testing.behavior_trees.conformance --count $(N) --seed $(SEED)
 	@tools/workspace.sh run python3 -m flexbt_testing.behavior_trees.conformance --count $(N) --seed $(SEED)
 

@@ -125,8 +125,8 @@ def test_a_package_is_described_in_the_same_words_everywhere(manifest: Manifest)
     if (setup := manifest.directory / 'setup.py').exists():
         calls = (node for node in ast.walk(ast.parse(setup.read_text('utf-8'))) if isinstance(node, ast.keyword))
         texts |= {ast.literal_eval(one.value) for one in calls if one.arg == 'description'}
-    if (front_door := manifest.directory / manifest.name / '__init__.py').exists():
-        docstring = ast.get_docstring(ast.parse(front_door.read_text('utf-8'))) or ''
+    if (face := manifest.directory / manifest.name / '__init__.py').exists():
+        docstring = ast.get_docstring(ast.parse(face.read_text('utf-8'))) or ''
         texts.add(' '.join(docstring.partition('\n\n')[0].split()))
     assert texts == {described}
 
