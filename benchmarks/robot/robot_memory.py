@@ -111,7 +111,7 @@ def screen() -> Iterator[int]:
 
 @contextlib.contextmanager
 def page() -> Iterator[int]:
-    """Provide the server of the page, and a page that reads what it is told; the process of the server."""
+    """Provide the server of the page, and a page that reads its messages; yield the process of the server."""
     words = [executable('console'), 'web', '--port', '0', '--observer']
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

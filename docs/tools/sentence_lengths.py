@@ -42,7 +42,7 @@ WORD: Final = re.compile(r"[^\W_][\w'’.,:/-]*")
 
 @dataclass
 class Page:
-    """What was counted on one page."""
+    """The counts of one page."""
 
     name: str
     words: int = 0

@@ -443,7 +443,7 @@ class TreePause:
 
 
 def _what_goes_on(outcome: ServiceOutcome) -> Sequence[str]:
-    """Of a tree that was asked to pause, from the answer."""
+    """Return what goes on in a tree that was asked to pause, by the answer."""
     if outcome.response is None:
         return (f'the tree was not paused: {outcome.reason}',)
     if outcome.response.message:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where things are in the workspace, and stamps: small JSON files that record what was done last, from which inputs."""
+"""The paths of the workspace, and stamps: small JSON files that record what was done last, from which inputs."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def show(mirror: Mirror, *decisions: Decision, **more: Any) -> None:
 
 
 def told_everywhere(view: View) -> dict[str, str]:
-    """Return what is told of the decision, by user interface."""
+    """Return the text of the decision, by user interface."""
     page = parts_of(view, 'ann')['decisions'][0]
     return {
         'line mode': '\n'.join(status_lines(view)),

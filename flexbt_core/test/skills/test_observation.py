@@ -44,7 +44,7 @@ def monitor() -> SkillMonitor:
 
 
 def run(*steps: str) -> list[str]:
-    """Return what is told of steps ``path outcome``; ``!`` in front of the outcome: it was forced."""
+    """Return the observations of steps ``path outcome``; ``!`` in front of the outcome: it was forced."""
     follower = monitor()
     told = []
     for step in steps:

@@ -25,7 +25,7 @@ class DemoSettings:
     """Settings of the processes.
 
     `map` is a ROS map YAML file, empty for the one that comes along; `start` the pose (m, m, rad) at which the robot
-    begins on it, None for that of the map that comes along; `places` the YAML file of the places that the robot knows
+    begins on it, None for that of the built-in map; `places` the YAML file of the places that the robot knows
     by name; `speed` how many seconds of the simulated world pass in one second.
     """
 
@@ -67,7 +67,7 @@ class Process:
 
 
 def built_in_places() -> str:
-    """Return the places file of the map that comes along."""
+    """Return the places file of the built-in map."""
     return str(Path(get_package_share_directory('flexbt_sim')) / 'maps' / 'rooms_places.yaml')
 
 

@@ -62,7 +62,7 @@ def parse_options(arguments: Sequence[str], environment: Mapping[str, str], term
     )
     parser.add_argument('--demo', default=environment.get('DEMO', ''), help='1: one tree navigates; 2: three trees')
     _add_run_options(parser, environment)
-    parser.add_argument('--map', default='', help='ROS map YAML file; default: the map that comes along')
+    parser.add_argument('--map', default='', help='ROS map YAML file; default: the built-in map')
     parser.add_argument(
         '--places',
         default='',

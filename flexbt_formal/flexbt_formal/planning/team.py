@@ -105,7 +105,7 @@ def team_problem(
 
 
 def _check_name(robot: str) -> None:
-    """Whether literals can speak of a robot."""
+    """Check that literals can name a robot. Raises PlanningError if not."""
     try:
         named = parse_literal(f'{_ROBOT}({robot})').arguments == (robot,)
     except SkillError:

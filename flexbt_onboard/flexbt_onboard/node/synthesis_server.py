@@ -97,7 +97,7 @@ class SynthesisServer:
         self._look()
 
     def _look(self) -> None:
-        """Whether the operator who asked is there."""
+        """Check whether the operator who asked is still connected."""
         search = self._search
         if search is None or not search.request.by:
             return

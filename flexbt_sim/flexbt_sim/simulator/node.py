@@ -87,9 +87,9 @@ class Simulator:
         runtime.node.get_logger().info(f'{self.parameters.source}: {self._described()}')
 
     def _set_periods(self) -> None:
-        """Of messages, in steps. Each message wakes every node that receives it, which is most of the cost of a
-        simulation at rest, in all processes. So poses at rest come with every second message of /clock. That itself has
-        to come more often than what others do by it, such as ticking a tree each 0.1 s."""
+        """Set the periods of messages, in steps. Each message wakes every node that receives it, which is most of the
+        cost of a simulation at rest, in all processes. So poses at rest come with every second message of /clock. That
+        itself has to come more often than what others do by it, such as ticking a tree each 0.1 s."""
 
         def steps(rate: float) -> int:
             return max(1, round(1.0 / (rate * self.world.step_size)))

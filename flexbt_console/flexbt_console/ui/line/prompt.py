@@ -296,7 +296,7 @@ class Prompt:
             self._print(lines)
 
     def _is_settled(self, view: View) -> bool:
-        """Return whether what is latched has arrived beside the first status, so that it is told in its order."""
+        """Return whether the latched messages have arrived with the first status, so that they are shown in order."""
         if view.snapshot is None or self._settled_at <= self._loop.time():
             return True
         if self._settled_at == math.inf:

@@ -191,7 +191,7 @@ class ZoneModel(ModelSpecification):
     title: ClassVar[str] = 'zone'
 
     kind: str = key(
-        '`no_go`: navigation keeps out of it; who enters it all the same is told in the log, and counted; `slow`: '
+        '`no_go`: navigation keeps out of it; a robot that enters it anyway is logged and counted; `slow`: '
         'robots in it are held to a speed; `sensor_shadow`: lidar and range finder of a robot in it return nothing, '
         'and its localization goes on by odometry alone',
         choices=('no_go', 'slow', 'sensor_shadow'),
