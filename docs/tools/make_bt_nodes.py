@@ -6,10 +6,12 @@ In a shell with the environment of the workspace.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from inspect import cleandoc
+from itertools import groupby
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from target import target
 
@@ -28,7 +30,7 @@ KINDS: Final = (NodeKind.CONTROL, NodeKind.DECORATOR, NodeKind.SUBTREE, NodeKind
 HEAD: Final = """\
 # The nodes of a behavior tree
 
-All node types, with their ports, results and an example. The text comes from the declarations of the nodes
+All node types, with ports, results and an example. The text comes from the declarations of the nodes
 (`docs/tools/make_bt_nodes.py` writes this page), and every example is tested. The [tutorial](../tutorials/errands.md)
 shows how to write your own nodes. The server and its tools find and list them in the same way.
 
@@ -41,11 +43,25 @@ blackboard, `{=}` to the one named like the port, and `{@key}` to an entry of th
 [How the engine ticks a tree](../explanation/bt_engine.md) and
 [Differences from BehaviorTree.CPP](bt_differences.md).
 
-## Overview
+Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2's branches jazzy and main.
 
-Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2's branches jazzy and
-main.
+## Overview
 """
+SHARED: Final = 10
+"""Ports that at least this many sections would repeat have one table for all."""
+
+
+class Port(NamedTuple):
+    """A port as a row of a table."""
+
+    name: str
+    direction: str
+    type: str
+    default: str
+    meaning: str
+
+    def __str__(self) -> str:
+        return f'| `{self.name}` | {self.direction} | {self.type} | {self.default} | {self.meaning} |'
 
 
 def page() -> str:
@@ -55,26 +71,62 @@ def page() -> str:
     assert not broken, broken
     ours = ('flexbt_core.', 'flexbt_server.', 'flexbt_formal.')
     manifests = [manifest for manifest in registry if manifest.node_class.__module__.startswith(ours)]
-    by_kind = {kind: [manifest for manifest in manifests if manifest.kind is kind] for kind in KINDS}
+    by_kind = {kind: list(alike(manifest for manifest in manifests if manifest.kind is kind)) for kind in KINDS}
+    groups = [group for kind in KINDS for group in by_kind[kind]]
+    repeated = Counter(port for group in groups for port in ports(group))
+    shared = [port for port, times in repeated.items() if times >= SHARED]
     lines = [HEAD]
-    for kind, nodes in by_kind.items():
-        lines += [f'| {kind.value} | Effect |', '|---|---|', *map(overview_row, nodes), '']
-    for kind, nodes in by_kind.items():
+    for kind, of_kind in by_kind.items():
+        links = (f'[{node.id}](#{anchor(group)})' for group in of_kind for node in group)
+        lines += [f'- **{kind.value}**: {", ".join(links)}']
+    lines += ['', '### Ports that many nodes have', '', *table(shared), '']
+    for kind, of_kind in by_kind.items():
         lines += [f'## {kind.value} nodes', '']
-        for manifest in nodes:
-            lines += [*section(manifest), '']
+        for group in of_kind:
+            lines += [*section(group, shared), '']
     return '\n'.join(lines).rstrip('\n') + '\n'
 
 
-def overview_row(manifest: NodeManifest) -> str:
-    """Return the row of a node type in the overview."""
-    summary = ' '.join(manifest.documentation.partition('\n\n')[0].replace('``', '`').split())
-    return f'| [{manifest.id}](#{manifest.id.lower()}) | {summary} |'
+def alike(manifests: Iterable[NodeManifest]) -> Iterator[list[NodeManifest]]:
+    """Group neighbours that have the same documentation, such as Switch2 to Switch6."""
+    for _, group in groupby(manifests, key=lambda manifest: (manifest.documentation, manifest.children)):
+        yield list(group)
 
 
-def section(manifest: NodeManifest) -> Iterator[str]:
-    """Return the section of one node type."""
-    yield f'### {manifest.id}'
+def title(group: Sequence[NodeManifest]) -> str:
+    return ', '.join(manifest.id for manifest in group)
+
+
+def anchor(group: Sequence[NodeManifest]) -> str:
+    return title(group).lower().replace(',', '').replace(' ', '-')
+
+
+def ports(group: Sequence[NodeManifest]) -> list[Port]:
+    """Return the ports of alike nodes, in order; types that differ between the nodes stand in one row."""
+    types: dict[tuple[str, str, str, str], list[str]] = {}
+    for manifest in group:
+        for name, port in manifest.ports.items():
+            default = '' if port.default is NO_DEFAULT else f'`{port.default}`'
+            kind = f'`{port.type.name}`' if port.type is not None else 'any'
+            found = types.setdefault((name, port.direction.value, default, port.documentation), [])
+            if kind not in found:
+                found.append(kind)
+    return [
+        Port(name, direction, ', '.join(kinds), default, meaning)
+        for (name, direction, default, meaning), kinds in types.items()
+    ]
+
+
+def table(rows: Iterable[Port]) -> Iterator[str]:
+    yield '| Port | Direction | Type | Default | Meaning |'
+    yield '|---|---|---|---|---|'
+    yield from map(str, rows)
+
+
+def section(group: Sequence[NodeManifest], shared: Sequence[Port]) -> Iterator[str]:
+    """Return the section of alike node types."""
+    manifest = group[0]
+    yield f'### {title(group)}'
     yield ''
     yield manifest.documentation.replace('``', '`')
     least, most = manifest.children
@@ -82,14 +134,15 @@ def section(manifest: NodeManifest) -> Iterator[str]:
         number = f'{least}' if most == least else f'{least} or more' if most is None else f'{least} to {most}'
         yield ''
         yield f'Children: {number}.' if manifest.kind.value != 'SubTree' else 'Attribute `ID`: the tree.'
-    if manifest.ports:
+    rows = ports(group)
+    own = [port for port in rows if port not in shared]
+    if own:
         yield ''
-        yield '| Port | Direction | Type | Default | Meaning |'
-        yield '|---|---|---|---|---|'
-        for name, port in manifest.ports.items():
-            default = '' if port.default is NO_DEFAULT else f'`{port.default}`'
-            kind = f'`{port.type.name}`' if port.type is not None else 'any'
-            yield f'| `{name}` | {port.direction.value} | {kind} | {default} | {port.documentation} |'
+        yield from table(own)
+    if len(own) < len(rows):
+        names = ', '.join(f'`{port.name}`' for port in rows if port in shared)
+        yield ''
+        yield f'{"Also" if own else "Ports"}: {names} ([see above](#ports-that-many-nodes-have)).'
     declared = _skill(manifest)
     if declared:
         yield ''
