@@ -6,6 +6,7 @@ In a shell with the environment of the workspace.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -14,7 +15,7 @@ from target import target
 
 from flexbt_console.commands.command_line import COMMON_OPTIONS, EXIT_CODES
 from flexbt_console.commands.registry import COMMANDS
-from flexbt_console.commands.spec import CommandSpec, LinkNeed, Mode, Send
+from flexbt_console.commands.spec import CommandSpec, LinkNeed, Mode, Option, Send
 from flexbt_console.ui.keys import HOW_KEYS_SEND, KEYS
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
@@ -23,15 +24,20 @@ HEAD: Final = """\
 
 All commands of the operator's console, on the command line, at the interactive prompt and on the screen. The text
 comes from the registry of commands (`docs/tools/make_console.py` writes this page). `console COMMAND --help` prints the
-same.
+same. A command works on the command line and at the prompt, unless its section says otherwise. *Sends* names the kind
+of `flexbt_msgs/msg/ExecutiveCommand` that it sends.
 
 ## Overview
-
-| Command | Effect |
-|---|---|"""
+"""
 OPTIONS: Final = """\
 
 ## Common options
+
+| Option | Meaning |
+|---|---|"""
+SENDING: Final = """\
+
+These options, where the usage names them, mean the same for all commands:
 
 | Option | Meaning |
 |---|---|"""
@@ -43,13 +49,17 @@ If a command waits longer than a second, it prints the reason to standard error.
 
 | Exit code | Meaning |
 |---|---|"""
+USES: Final = Counter(option for spec in COMMANDS for option in spec.options)
+MEANINGS: Final = Counter(option.usage for option in USES)
+SHARED_OPTIONS: Final = [option for option, uses in USES.items() if uses > 1 and MEANINGS[option.usage] == 1]
 
 
 def page() -> str:
     """Return the whole page."""
     lines = [HEAD]
-    lines += [f'| {_code(spec.usage)} | {_cell(spec.summary)} |' for spec in COMMANDS]
-    lines += [OPTIONS, *(f'| {_code(option.usage)} | {_cell(option.help)} |' for option in COMMON_OPTIONS)]
+    lines += [', '.join(f'[{spec.name}](#{spec.name})' for spec in COMMANDS)]
+    lines += [OPTIONS, *map(_row, COMMON_OPTIONS)]
+    lines += [SENDING, *map(_row, SHARED_OPTIONS)]
     lines += [CODES, *(f'| {code.value} | {_cell(meaning)} |' for code, meaning in EXIT_CODES.items()), '']
     for spec in COMMANDS:
         lines += section(spec)
@@ -70,26 +80,30 @@ def section(spec: CommandSpec) -> Iterator[str]:
         yield from ('', '| Key | | Effect |', '|---|---|---|')
         yield from (f'| `{key.shown}` | {_cell(key.label)} | {_cell(key.help)} |' for key in KEYS)
         yield from ('', HOW_KEYS_SEND)
-    if spec.options:
-        yield ''
-        yield '| Option | Meaning |'
-        yield '|---|---|'
-        yield from (f'| {_code(option.usage)} | {_cell(option.help)} |' for option in spec.options)
-    yield ''
-    yield ' '.join(_needs(spec))
+    own = [option for option in spec.options if option not in SHARED_OPTIONS]
+    if own:
+        yield from ('', '| Option | Meaning |', '|---|---|', *map(_row, own))
+    needs = ' '.join(_needs(spec))
+    if needs:
+        yield from ('', needs)
     yield ''
 
 
 def _needs(spec: CommandSpec) -> Iterator[str]:
     if isinstance(spec.action, Send):
         kinds = ' or '.join(f'`{kind.name}`' for kind in spec.action.kinds)
-        yield f'Sends {kinds} of `flexbt_msgs/msg/ExecutiveCommand`.'
+        yield f'Sends {kinds}.'
         if spec.action.answers is not None:
             decisions = ' or '.join(sorted(kind.name for kind in spec.action.answers.kinds))
             yield f'Answers a pending decision ({decisions}).'
         if spec.link is LinkNeed.HEARD:
             yield 'The prompt sends it even without a live link.'
-    yield 'On the command line and at the prompt.' if spec.in_prompt else 'On the command line only.'
+    if not spec.in_prompt:
+        yield 'On the command line only.'
+
+
+def _row(option: Option) -> str:
+    return f'| {_code(option.usage)} | {_cell(option.help)} |'
 
 
 def _code(text: str) -> str:
