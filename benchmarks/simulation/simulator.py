@@ -43,6 +43,7 @@ from flexbt_sim.world import (
     load_map,
     outlines,
 )
+from flexbt_sim.world.plane.loops import cast
 
 HERE: Final = Path(__file__).resolve().parent
 TARGETS: Final = {1: 1000.0, 50: 20.0}
@@ -145,14 +146,17 @@ def scans() -> dict[str, float]:
     sensors = [Beams(pose, 0.0, numpy.pi / 180.0, 360, 3.5, -1) for pose in places(grid, 40)]
     nothing = outlines([])
     found = {}
-    for what, cast in (('compiled', caster.cast), ('whole arrays', caster.cast_at_once)):
-        cast(sensors, nothing)
+    compiled = cast.compiled
+    for what, function in (('compiled', compiled), ('interpreted', None)):
+        cast.compiled = function
+        caster.cast(sensors, nothing)
         took = []
         for _ in range(20):
             start = time.process_time()
-            cast(sensors, nothing)
+            caster.cast(sensors, nothing)
             took.append(time.process_time() - start)
         found[what] = min(took) / len(sensors) * 1e6
+    cast.compiled = compiled
     return found
 
 

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A grid of costs over a map, and inflation; its loops are compiled where numba is installed, and whole-array
-operations do the same without.
-"""
+"""A grid of costs over a map, and inflation."""
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import numpy
 import scipy
@@ -18,7 +15,7 @@ from numpy.typing import NDArray
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, gap
-from flexbt_sim.world.plane.loops import compiled
+from flexbt_sim.world.plane.loops import nearest
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
 from . import kernels
@@ -123,7 +120,7 @@ class Costmap:
     def _inflated(self, box: CellBox) -> tuple[Squares, Costs]:
         """Squared gaps, see :mod:`.kernels`, and costs in a box."""
         inflation = self.inflation
-        squares: Squares = loops().squared_gaps(self.obstacles, box.bottom, box.top, box.left, box.right, self._reach)
+        squares: Squares = kernels.squared_gaps(self.obstacles, box.bottom, box.top, box.left, box.right, self._reach)
         distances = numpy.sqrt(squares, dtype=numpy.float32)
         distances *= self.world.resolution / 2.0
         distances[squares > 4 * self._reach**2] = math.inf
@@ -231,7 +228,7 @@ class Costmap:
         world = self.world
         obstacles = world.obstacles if on_map else self.obstacles
         reach = within / world.resolution + 1.0
-        least = loops().nearest(obstacles, world.obstacles, on_map is False, *world.grid_position(x, y), reach)
+        least = nearest(obstacles, world.obstacles, on_map is False, *world.grid_position(x, y), reach)
         distance = float(least) * world.resolution
         return distance if distance < within else math.inf
 
@@ -259,30 +256,8 @@ class Costmap:
 
         Never wrongly true; wrongly false at most where it has less than a cell to spare.
         """
-        return bool(loops().is_clear(self.obstacles, self.squares, start, end, radius / self.world.resolution))
+        return bool(kernels.is_clear(self.obstacles, self.squares, start, end, radius / self.world.resolution))
 
     def mean_cost(self, start: Position, end: Position) -> float:
         """Mean cost of the cells along a straight line between two positions on the map."""
-        return float(loops().mean_cost(self.costs, start, end))
-
-
-# The loops over the cells of costmaps, compiled where numba is installed; what they compute is the same without.
-
-
-class Loops(NamedTuple):
-    """The functions of :mod:`.kernels`. Compiled ones leave the interpreter to other threads."""
-
-    squared_gaps: Callable[..., Any]
-    search: Callable[..., Any]
-    is_clear: Callable[..., Any]
-    nearest: Callable[..., Any]
-    mean_cost: Callable[..., Any]
-    trace: Callable[..., Any]
-
-
-@functools.cache
-def loops() -> Loops:
-    """Return the compiled functions; with FLEXBT_ACCELERATION=0, or without numba, the same ones interpreted."""
-    interpreted = {'squared_gaps': kernels.squared_gaps_at_once}
-    known = [(name, getattr(kernels, name)) for name in Loops._fields]
-    return Loops(*(compiled(one) or interpreted.get(name, one) for name, one in known))
+        return float(kernels.mean_cost(self.costs, start, end))

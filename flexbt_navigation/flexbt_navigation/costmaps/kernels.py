@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The inner loops over the cells of a costmap, written so that numba can compile them.
 
-Plain functions over arrays that call nothing of ours. Where numba is installed, they are compiled and do not hold the
-interpreter; elsewhere they are interpreted.
-
 Squared gaps are in half cells: a gap is the distance from the centre of a cell to the nearest point of an obstacle
 cell, along an axis an odd number of half cells, or 0 in the obstacle itself.
 """
@@ -11,10 +8,13 @@ cell, along an axis an odd number of half cells, or 0 in the obstacle itself.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy
 from numpy.typing import NDArray
+
+from flexbt_sim.world.plane.loops import Loop
 
 Bools = NDArray[numpy.bool_]
 Costs = NDArray[numpy.uint8]
@@ -28,6 +28,28 @@ def neighbours(width: int) -> tuple[int, ...]:
     return 1, width, -1, -width, width + 1, width - 1, -width - 1, -width + 1
 
 
+def squared_gaps_at_once(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
+    """Return the same as :func:`squared_gaps`, which takes 260 times as long interpreted, on the executor."""
+    height, width = obstacles.shape
+    far = 4 * reach * reach + 1
+    low, first = max(0, bottom - reach), max(0, left - reach)
+    part = obstacles[low : min(height, top + reach), first : min(width, right + reach)]
+    rows = numpy.arange(part.shape[0], dtype=numpy.int32)[:, None]
+    below = numpy.maximum.accumulate(numpy.where(part, rows, -reach - 1), axis=0)
+    above = numpy.minimum.accumulate(numpy.where(part, rows, part.shape[0] + reach)[::-1], axis=0)[::-1]
+    gaps = numpy.minimum(numpy.minimum(rows - below, above - rows), reach + 1)[bottom - low : top - low]
+    padded = numpy.full((top - bottom, part.shape[1] + 2 * reach), far, numpy.int32)
+    padded[:, reach : reach + part.shape[1]] = numpy.square(numpy.maximum(2 * gaps - 1, 0))
+    centre, columns = reach + left - first, right - left
+    squares = numpy.minimum(padded[:, centre : centre + columns], far)
+    for offset in range(1, reach + 1):
+        across = (2 * offset - 1) ** 2
+        for begin in (centre - offset, centre + offset):
+            numpy.minimum(squares, across + padded[:, begin : begin + columns], out=squares)
+    return squares
+
+
+@partial(Loop, otherwise=squared_gaps_at_once)
 def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
     """Squared gaps of the cells in a box, up to ``reach`` cells; (2 * reach)² + 1 where nothing is so near."""
     height, width = obstacles.shape
@@ -79,27 +101,7 @@ def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int,
     return squares
 
 
-def squared_gaps_at_once(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
-    """Return the same by operations on whole arrays: interpreted, the loops take 260 times as long, on the executor."""
-    height, width = obstacles.shape
-    far = 4 * reach * reach + 1
-    low, first = max(0, bottom - reach), max(0, left - reach)
-    part = obstacles[low : min(height, top + reach), first : min(width, right + reach)]
-    rows = numpy.arange(part.shape[0], dtype=numpy.int32)[:, None]
-    below = numpy.maximum.accumulate(numpy.where(part, rows, -reach - 1), axis=0)
-    above = numpy.minimum.accumulate(numpy.where(part, rows, part.shape[0] + reach)[::-1], axis=0)[::-1]
-    gaps = numpy.minimum(numpy.minimum(rows - below, above - rows), reach + 1)[bottom - low : top - low]
-    padded = numpy.full((top - bottom, part.shape[1] + 2 * reach), far, numpy.int32)
-    padded[:, reach : reach + part.shape[1]] = numpy.square(numpy.maximum(2 * gaps - 1, 0))
-    centre, columns = reach + left - first, right - left
-    squares = numpy.minimum(padded[:, centre : centre + columns], far)
-    for offset in range(1, reach + 1):
-        across = (2 * offset - 1) ** 2
-        for begin in (centre - offset, centre + offset):
-            numpy.minimum(squares, across + padded[:, begin : begin + columns], out=squares)
-    return squares
-
-
+@Loop
 def search(
     costs: Costs, weights: Weights, start: int, goal: int, stop: Costs
 ) -> tuple[NDArray[numpy.int8], NDArray[numpy.float32]]:
@@ -196,6 +198,7 @@ def search(
     return directions, spent
 
 
+@Loop
 def is_clear(
     obstacles: Bools, squares: Squares, start: tuple[float, float], end: tuple[float, float], radius: float
 ) -> Any:
@@ -226,22 +229,7 @@ def is_clear(
     return True
 
 
-def nearest(obstacles: Bools, known: Bools, only_new: bool, row: float, column: float, reach: float) -> Any:
-    """Distance from a position to the nearest obstacle in a square, ``reach`` to each side; infinite without one; in
-    cells. ``only_new``: to the nearest that is none of ``known``.
-    """
-    height, width = obstacles.shape
-    least = math.inf
-    for a in range(max(0, math.floor(row - reach)), min(height, math.ceil(row + reach))):
-        up = max(a - row, row - a - 1.0, 0.0)
-        if up * up < least:
-            for b in range(max(0, math.floor(column - reach)), min(width, math.ceil(column + reach))):
-                if obstacles[a, b] and not (only_new and known[a, b]):
-                    right = max(b - column, column - b - 1.0, 0.0)
-                    least = min(least, up * up + right * right)
-    return math.sqrt(least)
-
-
+@Loop
 def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]) -> Any:
     """Mean of the costs of the cells along a straight line between two positions, in cells."""
     height, width = costs.shape
@@ -255,6 +243,7 @@ def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]
     return total / samples
 
 
+@Loop
 def trace(
     marks: Bools,
     obstacles: Bools,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from flexbt_sim.world.plane.geometry import Pose
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
-from .costmap import CellBox, Costmap, Inflation, loops
-from .kernels import Bools
+from .costmap import CellBox, Costmap, Inflation
+from .kernels import Bools, trace
 
 KNOWN_TOLERANCE: Final = 0.05
 """Maximum distance from an obstacle of the static map, m, of the end of a beam that was reflected by it: five standard
@@ -146,7 +146,7 @@ class LayeredCostmap:
         struck = numpy.where((ranges >= 0.0) & (ranges <= self._mark), ranges, -1.0) / world.resolution
         directions = numpy.stack([numpy.sin(angles), numpy.cos(angles)], axis=1)
         tolerance = KNOWN_TOLERANCE / world.resolution
-        loops().trace(self._marks, self._static, row, column, directions, cleared, struck, tolerance)
+        trace(self._marks, self._static, row, column, directions, cleared, struck, tolerance)
 
     def _clear_disc(self, robot: Pose) -> None:
         """Nav2's footprint clearing, of cells that lie in the footprint as a whole: what touches the robot stays."""

@@ -12,8 +12,8 @@ from typing import Final
 import numpy
 from numpy.typing import NDArray
 
-from flexbt_navigation.costmaps.costmap import INSCRIBED, LETHAL, Costmap, Position, loops
-from flexbt_navigation.costmaps.kernels import Costs, neighbours
+from flexbt_navigation.costmaps.costmap import INSCRIBED, LETHAL, Costmap, Position
+from flexbt_navigation.costmaps.kernels import Costs, neighbours, search
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.world.plane.geometry import Pose
 
@@ -203,7 +203,7 @@ class GridPlanner:
         costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
         width = costs.shape[1]
         start, last = ((row + 1) * width + column + 1 for row, column in (source, target))
-        directions, _ = loops().search(costs, WEIGHTS, start, last, stop.cell)
+        directions, _ = search(costs, WEIGHTS, start, last, stop.cell)
         stop.check()
         steps = neighbours(width)
         way = [last]

@@ -10,11 +10,15 @@ from __future__ import annotations
 
 import heapq
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy
 
 from flexbt_navigation.costmaps.kernels import Bools, Costs, Squares, Weights
+from flexbt_sim.world.plane.loops import Loop
+
+GridPose = tuple[float, float, float]
+"""A pose in cells: x, y and yaw."""
 
 HEADINGS = 72
 """Of the states that are told apart, as in Nav2's SmacPlannerHybrid."""
@@ -62,10 +66,36 @@ with each heading; and to the goal.
 """
 
 
-def ways(free: Bools, row: int, column: int, near: float) -> Any:
-    """Of the shortest ways over free neighbouring cells to that at a row and column: for each cell, by its number, how
-    far it is, infinite without a way; the next cell; and the first one of those that are no farther than ``near``.
+class Outline(NamedTuple):
+    """The outline of a robot among obstacles, whose squared gaps are those of a costmap.
+
+    ``corners``, shape (n, 2), are those of its polygon, none for a circle; ``discs``, shape (n, 3), centres and radii,
+    have all of it within them, and so has a circle of the radius ``reach`` round its centre.
     """
+
+    obstacles: Bools
+    squares: Squares
+    corners: Weights
+    discs: Weights
+    reach: float
+
+
+class Ways(NamedTuple):
+    """The shortest ways to one place over free neighbouring blocks, squares of ``block`` cells.
+
+    For each block, by its number: how far it is, infinite without a way; the next block; and the first one of those
+    that are near.
+    """
+
+    ahead: Weights
+    following: Squares
+    gates: Squares
+    block: int
+
+
+@Loop
+def ways_to(free: Bools, row: int, column: int, near: float, block: int) -> Any:
+    """Return the ways to the block at a row and column; no farther than ``near`` blocks is near."""
     height, width = free.shape
     found = numpy.full((height, width), math.inf)
     found[row, column] = 0.0
@@ -88,9 +118,10 @@ def ways(free: Bools, row: int, column: int, near: float) -> Any:
                         found[a, b] = there
                         following[a * width + b] = cell
                         heapq.heappush(queue, (there, a * width + b))
-    return found.reshape(free.size), following, gates
+    return Ways(found.reshape(free.size), following, gates, block)
 
 
+@Loop
 def far_from(squares: Squares, x: float, y: float) -> Any:
     """Return a distance that no obstacle is nearer than."""
     row = min(max(math.floor(y), 0), squares.shape[0] - 1)
@@ -98,6 +129,7 @@ def far_from(squares: Squares, x: float, y: float) -> Any:
     return math.sqrt(squares[row, column]) / 2.0 - math.hypot(y - row - 0.5, x - column - 0.5)
 
 
+@Loop
 def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool) -> Any:
     """Return whether an obstacle is nearer than ``needed``: the centre of its cell, or its square."""
     height, width = obstacles.shape
@@ -113,24 +145,15 @@ def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool
     return False
 
 
-def room(
-    obstacles: Bools,
-    squares: Squares,
-    corners: Weights,
-    discs: Weights,
-    reach: float,
-    slack: float,
-    x: float,
-    y: float,
-    yaw: float,
-) -> Any:
+@Loop
+def room(outline: Outline, slack: float, x: float, y: float, yaw: float) -> Any:
     """Return how far, at least, the outline of the robot can be moved until it touches an obstacle; negative where it
     does.
 
-    ``corners``, shape (n, 2), are those of its polygon, none for a circle; ``discs``, shape (n, 3), centres and radii,
-    have all of it within them, and so has a circle of the radius ``reach`` round its centre. What is inside of a
-    polygon as a whole is not seen where the discs meet something: who comes there has touched it before.
+    What is inside of a polygon as a whole is not seen where the discs meet something: who comes there has touched it
+    before.
     """
+    obstacles, squares, corners, discs, reach = outline
     height, width = obstacles.shape
     if not (0.0 <= y < height and 0.0 <= x < width):
         return -1.0
@@ -169,37 +192,27 @@ def room(
     return max(least - touching, 0.0)
 
 
-def room_along(
-    obstacles: Bools,
-    squares: Squares,
-    corners: Weights,
-    discs: Weights,
-    reach: float,
-    pose: tuple[float, float, float],
-    right: float,
-    up: float,
-    turn: float,
-) -> Any:
+@Loop
+def room_along(outline: Outline, pose: GridPose, right: float, up: float, turn: float) -> Any:
     """Return the least :func:`room` while the robot goes straight, or turns, by so much, but for where it begins."""
     x, y, yaw = pose
-    way = math.hypot(right, up) + abs(turn) * reach
+    way = math.hypot(right, up) + abs(turn) * outline.reach
     if way == 0.0:
         return math.inf
-    last = room(obstacles, squares, corners, discs, reach, 0.0, x + right, y + up, yaw + turn)
+    last = room(outline, 0.0, x + right, y + up, yaw + turn)
     least, gap, at = last, 0.0, 0.0
     while least >= 0.0:
         at += max(0.5, gap)
         if at + last >= way:  # what is left has been looked at from both of its ends
             break
         share = at / way
-        gap = room(
-            obstacles, squares, corners, discs, reach, 0.0, x + share * right, y + share * up, yaw + share * turn
-        )
+        gap = room(outline, 0.0, x + share * right, y + share * up, yaw + share * turn)
         least = min(least, gap)
     return least
 
 
-def stepped(pose: tuple[float, float, float], step: int) -> Any:
+@Loop
+def stepped(pose: GridPose, step: int) -> Any:
     """Return the pose after a step of a robot that turns on the spot, but for the last one."""
     x, y, yaw = pose
     if step in (STAY, ARRIVE):
@@ -216,16 +229,8 @@ def stepped(pose: tuple[float, float, float], step: int) -> Any:
     return x + STRIDE * math.cos(yaw), y + STRIDE * math.sin(yaw), yaw
 
 
-def room_on_way(
-    obstacles: Bools,
-    squares: Squares,
-    corners: Weights,
-    discs: Weights,
-    reach: float,
-    way: Weights,
-    yaw: float,
-    end: float,
-) -> Any:
+@Loop
+def room_on_way(outline: Outline, way: Weights, yaw: float, end: float) -> Any:
     """Return the least :func:`room` on straight lines between points, shape (n, 2), of a robot that turns on the spot:
     which comes to them with a heading ``yaw`` and leaves with ``end``.
     """
@@ -235,14 +240,15 @@ def room_on_way(
         right, up = (way[i + 1, 0] - x, way[i + 1, 1] - y) if i + 1 < len(way) else (0.0, 0.0)
         course = math.atan2(up, right) if right * right + up * up > 1e-12 else yaw if i + 1 < len(way) else end
         turn = (course - yaw + math.pi) % math.tau - math.pi
-        least = min(least, room_along(obstacles, squares, corners, discs, reach, (x, y, yaw), 0.0, 0.0, turn))
-        least = min(least, room_along(obstacles, squares, corners, discs, reach, (x, y, course), right, up, 0.0))
+        least = min(least, room_along(outline, (x, y, yaw), 0.0, 0.0, turn))
+        least = min(least, room_along(outline, (x, y, course), right, up, 0.0))
         if least < 0.0:
             break
         yaw = course
     return least
 
 
+@Loop
 def moved(x: float, y: float, yaw: float, turn: float, length: float, turning_radius: float) -> Any:
     """Return the pose after a piece of a way."""
     if turn == 0.0:
@@ -252,15 +258,12 @@ def moved(x: float, y: float, yaw: float, turn: float, length: float, turning_ra
     return x + radius * (math.sin(after) - math.sin(yaw)), y - radius * (math.cos(after) - math.cos(yaw)), after
 
 
+@Loop
 def cost_of_piece(
-    obstacles: Bools,
-    squares: Squares,
-    corners: Weights,
-    discs: Weights,
-    reach: float,
+    outline: Outline,
     slack: float,
     margin: float,
-    pose: tuple[float, float, float],
+    pose: GridPose,
     gap: float,
     turn: float,
     length: float,
@@ -270,10 +273,10 @@ def cost_of_piece(
     and the room that there is at its end. ``gap`` is that at its beginning.
     """
     x, y, yaw = moved(pose[0], pose[1], pose[2], turn, length, turning_radius)
-    last = room(obstacles, squares, corners, discs, reach, slack, x, y, yaw)
+    last = room(outline, slack, x, y, yaw)
     if last < 0.0:
         return math.inf, last
-    swing = 1.0 + abs(turn) * reach / turning_radius
+    swing = 1.0 + abs(turn) * outline.reach / turning_radius
     whole = abs(length)
     at, close = 0.0, 0.0
     while at < whole:
@@ -282,7 +285,7 @@ def cost_of_piece(
             step = whole - at
         else:
             x, y, yaw = moved(pose[0], pose[1], pose[2], turn, math.copysign(at + step, length), turning_radius)
-            there = room(obstacles, squares, corners, discs, reach, slack, x, y, yaw)
+            there = room(outline, slack, x, y, yaw)
             if there < 0.0:
                 return math.inf, last
         close += step * (max(0.0, 1.0 - max(0.0, gap) / margin) + max(0.0, 1.0 - there / margin)) / 2.0
@@ -293,6 +296,7 @@ def cost_of_piece(
     return cost * REVERSE_COST if length < 0.0 else cost, last
 
 
+@Loop
 def curves(x: float, y: float, yaw: float, reverses: bool) -> Weights:
     """Ways of three pieces from the origin, heading along x, to a pose: turns, lengths and cost, shape (n, 7).
 
@@ -354,26 +358,21 @@ def curves(x: float, y: float, yaw: float, reverses: bool) -> Weights:
     return found[:count]
 
 
+@Loop
 def turn_into(angle: float) -> Any:
     """Return what the bend into a straight way costs more, in turning radii, than it leads ahead on it."""
     angle = abs((angle + math.pi) % math.tau - math.pi)
     return BEND_COST * angle - math.sin(angle)
 
 
+@Loop
 def hybrid_search(
-    obstacles: Bools,
-    squares: Squares,
-    corners: Weights,
-    discs: Weights,
-    reach: float,
+    outline: Outline,
     slack: float,
     margin: float,
-    ahead: Weights,
-    following: Squares,
-    gates: Squares,
-    block: int,
-    start: tuple[float, float, float],
-    goal: tuple[float, float, float],
+    ways: Ways,
+    start: GridPose,
+    goal: GridPose,
     turning_radius: float,
     piece: float,
     reverses: bool,
@@ -383,14 +382,16 @@ def hybrid_search(
     """Return the pieces of a way from a pose to another one, turns and lengths of shape (n, 2), and how many states
     were seen.
 
-    No bend is narrower than ``turning_radius``. Nearer than ``margin`` to obstacles the way costs more. ``ahead``,
-    ``following`` and ``gates`` are the :func:`ways` to the goal over squares of ``block`` cells, and those of NEAR. The
-    way is empty when there is none, when ``most`` states were seen, or when another thread sets ``stop[0]``.
+    No bend is narrower than ``turning_radius``. Nearer than ``margin`` to obstacles the way costs more. ``ways`` are
+    those to the goal, with the gates of NEAR. The way is empty when there is none, when ``most`` states were seen, or
+    when another thread sets ``stop[0]``.
     """
-    across = (obstacles.shape[1] + block - 1) // block
+    ahead, following, gates, block = ways
+    height, width = outline.obstacles.shape
+    across = (width + block - 1) // block
     look = math.ceil(NEAR * turning_radius / block)
     cell = piece / math.sqrt(2.0)
-    columns = int(obstacles.shape[1] / cell) + 1
+    columns = int(width / cell) + 1
     size = 1
     while size < 2 * most:
         size *= 2
@@ -419,7 +420,7 @@ def hybrid_search(
         if looked % 64 == 0 and stop[0]:
             return numpy.empty((0, 2)), count
         pose = (poses[node, 0], poses[node, 1], poses[node, 2])
-        gap = room(obstacles, squares, corners, discs, reach, slack, pose[0], pose[1], pose[2])
+        gap = room(outline, slack, pose[0], pose[1], pose[2])
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         right, up = (goal[0] - pose[0]) / turning_radius, (goal[1] - pose[1]) / turning_radius
         left = (total - spent[node]) / piece / EAGERNESS
@@ -440,10 +441,7 @@ def hybrid_search(
                     if before * length < 0.0:
                         cost += REVERSAL_COST * turning_radius
                     before = length
-                    added, there = cost_of_piece(
-                        obstacles, squares, corners, discs, reach, slack, margin, here, there, chosen[i], length,
-                        turning_radius,
-                    )  # fmt: skip
+                    added, there = cost_of_piece(outline, slack, margin, here, there, chosen[i], length, turning_radius)
                     cost += added
                     if cost >= best:
                         break
@@ -455,7 +453,7 @@ def hybrid_search(
         for way in range(6 if reverses else 3):
             turn, length = float(way % 3 - 1), piece if way < 3 else -piece
             x, y, yaw = moved(pose[0], pose[1], pose[2], turn, length, turning_radius)
-            if not (0.0 <= y < obstacles.shape[0] and 0.0 <= x < obstacles.shape[1]):
+            if not (0.0 <= y < height and 0.0 <= x < width):
                 continue
             square = int(y) // block * across + int(x) // block
             remains = ahead[square]
@@ -470,9 +468,7 @@ def hybrid_search(
             other = slots[slot]
             if other >= 0 and is_done[other]:
                 continue
-            added, _ = cost_of_piece(
-                obstacles, squares, corners, discs, reach, slack, margin, pose, gap, turn, length, turning_radius
-            )
+            added, _ = cost_of_piece(outline, slack, margin, pose, gap, turn, length, turning_radius)
             cost = spent[node] + added
             if directions[node] * length < 0.0:
                 cost += REVERSAL_COST * turning_radius
@@ -519,19 +515,16 @@ def hybrid_search(
     return pieces, count
 
 
+@Loop
 def outline_search(
-    obstacles: Bools,
-    squares: Squares,
-    corners: Weights,
-    discs: Weights,
-    reach: float,
+    outline: Outline,
     margin: float,
     costs: Costs,
     weights: Weights,
     is_roomy: Bools,
     ahead: Weights,
-    start: tuple[float, float, float],
-    goal: tuple[float, float, float],
+    start: GridPose,
+    goal: GridPose,
     most: int,
     stop: Costs,
 ) -> Any:
@@ -546,6 +539,7 @@ def outline_search(
     seen, or when another thread sets ``stop[0]``.
     """
     height, width = costs.shape
+    reach = outline.reach
     poses = numpy.empty((most, 3))
     spent = numpy.empty(most)
     parents = numpy.empty(most, numpy.int32)
@@ -572,12 +566,12 @@ def outline_search(
             if step == ARRIVE:
                 way[0, 0], way[0, 1] = x, y
                 course = math.atan2(goal[1] - y, goal[0] - x) if roomy else yaw
-                gap = room_on_way(obstacles, squares, corners, discs, reach, way, course, goal[2])
+                gap = room_on_way(outline, way, course, goal[2])
             else:
                 begin = yaw if step >= LEAVE else pose[2]
                 right, up, turn = x - pose[0], y - pose[1], yaw - begin
                 begins = (pose[0], pose[1], begin)
-                gap = room_along(obstacles, squares, corners, discs, reach, begins, right, up, turn)
+                gap = room_along(outline, begins, right, up, turn)
             if gap < 0.0:
                 continue
             if gap < margin:

@@ -17,8 +17,8 @@ from flexbt_navigation.errors import NavigationError
 from flexbt_sim.world.plane.geometry import Pose, wrap
 
 from .grid_planner import SPACING, Cell, GridPlanner, StopFlag
-from .hybrid_kernels import NEAR, PIECE, SLACK, hybrid_search
-from .outline_planner import OutlinePlanner, outline_loops, turned_round
+from .hybrid_kernels import NEAR, PIECE, SLACK, GridPose, Ways, hybrid_search, moved, room, ways_to
+from .outline_planner import OutlinePlanner, turned_round
 
 STEERING_RESERVE: Final = 1.1
 """Factor by which bends are planned wider than the robot can drive them: it has to get back to the path, too."""
@@ -92,27 +92,26 @@ class HybridPlanner(OutlinePlanner):
         radius = self._steering.turning_radius * STEERING_RESERVE / cell
         begin, end = ends = self.on_grid(start), self.on_grid(goal)
         # Where there is less room at an end the robot may come as near to obstacles all along.
-        slack = SLACK if all(outline_loops().room(*self.shape, SLACK, *one) >= 0.0 for one in ends) else TIGHT
+        slack = SLACK if all(room(self.shape, SLACK, *one) >= 0.0 for one in ends) else TIGHT
         rules = slack, max(1.0, MARGIN * radius)
 
         @cache
         def problem(turned: bool) -> tuple[Any, ...]:
             if not turned:
-                return *self.shape, *rules, *self._ahead(target, radius), begin, end
-            return *self.shape_turned, *rules, *self._ahead(source, radius), turned_round(end), turned_round(begin)
+                return self.shape, *rules, self._ahead(target, radius), begin, end
+            return self.shape_turned, *rules, self._ahead(source, radius), turned_round(end), turned_round(begin)
 
         def halves() -> Iterator[tuple[Any, ...]]:
             """Yield the ways to a place in the midst, from the start and from the goal."""
-            *_, following, _, block, _, _ = problem(False)
-            if gate := self._gate(following, block, source, radius):
+            *_, ways, _, _ = problem(False)
+            if gate := self._gate(ways, source, radius):
                 ahead = self._ahead((int(gate[1]), int(gate[0])), radius)
-                yield *self.shape, *rules, *ahead, begin, gate
-                yield *self.shape_turned, *rules, *ahead, turned_round(end), turned_round(gate)
+                yield self.shape, *rules, ahead, begin, gate
+                yield self.shape_turned, *rules, ahead, turned_round(end), turned_round(gate)
 
-        is_interpreted = outline_loops().hybrid_search is hybrid_search
         lengths = sorted({max(SHORTEST, PIECE * radius / share) for share in (1.0, 2.0)})
         untried, looked = {turned: lengths.copy() for turned in (False, True)}, 0
-        for number, most in enumerate(MOST_INTERPRETED if is_interpreted else MOST_STATES):
+        for number, most in enumerate(MOST_STATES if hybrid_search.compiled else MOST_INTERPRETED):
             parts: list[NDArray[numpy.float64]] = []
             for half in halves() if number == 1 else ():
                 pieces, states = self._searched(half, radius, lengths.copy(), most, stop)
@@ -140,9 +139,7 @@ class HybridPlanner(OutlinePlanner):
         """
         looked, pieces = 0, numpy.empty((0, 2))
         while lengths:
-            pieces, states = outline_loops().hybrid_search(
-                *problem, radius, lengths[-1], self._steering.reverses, most, stop.cell
-            )
+            pieces, states = hybrid_search(*problem, radius, lengths[-1], self._steering.reverses, most, stop.cell)
             stop.check()
             looked += states
             if len(pieces) or states == most:
@@ -150,12 +147,11 @@ class HybridPlanner(OutlinePlanner):
             lengths.pop()
         return pieces, looked
 
-    def _gate(
-        self, following: NDArray[numpy.int32], block: int, source: Cell, radius: float
-    ) -> tuple[float, float, float] | None:
+    def _gate(self, ways: Ways, source: Cell, radius: float) -> GridPose | None:
         """Return where there is most room on a way over blocks, but for its ends, with the heading that the way has
         there."""
         height, width = self._costmap.costs.shape
+        block, following = ways.block, ways.following
         across = (width + block - 1) // block
         way = [source[0] // block * across + source[1] // block]
         while following[way[-1]] != way[-1]:
@@ -163,14 +159,14 @@ class HybridPlanner(OutlinePlanner):
         near = math.ceil(radius / block / 2.0)
         rows, columns = ((numpy.divmod(way, across)[axis] + 0.5) * block for axis in (0, 1))
         cells = numpy.minimum(rows, height - 1).astype(int), numpy.minimum(columns, width - 1).astype(int)
-        room = self._costmap.squares[cells][near:-near]
-        if not room.size:
+        between = self._costmap.squares[cells][near:-near]
+        if not between.size:
             return None
-        middle = near + int(room.argmax())
+        middle = near + int(between.argmax())
         before, after = middle - near, middle + near
         course = math.atan2(rows[after] - rows[before], columns[after] - columns[before])
         gate = float(cells[1][middle]) + 0.5, float(cells[0][middle]) + 0.5, course
-        return gate if outline_loops().room(*self.shape, SLACK, *gate) >= 0.0 else None
+        return gate if room(self.shape, SLACK, *gate) >= 0.0 else None
 
     def _no_way(self, code: str, goal: Pose, looked: int) -> NavigationError:
         return NavigationError(
@@ -189,15 +185,16 @@ class HybridPlanner(OutlinePlanner):
 
     def _is_free(self, path: Sequence[Pose], yaw: float) -> bool:
         """Its poses have the heading of the robot."""
-        return all(outline_loops().room(*self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in path)
+        return all(room(self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in path)
 
-    def _ahead(self, target: Cell, radius: float) -> tuple[Any, ...]:
-        """Return the :func:`.hybrid_kernels.ways` to a cell over blocks; and how many cells wide a block is."""
+    def _ahead(self, target: Cell, radius: float) -> Ways:
+        """Return the ways to a cell."""
         free = self._costmap.costs < INSCRIBED
         block = math.ceil(math.sqrt(free.size / MOST_BLOCKS))
         free = numpy.pad(free, [(0, -size % block) for size in free.shape])
         blocks = numpy.asarray(free.reshape(free.shape[0] // block, block, -1, block).any(axis=(1, 3)))
-        return *outline_loops().ways(blocks, target[0] // block, target[1] // block, NEAR * radius / block), block
+        ways: Ways = ways_to(blocks, target[0] // block, target[1] // block, NEAR * radius / block, block)
+        return ways
 
 
 def _driven_back(pieces: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
@@ -210,5 +207,5 @@ def _sampled(start: Pose, pieces: NDArray[numpy.float64], radius: float, goal: P
     path = [start]
     for turn, length in pieces.tolist():
         begin, count = path[-1], math.ceil(abs(length) / SPACING - 1e-6)
-        path += [Pose(*outline_loops().moved(*begin, turn, length * i / count, radius)) for i in range(1, count + 1)]
+        path += [Pose(*moved(*begin, turn, length * i / count, radius)) for i in range(1, count + 1)]
     return [*path[:-1], goal]

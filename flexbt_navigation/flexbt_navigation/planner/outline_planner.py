@@ -6,22 +6,21 @@ of a circle, it searches over places and headings, as Nav2's SmacPlannerLattice 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache, cached_property
 from itertools import product
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy
 from numpy.typing import NDArray
 
-from flexbt_navigation.costmaps.costmap import INSCRIBED, LETHAL, Position, loops
+from flexbt_navigation.costmaps.costmap import INSCRIBED, LETHAL, Position
+from flexbt_navigation.costmaps.kernels import search
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.world.plane.geometry import Pose
-from flexbt_sim.world.plane.loops import compiled
 
-from . import hybrid_kernels
 from .grid_planner import WEIGHTS, Cell, GridPlanner, StopFlag
-from .hybrid_kernels import outline_search
+from .hybrid_kernels import GridPose, Outline, outline_search, room_along, room_on_way
 
 MOST_DISCS: Final = 20
 """Maximum number of discs by which a robot is checked before its outline is."""
@@ -48,26 +47,6 @@ SAME_PLACE: Final = 1e-6
 
 ON_PATH: Final = 0.1
 """Maximum distance from a path at which the robot is still on it, m."""
-
-
-class OutlineLoops(NamedTuple):
-    """The functions of :mod:`.hybrid_kernels`. Only compiled ones are fast enough where it is narrow."""
-
-    ways: Callable[..., Any]
-    hybrid_search: Callable[..., Any]
-    curves: Callable[..., Any]
-    room: Callable[..., Any]
-    moved: Callable[..., Any]
-    room_along: Callable[..., Any]
-    room_on_way: Callable[..., Any]
-    outline_search: Callable[..., Any]
-
-
-@cache
-def outline_loops() -> OutlineLoops:
-    """Return the compiled functions, or the interpreted ones if there is no compiler."""
-    functions = [getattr(hybrid_kernels, name) for name in OutlineLoops._fields]
-    return OutlineLoops(*(compiled(one) or one for one in functions))
 
 
 class OutlinePlanner(GridPlanner):
@@ -107,7 +86,7 @@ class OutlinePlanner(GridPlanner):
         way = (x - world.origin.x + 1j * (y - world.origin.y)) * numpy.exp(-1j * world.origin.yaw) / world.resolution
         points = numpy.stack([way.real, way.imag], axis=1)
         ends = yaw - world.origin.yaw, float(yaws[-1]) - world.origin.yaw
-        return bool(outline_loops().room_on_way(*self.shape, points, *ends) >= 0.0)
+        return bool(room_on_way(self.shape, points, *ends) >= 0.0)
 
     def _rest(self, paths: Sequence[Sequence[Pose]], start: Pose, goal: Pose) -> list[Pose]:
         """Return what is left of the first path that leads to the goal, has room, and has the robot on it; [] without
@@ -145,13 +124,12 @@ class OutlinePlanner(GridPlanner):
             there = self._costs_to(source if turned else target, stop)
             ends = (turned_round(end), turned_round(begin)) if turned else (begin, end)
             shape = self.shape_turned if turned else self.shape
-            return *shape, margin, self._costmap.costs, WEIGHTS, self._is_roomy, there, *ends
+            return shape, margin, self._costmap.costs, WEIGHTS, self._is_roomy, there, *ends
 
-        search = outline_loops().outline_search
         looked, share = 0, min(1.0, USUAL_REACH * self._costmap.world.resolution / self._costmap.inflation.outer_radius)
-        for limit, turned in product(MOST_INTERPRETED if search is outline_search else MOST_OUTLINES, (False, True)):
+        for limit, turned in product(MOST_OUTLINES if outline_search.compiled else MOST_INTERPRETED, (False, True)):
             most = math.ceil(share * limit)
-            way, states = search(*problem(turned), most, stop.cell)
+            way, states = outline_search(*problem(turned), most, stop.cell)
             stop.check()
             if len(way):
                 points: NDArray[numpy.float64] = way[::-1] if turned else way
@@ -169,7 +147,7 @@ class OutlinePlanner(GridPlanner):
         """Return what the way to a cell costs from each other one, infinite without a way."""
         costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
         number = (cell[0] + 1) * costs.shape[1] + cell[1] + 1
-        _, spent = loops().search(costs, WEIGHTS, number, 0, stop.cell)
+        _, spent = search(costs, WEIGHTS, number, 0, stop.cell)
         stop.check()
         return numpy.ascontiguousarray(spent.reshape(costs.shape)[1:-1, 1:-1])
 
@@ -189,32 +167,32 @@ class OutlinePlanner(GridPlanner):
         def fits(i: int, j: int) -> bool:
             (x, y), (right, up) = way[i].tolist(), (way[j] - way[i]).tolist()
             pose = x, y, math.atan2(up, right)
-            return is_roomy[i] and is_roomy[j] and outline_loops().room_along(*self.shape, pose, right, up, 0.0) >= 0.0
+            return is_roomy[i] and is_roomy[j] and room_along(self.shape, pose, right, up, 0.0) >= 0.0
 
         return self._pull_straight([(y, x) for x, y in way.tolist()], stop, fits)
 
     @cached_property
-    def shape(self) -> tuple[Any, ...]:
-        """Obstacles and robot, in cells, as :func:`.hybrid_kernels.room` requires them."""
+    def shape(self) -> Outline:
+        """Obstacles and robot, in cells."""
         costmap, cell = self._costmap, self._costmap.world.resolution
         corners = numpy.array(costmap.inflation.corners, numpy.float64).reshape(-1, 2) / cell
         reach = costmap.inflation.outer_radius / cell
-        return costmap.obstacles, costmap.squares, corners, _discs(corners, reach), reach
+        return Outline(costmap.obstacles, costmap.squares, corners, _discs(corners, reach), reach)
 
     @property
-    def shape_turned(self) -> tuple[Any, ...]:
+    def shape_turned(self) -> Outline:
         """Shape with the robot the other way round: on the way back it drives as this one does on the way there."""
-        obstacles, squares, corners, discs, reach = self.shape
-        return obstacles, squares, -corners, discs * (-1.0, -1.0, 1.0), reach
+        shape = self.shape
+        return shape._replace(corners=-shape.corners, discs=shape.discs * (-1.0, -1.0, 1.0))
 
-    def on_grid(self, pose: Pose) -> tuple[float, float, float]:
+    def on_grid(self, pose: Pose) -> GridPose:
         """Return a pose in cells, as the loops have it."""
         world = self._costmap.world
         row, column = world.grid_position(pose.x, pose.y)
         return column, row, float(pose.yaw - world.origin.yaw)
 
 
-def turned_round(pose: tuple[float, float, float]) -> tuple[float, float, float]:
+def turned_round(pose: GridPose) -> GridPose:
     """Return a pose with the opposite heading."""
     x, y, yaw = pose
     return x, y, yaw + math.pi

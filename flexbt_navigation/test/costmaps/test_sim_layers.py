@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_navigation.costmaps import kernels
-from flexbt_navigation.costmaps.costmap import Costmap, Inflation, loops
+from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation, local_size
 from flexbt_sim.world import MODELS, OCCUPIED, LidarModel, OccupancyMap, Pose, compose, drive
 from flexbt_testing.worlds import Scanner, drawn, worlds
@@ -183,7 +183,7 @@ def test_compiled_or_not_the_same_cells_are_marked(data: st.DataObject, world: O
     )
     before = numpy.random.default_rng(1).random(world.obstacles.shape) < 0.5
     results = []
-    for trace in (loops().trace, kernels.trace, array_forms.trace):
+    for trace in (kernels.trace, kernels.trace.interpreted, array_forms.trace):
         cells = before.copy()
         trace(cells, world.obstacles, row, column, directions, cleared, struck, data.draw(st.just(1.5)))
         results.append(cells.tolist())

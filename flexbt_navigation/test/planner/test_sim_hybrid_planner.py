@@ -11,6 +11,7 @@ import numpy
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from interpreted import interpret
 
 from flexbt_navigation.controller.motions import Steering
 from flexbt_navigation.controller.track import drivable_legs
@@ -19,8 +20,8 @@ from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.navigator import Navigator
 from flexbt_navigation.planner import hybrid_kernels, hybrid_planner
 from flexbt_navigation.planner.grid_planner import StopFlag
+from flexbt_navigation.planner.hybrid_kernels import curves, hybrid_search, ways_to
 from flexbt_navigation.planner.hybrid_planner import STEERING_RESERVE, HybridPlanner
-from flexbt_navigation.planner.outline_planner import OutlineLoops, outline_loops
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, wrap
 
 CAR = MODELS['car']
@@ -52,13 +53,13 @@ def check(costmap: Costmap, path: Sequence[Pose], start: Pose, goal: Pose, rever
 @settings(deadline=None, max_examples=100)
 @given(*[st.floats(-8.0, 8.0)] * 2, st.floats(-7.0, 7.0), st.booleans())
 def test_curves_end_where_they_are_to(x: float, y: float, yaw: float, reverses: bool) -> None:
-    found = outline_loops().curves(x, y, yaw, reverses)
+    found = curves(x, y, yaw, reverses)
     assert len(found)
     for turns, lengths in zip(found[:, :3].tolist(), found[:, 3:6].tolist(), strict=True):
         assert reverses or min(lengths) >= 0.0
         there = (0.0, 0.0, 0.0)
         for turn, length in zip(turns, lengths, strict=True):
-            there = outline_loops().moved(*there, turn, length, 1.0)
+            there = hybrid_kernels.moved(*there, turn, length, 1.0)
         assert math.dist(there[:2], (x, y)) < 1e-9
         assert abs(wrap(there[2] - yaw)) < 1e-9
 
@@ -86,7 +87,7 @@ def test_there_is_a_plan_to_wherever_a_car_has_driven(
     assume(not roomy.in_collision(start))
     for turn, length in pieces:
         for _ in range(math.ceil(abs(length) / 0.25)):
-            there = Pose(*outline_loops().moved(*here, turn, math.copysign(0.25, length), 1.2 * WIDE))
+            there = Pose(*hybrid_kernels.moved(*here, turn, math.copysign(0.25, length), 1.2 * WIDE))
             if roomy.in_collision(there):
                 break
             here = there
@@ -100,7 +101,7 @@ def test_a_car_can_be_moved_by_the_room_that_it_has() -> None:
         costmap = yard([(r, c, h, w) for r, c, h, w in random.integers((1, 1, 2, 2), (29, 39, 6, 7), (9, 4)).tolist()])
         planner = HybridPlanner(costmap, Steering(RADIUS))
         for x, y, yaw, direction in random.uniform((-19, -14, -3.1, -3.1), (19, 14, 3.1, 3.1), (200, 4)).tolist():
-            room = 0.2 * outline_loops().room(*planner.shape, 0.25, *planner.on_grid(Pose(x, y, yaw)))
+            room = 0.2 * hybrid_kernels.room(planner.shape, 0.25, *planner.on_grid(Pose(x, y, yaw)))
             if room >= 0.0:
                 roomy += 1
                 assert not costmap.in_collision(Pose(x, y, yaw))
@@ -140,10 +141,10 @@ def test_a_search_ends_when_it_is_stopped() -> None:
     stop = StopFlag()
     stop.set()
     wall = yard(((14, 0, 1, 40),))
-    shape = *HybridPlanner(wall, Steering(RADIUS)).shape, 0.25, 1.0
+    shape = HybridPlanner(wall, Steering(RADIUS)).shape, 0.25, 1.0
     ends = (100.0, 40.0, 0.0), (100.0, 110.0, 0.0)
-    ways = outline_loops().ways(numpy.ones(wall.obstacles.shape, bool), 100, 110, 75.0)
-    pieces, states = outline_loops().hybrid_search(*shape, *ways, 1, *ends, 25.0, 4.0, True, 100_000, stop.cell)
+    ways = ways_to(numpy.ones(wall.obstacles.shape, bool), 100, 110, 75.0, 1)
+    pieces, states = hybrid_search(*shape, ways, *ends, 25.0, 4.0, True, 100_000, stop.cell)
     assert len(pieces) == 0
     assert 1 < states < 1000
 
@@ -151,14 +152,14 @@ def test_a_search_ends_when_it_is_stopped() -> None:
 @pytest.fixture
 def states(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return how many each search has looked at."""
-    loops, looked = outline_loops(), []
+    compiled, looked = hybrid_search.compiled or hybrid_search.interpreted, []
 
     def search(*problem: Any) -> Any:
-        pieces, states = loops.hybrid_search(*problem)
+        pieces, states = compiled(*problem)
         looked.append(states)
         return pieces, states
 
-    monkeypatch.setattr(hybrid_planner, 'outline_loops', lambda: loops._replace(hybrid_search=search))
+    monkeypatch.setattr(hybrid_search, 'compiled', search)
     return looked
 
 
@@ -224,11 +225,7 @@ def test_a_goal_on_the_way_that_has_moved_a_little_is_met_where_it_is_now() -> N
 
 
 def test_a_search_that_is_not_compiled_is_given_up_earlier(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        hybrid_planner,
-        'outline_loops',
-        lambda: OutlineLoops(*(getattr(hybrid_kernels, name) for name in OutlineLoops._fields)),
-    )
+    interpret(monkeypatch, hybrid_kernels)
     monkeypatch.setattr(hybrid_planner, 'MOST_INTERPRETED', (10, 30))
     planner = HybridPlanner(yard(LANE, 0.5), Steering(RADIUS, reverses=False))
     with pytest.raises(NavigationError, match='of 80 places') as raised:

@@ -12,6 +12,7 @@ import numpy
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from interpreted import interpret
 
 from flexbt_navigation.controller.motions import Steering
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
@@ -20,7 +21,7 @@ from flexbt_navigation.navigator import Navigator
 from flexbt_navigation.planner import hybrid_kernels, outline_planner
 from flexbt_navigation.planner.grid_planner import GridPlanner
 from flexbt_navigation.planner.hybrid_planner import planner_for
-from flexbt_navigation.planner.outline_planner import OutlineLoops, OutlinePlanner
+from flexbt_navigation.planner.outline_planner import OutlinePlanner
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, box, wrap
 
 LONG = box(0.9, 0.4)
@@ -151,8 +152,7 @@ def test_the_rest_of_a_path_is_the_plan_as_long_as_it_has_room() -> None:
 
 
 def test_a_search_that_is_given_up_leaves_the_path_of_a_circle(monkeypatch: pytest.MonkeyPatch) -> None:
-    loops = OutlineLoops(*(getattr(hybrid_kernels, name) for name in OutlineLoops._fields))
-    monkeypatch.setattr(outline_planner, 'outline_loops', lambda: loops)
+    interpret(monkeypatch, hybrid_kernels)
     monkeypatch.setattr(outline_planner, 'MOST_INTERPRETED', (10, 20))
     assert OutlinePlanner(CORRIDOR).plan(OUT_OF, INTO) == GridPlanner(CORRIDOR).plan(OUT_OF, INTO)
 

@@ -52,7 +52,6 @@ from flexbt_sim.world.plane.geometry import (
     inverse,
     wrap,
 )
-from flexbt_sim.world.plane.loops import compiled
 from flexbt_sim.world.plane.occupancy_map import (
     FAR,
     FREE,
@@ -151,7 +150,6 @@ __all__ = [
     'Zone',
     'ZoneModel',
     'box',
-    'compiled',
     'compose',
     'draw_world',
     'drive',

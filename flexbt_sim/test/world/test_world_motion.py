@@ -38,8 +38,7 @@ from flexbt_sim.world import (
     drive,
     gap,
 )
-from flexbt_sim.world.plane import loops
-from flexbt_sim.world.plane.space import polygon_gap
+from flexbt_sim.world.plane.loops import polygon_gap, polygon_gap_at_once
 from flexbt_testing.worlds import drawn, places, rooms, worlds
 
 ROUNDING = 1e-6
@@ -641,5 +640,5 @@ def test_both_ways_give_the_same_gap_to_the_map(data: st.DataObject, grid: Occup
     if isinstance(shape, Circle):
         return
     corners = numpy.array([grid.grid_position(x, y)[::-1] for x, y in shape.points(pose)])
-    one, other = loops.polygon_gap(grid.obstacles, corners), polygon_gap(grid.obstacles, corners)
+    one, other = polygon_gap.interpreted(grid.obstacles, corners), polygon_gap_at_once(grid.obstacles, corners)
     assert one == pytest.approx(other, abs=1e-9) or max(one, other) < 1e-9

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Beams, compiled and as whole-array operations, against ray casting that looks at every cell and every side."""
+"""Beams, compiled, interpreted and as whole-array operations, against a look at every cell and every side."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from itertools import pairwise, product
 
 import numpy
 import pytest
+from array_rays import cast_at_once
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
@@ -25,6 +27,8 @@ from flexbt_sim.world import (
     gap,
     outlines,
 )
+from flexbt_sim.world.plane import loops
+from flexbt_sim.world.plane.ray_casting import Floats, Outlines
 from flexbt_testing.worlds import places, worlds
 
 EDGE = 1e-5
@@ -41,6 +45,26 @@ shapes: st.SearchStrategy[Shape] = st.one_of(
     st.just(NOT_CONVEX),
 )
 
+
+Cast = Callable[[OccupancyMap | None, Sequence[Beams], Outlines], list[Floats]]
+
+
+def cast_compiled(world: OccupancyMap | None, sensors: Sequence[Beams], bodies: Outlines) -> list[Floats]:
+    return RayCaster(world).cast(sensors, bodies)
+
+
+def cast_interpreted(world: OccupancyMap | None, sensors: Sequence[Beams], bodies: Outlines) -> list[Floats]:
+    with pytest.MonkeyPatch.context() as patch:
+        for loop in (loops.cast, loops.covers):
+            patch.setattr(loop, 'compiled', None)
+        return RayCaster(world).cast(sensors, bodies)
+
+
+CASTS: dict[str, Cast] = {
+    'compiled': cast_compiled,
+    'interpreted': cast_interpreted,
+    'whole arrays': cast_at_once,
+}
 
 NEAR_EDGE = 1e-5
 """A beam that is in a cell for no longer than this, in cells, may miss it."""
@@ -82,7 +106,7 @@ def cast_on_body(shape: Circle | Polygon, at: Pose, pose: Pose, angle: float) ->
     return min((one for one in meets if one >= 0.0), default=math.inf)
 
 
-@pytest.mark.parametrize('path', ['compiled', 'whole arrays'])
+@pytest.mark.parametrize('path', CASTS)
 @settings(deadline=None, max_examples=25)
 @given(st.data())
 def test_ranges_are_exact(path: str, data: st.DataObject) -> None:
@@ -104,9 +128,7 @@ def test_ranges_are_exact(path: str, data: st.DataObject) -> None:
     bodies = list(world.obstacles.values())
     for place, body in product(sensors, bodies):  # just beside an outline, rounding turns beams by more than EDGE
         assume(not 0.9 * ON_OUTLINE < room_beside(body.shape, body.pose, place.pose) < 0.001)
-    caster = RayCaster(grid)
-    cast = caster.cast if path == 'compiled' else caster.cast_at_once
-    for sensor, ranges in zip(sensors, cast(sensors, outlines(bodies)), strict=True):
+    for sensor, ranges in zip(sensors, CASTS[path](grid, sensors, outlines(bodies)), strict=True):
         assert ranges.shape == (sensor.beams,)
         for beam, measured in enumerate(ranges):
             angle = sensor.angle_min + beam * sensor.angle_increment
@@ -129,15 +151,17 @@ def test_ranges_are_exact(path: str, data: st.DataObject) -> None:
 
 @settings(deadline=None, max_examples=25)
 @given(st.data(), worlds(border=True))
-def test_both_ways_give_the_same_ranges(data: st.DataObject, grid: OccupancyMap) -> None:
-    caster = RayCaster(grid)
+def test_all_ways_give_the_same_ranges(data: st.DataObject, grid: OccupancyMap) -> None:
     poses = data.draw(st.lists(places(grid), min_size=1, max_size=4))
     sensors = [Beams(pose, 0.0, math.tau / 90, 90, 30.0, -1) for pose in poses]
     world = World(grid)
     for i in range(data.draw(st.integers(0, 4))):
         world.add(f'body{i}', ObstacleModel(pose=data.draw(places(grid)), shape=data.draw(shapes)))
     bodies = outlines(world.obstacles.values())
-    for one, other in zip(caster.cast(sensors, bodies), caster.cast_at_once(sensors, bodies), strict=True):
+    interpreted = cast_interpreted(grid, sensors, bodies)
+    for one, other in zip(cast_compiled(grid, sensors, bodies), interpreted, strict=True):
+        assert one == pytest.approx(other, abs=1e-9)
+    for one, other in zip(interpreted, cast_at_once(grid, sensors, bodies), strict=True):
         both = numpy.isfinite(one) & numpy.isfinite(other)
         differs = (numpy.isfinite(one) != numpy.isfinite(other)).sum()
         differs += (numpy.abs(one[both] - other[both]) > 1e-6).sum()
@@ -148,13 +172,11 @@ def cast_one(path: str, shape: Shape, at: Pose, sensor: Beams) -> list[float]:
     """Ranges beside one body."""
     world = World()
     world.add('body', ObstacleModel(pose=at, shape=shape))
-    caster = RayCaster(None)
-    cast = caster.cast if path == 'compiled' else caster.cast_at_once
-    found: list[float] = cast([sensor], outlines(world.obstacles.values()))[0].tolist()
+    found: list[float] = CASTS[path](None, [sensor], outlines(world.obstacles.values()))[0].tolist()
     return found
 
 
-@pytest.mark.parametrize('path', ['compiled', 'whole arrays'])
+@pytest.mark.parametrize('path', CASTS)
 def test_no_beam_slips_between_two_sides(path: str) -> None:
     """From beside a polygon, straight at each of its corners."""
     at = Pose(0.3, -0.7, 0.1)
@@ -167,7 +189,7 @@ def test_no_beam_slips_between_two_sides(path: str) -> None:
             assert cast_one(path, shape, at, sensor) == pytest.approx([1.0], abs=1e-6)
 
 
-@pytest.mark.parametrize('path', ['compiled', 'whole arrays'])
+@pytest.mark.parametrize('path', CASTS)
 @settings(deadline=None, max_examples=25)
 @given(shapes, st.builds(Pose, *[st.floats(-9.0, 9.0)] * 3), st.floats(0.0, math.tau), st.floats(0.0, 1.0))
 @example(NOT_CONVEX, Pose(0.02, 0.02, 0.0), 0.0, 0.0)
@@ -190,7 +212,7 @@ def test_a_body_is_solid(path: str, shape: Shape, at: Pose, angle: float, part: 
         assert cast_one(path, shape, at, sensor._replace(owner=0)) == [math.inf] * 12
 
 
-@pytest.mark.parametrize('path', ['compiled', 'whole arrays'])
+@pytest.mark.parametrize('path', CASTS)
 @pytest.mark.filterwarnings('error')
 def test_a_beam_may_be_all_but_parallel_to_a_side(path: str) -> None:
     """So that it would meet the side farther away than a number can say."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The inner loops over beams and cells, and the function that has numba compile them where it is installed.
+"""The inner loops over beams and cells, which numba compiles where it is installed; without it they do the same.
 
-Each but :func:`covers` has an equivalent of whole-array operations, for where there is no numba: in
-:mod:`.ray_casting`, :mod:`.space` and :mod:`.occupancy_map`.
+numba is imported when the first of them is called, which takes some tenths of a second, and keeps what it has compiled;
+compiling takes some seconds on the first use of a computer.
 """
 
 from __future__ import annotations
@@ -17,7 +17,64 @@ from contextlib import suppress
 from types import FunctionType
 from typing import Any
 
+import numpy
 
+
+class Loop:
+    """A decorator of a function over arrays, which is compiled when it is first called.
+
+    Where nothing is compiled it is ``interpreted``, or ``otherwise`` does the same by operations on whole arrays, if
+    interpreted it would be too slow.
+    """
+
+    def __init__(self, interpreted: Callable[..., Any], otherwise: Callable[..., Any] | None = None) -> None:
+        functools.update_wrapper(self, interpreted)
+        self.interpreted = interpreted
+        self._otherwise = otherwise or interpreted
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the function."""
+        return (self.compiled or self._otherwise)(*arguments)
+
+    @functools.cached_property
+    def compiled(self) -> Callable[..., Any] | None:
+        """The compiled function, which leaves the interpreter to other threads; None without numba.
+
+        The loops that it calls are compiled along. ``FLEXBT_ACCELERATION=0`` leaves numba out, too.
+        """
+        numba: Any = None
+        if os.environ.get('FLEXBT_ACCELERATION', '1') != '0':
+            with suppress(ImportError):
+                numba = importlib.import_module('numba')
+        if numba is None:
+            return None
+        function = self._with_compiled()
+        made: Callable[..., Any]
+        try:
+            made = numba.njit(nogil=True, cache=True)(function)
+        except RuntimeError as error:  # there is no directory to keep it in
+            logging.getLogger(__name__).warning(
+                'numba compiles %s anew in each process, as it cannot keep it: %s; NUMBA_CACHE_DIR names a directory '
+                'where it can', function.__name__, error,
+            )  # fmt: skip
+            made = numba.njit(nogil=True)(function)
+        return made
+
+    def _with_compiled(self) -> FunctionType:
+        """Return the function, which calls compiled loops."""
+        function = self.interpreted
+        assert isinstance(function, FunctionType)
+        there = function.__globals__
+        called = {name: one for name in function.__code__.co_names if isinstance(one := there.get(name), Loop)}
+        if not called:
+            return function
+        compiled = {name: one.compiled for name, one in called.items()}
+        made = FunctionType(function.__code__, there | compiled, function.__name__)
+        made.__qualname__ = function.__qualname__
+        return made
+
+
+@Loop
 def cast(
     free: Any, row: float, column: float, turned: float, resolution: float, x: float, y: float, heading: float,
     increment: float, range_max: float, owner: int, circles: Any, segments: Any, ranges: Any,
@@ -46,7 +103,7 @@ def cast(
         while travelled < end:
             r, c = row + travelled * up, column + travelled * right
             i, j = min(max(int(math.floor(r)), 0), height - 1), min(max(int(math.floor(c)), 0), width - 1)  # noqa: RUF046 - a float to numba
-            room = free[i, j]
+            room = float(free[i, j])  # NumPy would add the steps of a beam as float32, and lose them
             if room < -0.5:
                 ranges[beam] = travelled * resolution
                 break
@@ -102,11 +159,12 @@ def cast(
             ranges[beam] = math.inf
 
 
+@Loop
 def covers(x: float, y: float, owner: int, circles: Any, segments: Any) -> bool:
     """Return whether a point is in a body, or on its outline: no more than 1e-6 m off it. ``owner`` is left out.
 
-    It has no equivalent, so that both ways to cast beams have one answer; products and sums alone are, compiled or not,
-    the same to the last bit. Nearer to a corner, the direction of a side is all rounding.
+    Products and sums alone are, compiled or not, the same to the last bit. Nearer to a corner, the direction of a side
+    is all rounding.
     """
     for k in range(circles.shape[0]):
         dx, dy, reach = circles[k, 0] - x, circles[k, 1] - y, circles[k, 2] + 1e-6
@@ -133,19 +191,53 @@ def covers(x: float, y: float, owner: int, circles: Any, segments: Any) -> bool:
     return False
 
 
-def clearance(obstacles: Any, row: float, column: float, reach: float) -> float:
-    """Distance, in cells, from a place on the grid to the nearest obstacle cell; infinite if none is within reach."""
+@Loop
+def nearest(obstacles: Any, known: Any, only_new: bool, row: float, column: float, reach: float) -> Any:
+    """Distance from a position to the nearest obstacle in a square, ``reach`` to each side; infinite without one; in
+    cells. ``only_new``: to the nearest that is none of ``known``.
+    """
     height, width = obstacles.shape
-    nearest = math.inf
-    for i in range(max(0, int(math.floor(row - reach))), min(height, int(math.ceil(row + reach)))):  # noqa: RUF046
-        up = max(i - row, row - 1.0 - i, 0.0)
-        for j in range(max(0, int(math.floor(column - reach))), min(width, int(math.ceil(column + reach)))):  # noqa: RUF046
-            if obstacles[i, j]:
-                aside = max(j - column, column - 1.0 - j, 0.0)
-                nearest = min(nearest, up * up + aside * aside)
+    least = math.inf
+    for a in range(max(0, math.floor(row - reach)), min(height, math.ceil(row + reach))):
+        up = max(a - row, row - a - 1.0, 0.0)
+        if up * up < least:
+            for b in range(max(0, math.floor(column - reach)), min(width, math.ceil(column + reach))):
+                if obstacles[a, b] and not (only_new and known[a, b]):
+                    right = max(b - column, column - b - 1.0, 0.0)
+                    least = min(least, up * up + right * right)
+    return math.sqrt(least)
+
+
+def polygon_gap_at_once(obstacles: Any, corners: Any) -> float:
+    """As :func:`polygon_gap`, by operations on whole arrays."""
+    left, bottom = numpy.maximum(numpy.floor(corners.min(axis=0)).astype(int) - 1, 0)
+    right, top = numpy.maximum(numpy.ceil(corners.max(axis=0)).astype(int) + 1, 0)
+    rows, columns = numpy.nonzero(obstacles[bottom:top, left:right])
+    if not rows.size:
+        return math.inf
+    squares = numpy.stack([columns + left, rows + bottom], axis=1)[:, None, :].astype(float)
+    starts, sides = corners[None], (numpy.roll(corners, -1, axis=0) - corners)[None]
+    # From where to where each side is between the edges of a square: it crosses it if it is on both axes at once.
+    with numpy.errstate(divide='ignore', invalid='ignore'):
+        into, out = (squares - starts) / sides, (squares + 1.0 - starts) / sides
+    parallel = sides == 0.0
+    beside = parallel & ((starts <= squares) | (starts >= squares + 1.0))
+    first = numpy.where(parallel, 0.0, numpy.minimum(into, out)).max(axis=2)
+    last = numpy.where(parallel, 1.0, numpy.maximum(into, out)).min(axis=2)
+    crosses = (numpy.maximum(first, 0.0) < numpy.minimum(last, 1.0)) & ~beside.any(axis=2)
+    crossed = int(crosses.any(axis=1).sum())
+    if crossed:
+        return -float(crossed)
+    # Otherwise they are nearest at a corner of one of them.
+    nearest = ((starts - numpy.clip(starts, squares, squares + 1.0)) ** 2).sum(axis=2).min()
+    for corner in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
+        points = squares + corner - starts
+        part = numpy.clip((points * sides).sum(axis=2) / (sides * sides).sum(axis=2), 0.0, 1.0)
+        nearest = min(nearest, ((points - part[:, :, None] * sides) ** 2).sum(axis=2).min())
     return math.sqrt(nearest)
 
 
+@functools.partial(Loop, otherwise=polygon_gap_at_once)
 def polygon_gap(obstacles: Any, corners: Any) -> float:
     """Distance, in cells, from the sides of a polygon to the nearest obstacle cell within a cell of its bounds.
 
@@ -192,47 +284,3 @@ def polygon_gap(obstacles: Any, corners: Any) -> float:
                     nearest = min(nearest, (px - part * dx) ** 2 + (py - part * dy) ** 2)
             crossed += crosses
     return -float(crossed) if crossed else math.sqrt(nearest)
-
-
-# Functions compiled by numba, where it is installed. It is optional, and what they compute is the same without.
-#
-# numba is imported when the first of them is needed, which takes some tenths of a second, and keeps what it has
-# compiled; compiling takes some seconds on the first use of a computer.
-
-
-@functools.cache
-def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
-    """Return a function compiled, which leaves the interpreter to other threads; None without numba.
-
-    The functions of its module that it calls are compiled along. ``FLEXBT_ACCELERATION=0`` leaves numba out, too.
-    """
-    numba: Any = None
-    if os.environ.get('FLEXBT_ACCELERATION', '1') != '0':
-        with suppress(ImportError):
-            numba = importlib.import_module('numba')
-    if numba is None:
-        return None
-    function = _with_compiled(function)
-    made: Callable[..., Any]
-    try:
-        made = numba.njit(nogil=True, cache=True)(function)
-    except RuntimeError as error:  # there is no directory to keep it in
-        logging.getLogger(__name__).warning(
-            'numba compiles %s anew in each process, as it cannot keep it: %s; NUMBA_CACHE_DIR names a directory where '
-            'it can', function.__name__, error,
-        )  # fmt: skip
-        made = numba.njit(nogil=True)(function)
-    return made
-
-
-def _with_compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the same function, or one that calls the compiled ones instead of those of its module."""
-    assert isinstance(function, FunctionType)
-    there = function.__globals__
-    called = [there.get(name) for name in function.__code__.co_names]
-    own = [one for one in called if isinstance(one, FunctionType) and one.__module__ == function.__module__]
-    if not own:
-        return function
-    made = FunctionType(function.__code__, there | {one.__name__: compiled(one) for one in own}, function.__name__)
-    made.__qualname__ = function.__qualname__
-    return made

@@ -22,9 +22,8 @@ from flexbt_core.values.text_files import read_text
 from flexbt_core.values.yaml_data import load_yaml
 from flexbt_sim.errors import MapError
 
-from . import loops
 from .geometry import FARTHEST, Pose, Shape
-from .loops import compiled
+from .loops import nearest
 
 FREE: Final = 0
 OCCUPIED: Final = 100
@@ -157,14 +156,7 @@ class OccupancyMap:
         row, column = self.grid_position(x, y)
         known, beside = self._nearest_known(row, column)
         reach = (known + beside) / self.resolution + 1.0
-        look = compiled(loops.clearance)
-        if look is not None:
-            return float(look(self.obstacles, row, column, reach)) * self.resolution
-        bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
-        near = self.obstacles[bottom : math.ceil(row + reach), left : math.ceil(column + reach)]
-        rows, columns = numpy.nonzero(near)
-        gaps = numpy.hypot(_gaps(rows + bottom, row), _gaps(columns + left, column))
-        return float(gaps.min(initial=math.inf)) * self.resolution
+        return float(nearest(self.obstacles, self.obstacles, False, row, column, reach)) * self.resolution
 
     def _nearest_known(self, row: float, column: float) -> tuple[float, float]:
         """Distance from an obstacle at the nearest point where that is known, and how far away this point is; m."""
@@ -172,11 +164,6 @@ class OccupancyMap:
         c = min(max(round(2.0 * column), 0), 2 * self.width)
         beside = math.hypot(row - r / 2.0, column - c / 2.0) * self.resolution
         return float(self.half_cell_distances[r, c]), beside
-
-
-def _gaps(cells: NDArray[numpy.int64], position: float) -> NDArray[numpy.float64]:
-    """Return how far cells are from a position along one axis."""
-    return numpy.maximum(numpy.maximum(cells - position, position - 1.0 - cells), 0.0)
 
 
 def load_map(file: Path) -> OccupancyMap:

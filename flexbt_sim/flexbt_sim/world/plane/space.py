@@ -13,14 +13,12 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy
-from numpy.typing import NDArray
 
 from flexbt_sim.errors import SimulationError
 
-from . import loops
 from .bodies import At, Body, BodyGrid
 from .geometry import FARTHEST, Circle, Polygon, Pose, Shape, box, contains, gap
-from .loops import compiled
+from .loops import polygon_gap
 from .occupancy_map import OccupancyMap
 
 COLLISION_CHECK_DISTANCE: Final = 0.002
@@ -148,10 +146,8 @@ class Space:
         world = self.map
         assert world is not None
         corners = numpy.array([world.grid_position(x, y)[::-1] for x, y in polygon.points(pose)])
-        look = compiled(loops.polygon_gap)
-        gap = polygon_gap(world.obstacles, corners) if look is None else float(look(world.obstacles, corners))
         # Where no obstacle is near, there is a free cell all round.
-        return min(gap, 0.5) * world.resolution
+        return min(float(polygon_gap(world.obstacles, corners)), 0.5) * world.resolution
 
     def _clearance(self, x: float, y: float) -> float:
         """Distance, m, from a point to the nearest obstacle of the map: as far as the point next to it is, at least."""
@@ -286,32 +282,3 @@ def check_pose(pose: Pose) -> str:
     if not pose.is_place:
         raise SimulationError(f'{place} is no pose; give finite numbers, of at most {FARTHEST:g}: m, m, rad')
     return place
-
-
-def polygon_gap(obstacles: NDArray[numpy.bool_], corners: NDArray[numpy.float64]) -> float:
-    """As :func:`.loops.polygon_gap`, by whole-array operations."""
-    left, bottom = numpy.maximum(numpy.floor(corners.min(axis=0)).astype(int) - 1, 0)
-    right, top = numpy.maximum(numpy.ceil(corners.max(axis=0)).astype(int) + 1, 0)
-    rows, columns = numpy.nonzero(obstacles[bottom:top, left:right])
-    if not rows.size:
-        return math.inf
-    squares = numpy.stack([columns + left, rows + bottom], axis=1)[:, None, :].astype(float)
-    starts, sides = corners[None], (numpy.roll(corners, -1, axis=0) - corners)[None]
-    # From where to where each side is between the edges of a square: it crosses it if it is on both axes at once.
-    with numpy.errstate(divide='ignore', invalid='ignore'):
-        into, out = (squares - starts) / sides, (squares + 1.0 - starts) / sides
-    parallel = sides == 0.0
-    beside = parallel & ((starts <= squares) | (starts >= squares + 1.0))
-    first = numpy.where(parallel, 0.0, numpy.minimum(into, out)).max(axis=2)
-    last = numpy.where(parallel, 1.0, numpy.maximum(into, out)).min(axis=2)
-    crosses = (numpy.maximum(first, 0.0) < numpy.minimum(last, 1.0)) & ~beside.any(axis=2)
-    crossed = int(crosses.any(axis=1).sum())
-    if crossed:
-        return -float(crossed)
-    # Otherwise they are nearest at a corner of one of them.
-    nearest = ((starts - numpy.clip(starts, squares, squares + 1.0)) ** 2).sum(axis=2).min()
-    for corner in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
-        points = squares + corner - starts
-        part = numpy.clip((points * sides).sum(axis=2) / (sides * sides).sum(axis=2), 0.0, 1.0)
-        nearest = min(nearest, ((points - part[:, :, None] * sides) ** 2).sum(axis=2).min())
-    return math.sqrt(nearest)
