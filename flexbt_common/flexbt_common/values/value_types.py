@@ -379,6 +379,43 @@ def _value_of_slot(plain: Any, slot: Any, path: str) -> Any:
     return bytes([value]) if _is_octet(slot) else value
 
 
+def slot_value(value: Any, slot: Any, path: str) -> Any:
+    """Return a value as a message holds it in a field of this ``slot``, checked. Messages are not copied.
+
+    Plain data stands for a message, and an int for a float.
+
+    Raises:
+        FieldError: the value does not fit; it names ``path``.
+    """
+    if isinstance(slot, NamespacedType):
+        expected = class_of_slot(slot)
+        if isinstance(value, expected):
+            return value
+        if isinstance(value, Mapping):
+            return _message_from_plain(value, expected, path)
+        raise FieldError(path, f'expected a {expected.__name__}, got {short_repr(value)}')
+    if isinstance(slot, Array | AbstractSequence) and isinstance(slot.value_type, NamespacedType):
+        if not _is_sequence(value):
+            raise FieldError(path, f'expected a list, got {short_repr(value)}')
+        _check_size(len(value), slot, path)
+        return [slot_value(item, slot.value_type, f'{path}[{i}]') for i, item in enumerate(value)]
+    return _value_of_slot(_plain_slot(_unwrap(value), slot, path), slot, path)
+
+
+def slot_type_name(slot: Any) -> str:
+    """Return the name of the type of a field, as :func:`resolve_type` takes it; arrays of any kind end with ``[]``."""
+    if isinstance(slot, Array | AbstractSequence):
+        return f'{slot_type_name(slot.value_type)}[]'
+    if isinstance(slot, NamespacedType):
+        return message_type_name(class_of_slot(slot))
+    if isinstance(slot, AbstractString | AbstractWString):
+        return 'string'
+    return _PRIMITIVE_OF_SLOT.get(slot.typename, 'uint8')  # char and octet are bytes
+
+
+_PRIMITIVE_OF_SLOT: Final = {slot.typename: name for name, slot in PRIMITIVES.items() if isinstance(slot, BasicType)}
+
+
 def _as_rclpy_list(items: list[Any], slot: Any) -> Any:
     """Return the container in which rclpy's messages hold the elements of this slot."""
     element = slot.value_type.typename if isinstance(slot.value_type, BasicType) else ''

@@ -65,7 +65,7 @@ class TopicCondition(Condition):
             return NodeStatus.SUCCESS
         if message is None:
             return self.fail(self._cache.without_message('no message yet'))
-        return self.fail('the condition does not hold')
+        return self.fail(self._reason or 'the condition does not hold')
 
 
 # The common base of leaves about poses, paths and goals: an unknown value is not an error, they fail with the reason.

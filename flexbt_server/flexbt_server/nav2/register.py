@@ -7,6 +7,7 @@ from typing import Final
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.nodes.nav2.registration import Nav2Branch, register_branches
+from flexbt_server.leaves import call_leaves
 from flexbt_server.leaves.behavior_leaf import ExecuteBehavior
 
 from . import (
@@ -34,6 +35,6 @@ FAMILIES: Final = (
 
 def register_leaves(registry: NodeRegistry, nav2_branch: Nav2Branch = 'jazzy') -> None:
     """Make them known to ``registry``, as they are in that branch of Nav2 where a file does not show its own."""
-    registry.register_classes([ExecuteBehavior])
+    registry.register_classes([ExecuteBehavior, *call_leaves.NODES])
     for family in FAMILIES:
         register_branches(registry, family.NODES, nav2_branch)

@@ -6,6 +6,7 @@
     BehaviorTreeError
     ├── RegistrationError      a node class that cannot be registered
     ├── TreeLoadError          XML that is refused; carries every LoadError that was found
+    ├── ElementError           attributes of an element that a node class cannot use
     ├── ConversionError        a value that does not fit a type
     ├── BlackboardError        an entry that is missing, empty, or of another type
     ├── PortError              a port that cannot be read or written; names node, port and key
@@ -75,6 +76,14 @@ class TreeLoadError(BehaviorTreeError):
     def __init__(self, errors: Iterable[LoadError]) -> None:
         self.errors: tuple[LoadError, ...] = tuple(errors)
         super().__init__('\n'.join(str(error) for error in self.errors))
+
+
+class ElementError(BehaviorTreeError):
+    """Attributes of an XML element that its node class cannot use: ``problems`` are pairs of attribute and reason."""
+
+    def __init__(self, problems: Iterable[tuple[str, str]]) -> None:
+        self.problems = tuple(problems)
+        super().__init__('; '.join(f'[{attribute}] {reason}' for attribute, reason in self.problems))
 
 
 class PortError(BehaviorTreeError):

@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree.model.definition import (
     port_name_problem,
     tree_name_problem,
 )
-from flexbt_core.behavior_tree.model.errors import ConversionError, LoadError, ScriptError, Source
+from flexbt_core.behavior_tree.model.errors import ConversionError, ElementError, LoadError, ScriptError, Source
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortValue, bool_from_text, is_fixed, pointer_key
 from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_core.behavior_tree.script.interpreter import CONDITION, SCRIPT
@@ -117,6 +117,15 @@ class NodeReader:
         if manifest is None:
             return None
         self._check_children(element, manifest)
+        for_element = getattr(manifest.node_class, 'for_element', None)
+        if for_element is not None:
+            try:
+                node_class = for_element(element.attributes)
+            except ElementError as error:
+                for attribute, reason in error.problems:
+                    self._error(element, f'[{attribute}]: {reason}', attribute)
+                return None
+            manifest = replace(manifest, node_class=node_class, ports=node_class.ports)
         return self._node(element, manifest)
 
     # -- node type and structure -------------------------------------------------------------------------------------
@@ -206,7 +215,7 @@ class NodeReader:
                         conditions = {**conditions, attribute: script}
                 elif attribute == '_autoremap' and is_subtree:
                     autoremap = self._autoremap(element, text)
-            elif port_name_problem(attribute):
+            elif port_name_problem(attribute) and attribute not in manifest.ports:
                 extra[attribute] = text
             elif is_subtree:
                 values[attribute] = PortValue(text, pointer_key(text, attribute))
