@@ -27,7 +27,7 @@ from _figures import write_figures
 from aiohttp import ClientSession
 
 from flexbt_console.commands.command_builder import CommandBuilder
-from flexbt_console.commands.spec import NullRobot
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
@@ -66,7 +66,7 @@ NODES = 40
 MAP_SECONDS = 600.0
 
 
-class Robot(NullRobot):
+class Robot(RobotLink):
     """An executive as its mirror hears it; it is a link, too: it applies what it is sent."""
 
     def __init__(self) -> None:

@@ -24,7 +24,7 @@ from typing import Any
 from _figures import write_figures
 
 from flexbt_console.commands.command_builder import CommandBuilder
-from flexbt_console.commands.spec import NullRobot
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
@@ -47,7 +47,7 @@ from flexbt_core.clock.clock import Clock, SteadyClock
 KEYS = ['o', 'down', 'down', 'escape', 'question_mark', 'escape', 'z', 'z', 'z', 'z']
 
 
-class Robot(NullRobot):
+class Robot(RobotLink):
     """A mirror that is fed, and a link that goes nowhere."""
 
     def __init__(self, number: int, clock: SteadyClock) -> None:

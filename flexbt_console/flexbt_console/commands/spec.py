@@ -8,19 +8,12 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any, ClassVar, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
-from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.errors import UsageError
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import (
-    AutonomyLevel,
-    CommandKind,
-    DecisionKind,
-    OperatorCommand,
-    Synthesis,
-    SynthesisRequest,
-    UserdataScope,
-)
+from flexbt_console.mirror.records import AutonomyLevel, CommandKind, DecisionKind, OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_core.values.text import short_repr
 
@@ -137,80 +130,13 @@ class Show(NamedTuple):
     history: Callable[[Mirror], tuple[object, ...]] | None = None
 
 
-class RobotQueries(Protocol):
-    """A robot that is asked. Not on the executor thread; each method raises ConsoleError."""
-
-    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """Return the userdata of the run; '' is the path of every active machine, and no keys are all."""
-        ...
-
-    def synthesis(
-        self,
-        request: SynthesisRequest,
-        timeout: float,
-        tell: Callable[[str], None],
-        left: Future[None] | None = None,
-    ) -> Synthesis:
-        """Have a behavior made, or get the reason why there is none; ``tell`` gets progress from time to time.
-
-        It is canceled once ``left`` is done: the requester has gone.
-        """
-        ...
-
-    def cancel_synthesis(self, timeout: float) -> int:
-        """Cancel what is being made; how many these were."""
-        ...
-
-    def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
-        """Return the picture with trees, map and plan, and with the scan if its period in seconds is given; as soon as
-        what is wanted ``has_arrived``, or what there is after ``timeout`` seconds.
-        """
-        ...
-
-
-class RobotCommands(RobotQueries, Protocol):
-    """A robot that is asked and commanded: the operator link, as far as user interfaces use it."""
-
-    def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
-        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
-        ...
-
-
-class NullRobot:
-    """A robot where there is none to ask; ``why`` is the reason of its refusals."""
-
-    why: ClassVar[str] = 'there is no robot to ask'
-
-    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """Refuse it."""
-        raise RefusedError(self.why)
-
-    def synthesis(
-        self,
-        request: SynthesisRequest,
-        timeout: float,
-        tell: Callable[[str], None],
-        left: Future[None] | None = None,
-    ) -> Synthesis:
-        """Refuse it."""
-        raise RefusedError(self.why)
-
-    def cancel_synthesis(self, timeout: float) -> int:
-        """Refuse it."""
-        raise RefusedError(self.why)
-
-    def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
-        """Refuse it."""
-        raise RefusedError(self.why)
-
-
 class Inquiry(NamedTuple):
     """The robot that is asked, and how long its answer may take, in seconds.
 
     A synthesis may take longer. It reports lines by ``tell`` meanwhile, and is canceled once ``left`` is done.
     """
 
-    robot: RobotQueries
+    robot: RobotLink
     timeout: float
     tell: Callable[[str], None]
     left: Future[None] | None = None

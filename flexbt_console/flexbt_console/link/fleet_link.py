@@ -21,6 +21,7 @@ from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
 
 from .operator_link import ExecutiveLink
+from .robot_link import RobotLink
 
 MOST_ROBOTS: Final = 64
 """Maximum number of robots that are joined without being named or opened."""
@@ -89,7 +90,7 @@ class FleetLink:
         if not only:
             runtime.call(self._look)
 
-    def robot(self, name: str) -> tuple[Mirror, ExecutiveLink]:
+    def robot(self, name: str) -> tuple[Mirror, RobotLink]:
         """Return the mirror and the link of a robot. Raises KeyError when it is not known."""
         return self._joined[name]
 
@@ -108,7 +109,7 @@ class FleetLink:
         """See :meth:`open`."""
         self._joined[name].link.close_surroundings()
 
-    def select(self, name: str) -> tuple[Mirror, ExecutiveLink]:
+    def select(self, name: str) -> tuple[Mirror, RobotLink]:
         """Have one robot open, instead of the one before, and give it. Raises as :meth:`robot`."""
         self.open(name)
         if self._selected:

@@ -45,6 +45,7 @@ from flexbt_msgs.msg import (
 
 from .executive_sender import ExecutiveSender, Succession, interface_problem, senders_problem
 from .messages import command_message, record_of
+from .robot_link import RobotLink
 
 if TYPE_CHECKING:
     from .queries import SynthesisQuery
@@ -81,7 +82,7 @@ REPORT_SECONDS: Final = 10.0
 """Time between two lines about messages that cannot be read, s."""
 
 
-class ExecutiveLink:
+class ExecutiveLink(RobotLink):
     """A link that feeds a mirror from an executive's topics, and sends the mirror's commands until they are answered.
 
     The link only moves messages: what they mean is the mirror's business. A command is sent as soon as the
@@ -213,37 +214,23 @@ class ExecutiveLink:
         return self.wait_for(settled, timeout)
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """Return the userdata of the run, see :func:`userdata`. Raises what that raises."""
+        """See :class:`RobotLink`. Raises what :func:`.queries.userdata` raises."""
         from .queries import userdata  # what only this command needs
 
         return userdata(self._runtime, self._namespace, path, keys, timeout)
 
     def synthesis(
-        self,
-        request: SynthesisRequest,
-        timeout: float,
-        tell: Callable[[str], None],
-        left: Future[None] | None = None,
+        self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None], left: Future[None] | None = None
     ) -> Synthesis:
-        """Have a behavior made, see :meth:`SynthesisQuery.ask`.
-
-        Raises what that raises, and RefusedError for an observer.
-        """
+        """See :class:`RobotLink`. Raises what :meth:`SynthesisQuery.ask` raises, and RefusedError for an observer."""
         return self._synthesis_query().ask(request, timeout, tell, left)
 
     def cancel_synthesis(self, timeout: float) -> int:
-        """Cancel what is being made; how many these were.
-
-        Raises what :meth:`SynthesisQuery.cancel` raises, and RefusedError for an
-        observer.
-        """
+        """See :class:`RobotLink`. Raises what :meth:`SynthesisQuery.cancel` does, and RefusedError for an observer."""
         return self._synthesis_query().cancel(timeout)
 
     def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
-        """Return the picture with trees, map and plan, and with the scan if its period in seconds is given; as soon as
-        what is wanted ``has_arrived``, or what there is after ``timeout`` seconds. Not on the executor thread.
-
-        They are received meanwhile only, unless they are shown, see :meth:`open_surroundings`.
+        """See :class:`RobotLink`. All of it is received meanwhile only, unless it is shown: :meth:`open_surroundings`.
 
         Raises:
             NoAnswerError: the console itself is too busy to listen.

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from flexbt_core.clock.clock import Clock
 
@@ -512,19 +512,7 @@ NUMBERED_EXECUTIVES: Final = 3
 """Number of starts of the executive that are remembered."""
 
 
-class Numbered(Protocol):
-    """An item with a number in one start of the executive."""
-
-    @property
-    def executive_id(self) -> str:
-        """ExecutiveStatus.executive_id."""
-
-    @property
-    def sequence(self) -> int:
-        """One more than that of the one before."""
-
-
-N = TypeVar('N', bound=Numbered)
+N = TypeVar('N', LogLine, ExecutiveEvent)
 
 
 class NumberedList(Generic[N]):

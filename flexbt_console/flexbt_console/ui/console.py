@@ -31,7 +31,7 @@ from flexbt_console.commands.completion import ShellLine, as_typed, completion_s
 from flexbt_console.commands.effects import SCAN_PERIOD
 from flexbt_console.commands.operator_values import full_namespace, load_places, port_number
 from flexbt_console.commands.registry import find
-from flexbt_console.commands.spec import CommandLine, Mode, RobotCommands
+from flexbt_console.commands.spec import CommandLine, Mode
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.freshness import LOST_SECONDS, LinkState
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from flexbt_common.runtime.node_runtime import NodeRuntime
     from flexbt_console.link.fleet_link import FleetLink
     from flexbt_console.link.operator_link import ExecutiveLink
+    from flexbt_console.link.robot_link import RobotLink
 
     from .station import Station
 
@@ -257,7 +258,7 @@ def _run_web(line: CommandLine) -> ExitCode:
         operator, simulator = _operator(line), SimulatorLink(runtime)
         attention = Attention(runtime.steady)
 
-        def station(mirror: Mirror, link: RobotCommands) -> Station:
+        def station(mirror: Mirror, link: RobotLink) -> Station:
             builder = CommandBuilder(operator)
             return Station(mirror, link, builder, _timeout(line), attention, PAGE_LEAVING, obstacles=simulator)
 
@@ -286,7 +287,7 @@ def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -
     run_screen(station, runtime.steady, watch.on_signal, robots)
 
 
-def _station(line: CommandLine, runtime: NodeRuntime, mirror: Mirror, link: RobotCommands) -> Station:
+def _station(line: CommandLine, runtime: NodeRuntime, mirror: Mirror, link: RobotLink) -> Station:
     from .station import Attention, Station
 
     builder, attention = CommandBuilder(_operator(line)), Attention(runtime.steady)

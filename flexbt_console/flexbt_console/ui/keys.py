@@ -24,22 +24,27 @@ Written = Callable[[View, str | None], list[str]]
 
 @dataclass(frozen=True)
 class KeyBinding:
-    """A key, or several; ``action`` is its name, for the screen where it has no ``lines``.
+    """A key, or several, by what is shown of them. ``action`` is its name, for the screen where it has no ``lines``:
+    its ``label``, if nothing else is given. ``keys`` have Textual's names: by default the one that is shown.
 
     ``sends``: it sends a command that needs a live link, and the authority if an operator has it. ``rank``: 1 has a
     place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs`` it now.
     """
 
-    keys: tuple[str, ...]
     shown: str
     label: str
     help: str
-    action: str
+    action: str = ''
+    keys: tuple[str, ...] = ()
     blocked: Possible = lambda view: ''
     lines: Written | None = None
     rank: int = 1
     needs: Callable[[View, str | None], bool] = lambda view, operator: False
     sends: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'action', self.action or self.label)
+        object.__setattr__(self, 'keys', self.keys or (self.shown,))
 
     def can_be_used(self, view: View, operator: str | None, *, has_answer: bool = True) -> bool:
         """Return whether it has an effect now, as far as is known; a key that is pressed anyway reports why it has
@@ -174,194 +179,136 @@ def _is_held_or_asked_for(view: View, operator: str | None) -> bool:
     return bool(snapshot.authority_requests if snapshot.authority == operator else snapshot.authority)
 
 
-_OF_DECISION: Final = (
+KEYS: Final = (
     KeyBinding(
-        ('enter',),
         'Enter',
         'confirm',
         'Send the answer in brackets to the decision on the screen; for a value, begin the line',
-        'confirm',
-        _waits,
+        keys=('enter',),
+        blocked=_waits,
         sends=True,
     ),
     KeyBinding(
-        tuple('0123456789'),
         '0-9',
         'pick',
         'Put the answer with this number in brackets (0: choose from a list); Enter sends it',
-        'pick',
-        _has_choices,
+        keys=tuple('0123456789'),
+        blocked=_has_choices,
     ),
+    KeyBinding('g', 'point', 'Answer on the map: arrows move, < > turn, Enter answers', blocked=_wants_pose, rank=2),
     KeyBinding(
-        ('g',), 'g', 'point', 'Answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2
-    ),
-    KeyBinding(
-        ('a',),
         'a',
         'all',
         'List pending decisions; Enter shows one',
         'waiting',
-        _waits,
+        blocked=_waits,
         rank=3,
         needs=lambda view, operator: len(view.decisions) > 1,
     ),
     KeyBinding(
-        ('d',),
         'd',
         'decline',
         'Decline to answer the input request',
-        'decline',
-        _wants_value,
-        _line('decline'),
+        blocked=_wants_value,
+        lines=_line('decline'),
         rank=3,
         sends=True,
     ),
-)
-
-_OF_RUN: Final = (
     KeyBinding(
-        ('exclamation_mark', 'f8'),
         '! F8',
         'STOP',
         'Stop the run and the robot; F8 works everywhere',
         'stop',
+        keys=('exclamation_mark', 'f8'),
         lines=_line('stop'),
     ),
-    KeyBinding(('p',), 'p', 'pause', 'Pause or resume the run', 'pause', _runs, _pause, sends=True),
+    KeyBinding('p', 'pause', 'Pause or resume the run', blocked=_runs, lines=_pause, sends=True),
     KeyBinding(
-        ('f',),
-        'f',
-        'force',
-        'Leave an active state by an outcome of your choice',
-        'force',
-        _has_outcomes,
-        rank=2,
-        sends=True,
+        'f', 'force', 'Leave an active state by an outcome of your choice', blocked=_has_outcomes, rank=2, sends=True
     ),
     KeyBinding(
-        ('plus',),
         '+ -',
         'autonomy',
         'Raise or lower the autonomy of the robot',
         'more_autonomy',
+        keys=('plus',),
         lines=_autonomy(1),
         rank=2,
         sends=True,
     ),
     KeyBinding(
-        ('minus',),
         '-',
         'less autonomy',
         'Lower the autonomy of the robot',
         'less_autonomy',
+        keys=('minus',),
         lines=_autonomy(-1),
         rank=3,
         sends=True,
     ),
-    KeyBinding(('s',), 's', 'start', 'Start a behavior', 'start', _is_idle, sends=True),
+    KeyBinding('s', 'start', 'Start a behavior', blocked=_is_idle, sends=True),
     KeyBinding(
-        ('w',),
         'w',
         'switch',
         'Switch to another behavior, keeping the active states',
-        'switch',
-        _is_switchable,
+        blocked=_is_switchable,
         rank=3,
         sends=True,
     ),
     KeyBinding(
-        ('l',),
-        'l',
-        'lock',
-        'Lock or unlock a state or container',
-        'lock',
-        _is_lockable,
-        _lock,
-        rank=3,
-        sends=True,
+        'l', 'lock', 'Lock or unlock a state or container', blocked=_is_lockable, lines=_lock, rank=3, sends=True
     ),
     KeyBinding(
-        ('b',),
         'b',
         'break',
         'Set or clear a breakpoint at the active state',
         'breakpoint',
-        _is_active,
-        _breakpoint,
+        blocked=_is_active,
+        lines=_breakpoint,
         rank=3,
         sends=True,
     ),
     KeyBinding(
-        ('r',),
         'r',
         'repeat',
         'Leave the active state and enter it again',
-        'repeat',
-        _is_active,
-        _repeat,
+        blocked=_is_active,
+        lines=_repeat,
         rank=3,
         sends=True,
     ),
     KeyBinding(
-        ('c',),
         'c',
         'authority',
         'Take, request, hand over or release control',
-        'authority',
         lines=_authority,
         rank=3,
         needs=_is_held_or_asked_for,
     ),
-)
-
-_OF_SCREEN: Final = (
-    KeyBinding(('colon',), ':', 'command', 'Type any command; Tab completes, Esc cancels', 'command_line'),
-    KeyBinding(('question_mark', 'f1'), '?', 'keys', 'Show the keys and the commands', 'help'),
+    KeyBinding(':', 'command', 'Type any command; Tab completes, Esc cancels', 'command_line', keys=('colon',)),
+    KeyBinding('?', 'keys', 'Show the keys and the commands', 'help', keys=('question_mark', 'f1')),
+    KeyBinding('Tab', 'focus', 'Focus the next pane (PgUp, PgDn and z then act on it)', keys=('tab',), rank=3),
     KeyBinding(
-        ('tab',),
-        'Tab',
-        'focus',
-        'Focus the next pane (PgUp, PgDn and z then act on it)',
-        'focus',
-        rank=3,
-    ),
-    KeyBinding(
-        ('pageup',),
         'PgUp',
         'back',
         'Scroll back in the focused pane, or in the log; Esc shows the latest',
         'scroll_back',
+        keys=('pageup',),
         rank=3,
     ),
-    KeyBinding(('pagedown',), 'PgDn', 'on', 'Scroll forward', 'scroll_on', rank=3),
+    KeyBinding('PgDn', 'on', 'Scroll forward', 'scroll_on', keys=('pagedown',), rank=3),
+    KeyBinding('z', 'zoom', 'Enlarge the focused or next pane; after the last, show all', rank=2),
+    KeyBinding('h', 'hide', 'Hide the focused pane; without focus, show all', rank=3),
+    KeyBinding('o', 'robots', 'List robots, the most urgent first; Enter selects one', rank=2),
+    KeyBinding('q', 'quit', 'Quit', 'leave'),
     KeyBinding(
-        ('z',),
-        'z',
-        'zoom',
-        'Enlarge the focused or next pane; after the last, show all',
-        'zoom',
-        rank=2,
+        'u', 'userdata', 'Show the data that states pass to each other', blocked=_runs, lines=_line('userdata'), rank=3
     ),
-    KeyBinding(('h',), 'h', 'hide', 'Hide the focused pane; without focus, show all', 'hide', rank=3),
-    KeyBinding(('o',), 'o', 'robots', 'List robots, the most urgent first; Enter selects one', 'robots', rank=2),
-    KeyBinding(('q',), 'q', 'quit', 'Quit', 'leave'),
-    KeyBinding(
-        ('u',),
-        'u',
-        'userdata',
-        'Show the data that states pass to each other',
-        'userdata',
-        _runs,
-        _line('userdata'),
-        rank=3,
-    ),
-    KeyBinding(('n',), 'n', 'note', 'Write a note to the log', 'note', rank=3),
+    KeyBinding('n', 'note', 'Write a note to the log', rank=3),
 )
 
 SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state wants'))
 """Signs with which the decision bar marks its answers."""
-
-KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
 
 HOW_KEYS_SEND: Final = (
     'Only STOP acts at once. Every other command shows its line, list or form first; Enter sends it. '

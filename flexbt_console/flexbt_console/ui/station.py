@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from math import fsum
-from typing import Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import prompt_command_help, prompt_help
-from flexbt_console.commands.spec import Ask, CommandLine, Inquiry, Reading, RobotCommands, RobotQueries, Show
+from flexbt_console.commands.spec import Ask, CommandLine, Inquiry, Reading, Show
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.command_tracker import CommandState, Confirmation
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import OperatorCommand
@@ -25,22 +26,8 @@ from flexbt_core.clock.clock import Clock
 
 from .answers import Bound, Local, Meaning, interpret
 
-
-class Obstacles(Protocol):
-    """Obstacles that an operator drops into a simulated world. Each method raises ConsoleError."""
-
-    @property
-    def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
-        """Obstacles that were dropped here: name, centre (m) and radius (m) of each."""
-
-    def is_possible(self) -> bool:
-        """Return whether there is a simulator."""
-
-    def drop(self, x: float, y: float, timeout: float) -> str:
-        """Put one there; gives its name. Not on the executor thread."""
-
-    def remove(self, name: str, timeout: float) -> None:
-        """Take it away again."""
+if TYPE_CHECKING:
+    from flexbt_console.link.simulator_link import SimulatorLink
 
 
 @dataclass(frozen=True)
@@ -53,13 +40,13 @@ class Station:
     """
 
     mirror: Mirror
-    link: RobotCommands
+    link: RobotLink
     builder: CommandBuilder
     timeout: float
     attention: Attention
     leaving: str
     page: str = ''
-    obstacles: Obstacles | None = None
+    obstacles: SimulatorLink | None = None
 
     def carry_out(self, meaning: Meaning, view: View) -> OperatorCommand | Reading | RobotRequest | None:
         """Do what was meant by what was seen in ``view``. Return the command that was sent, or what there is to read.
@@ -90,7 +77,7 @@ class RobotRequest(NamedTuple):
     line: CommandLine
     timeout: float
 
-    def ask(self, robot: RobotQueries, tell: Callable[[str], None], left: Future[None] | None = None) -> Reading:
+    def ask(self, robot: RobotLink, tell: Callable[[str], None], left: Future[None] | None = None) -> Reading:
         """Ask the robot and wait; see :class:`Inquiry`. Not on the thread of a user interface.
 
         Raises:

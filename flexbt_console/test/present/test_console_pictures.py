@@ -12,8 +12,9 @@ import pytest
 from PIL import Image
 
 from flexbt_console.commands.command_line import check, parse
-from flexbt_console.commands.spec import Ask, Inquiry, NullRobot, Reading
+from flexbt_console.commands.spec import Ask, Inquiry, Reading
 from flexbt_console.errors import ConsoleError, NoAnswerError, RefusedError, UsageError
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.records import (
     ActiveState,
@@ -39,7 +40,7 @@ NODES = [
 ]
 
 
-class SeenRobot(NullRobot):
+class SeenRobot(RobotLink):
     """A robot of which this is known."""
 
     def __init__(self, view: View) -> None:

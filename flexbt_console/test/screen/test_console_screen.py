@@ -31,8 +31,9 @@ from textual.widgets import Input, OptionList
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.completion import offers
 from flexbt_console.commands.registry import COMMANDS
-from flexbt_console.commands.spec import NullRobot
 from flexbt_console.errors import ConsoleError
+from flexbt_console.link.fleet_link import FleetLink
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.mirror import Mirror
@@ -109,7 +110,7 @@ ROOM = GridMap(
 SIZES = [(120, 36), (80, 24), (40, 12), (20, 5), (200, 60)]
 
 
-class NotingLink(NullRobot):
+class NotingLink(RobotLink):
     """What was sent, in its order."""
 
     def __init__(self, mirror: Mirror) -> None:
@@ -1202,7 +1203,7 @@ def test_parents_in_a_ring_do_not_hang_the_screen() -> None:
     assert acting_lines(run) == ['Node3  0 s  in Node1']
 
 
-class FakeRobots:
+class FakeRobots(FleetLink):
     """Robots that are only mirrors."""
 
     def __init__(self, count: int) -> None:

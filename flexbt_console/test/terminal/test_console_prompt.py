@@ -18,8 +18,8 @@ from prompt_toolkit.output.plain_text import PlainTextOutput
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.completion import candidates
-from flexbt_console.commands.spec import NullRobot
 from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.command_tracker import TrackedCommand
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.mirror import Mirror, Transit
@@ -239,7 +239,7 @@ def test_completion() -> None:
     assert complete('a', view(hostile)) == ['autonomy', 'abort']
 
 
-class Loopback(NullRobot):
+class Loopback(RobotLink):
     """Answers each command at once: the link and the executive in one."""
 
     def __init__(self, mirror: Mirror, answer: Callable[[OperatorCommand], ExecutiveSnapshot]) -> None:

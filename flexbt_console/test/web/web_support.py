@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from flexbt_console.commands.command_builder import CommandBuilder
-from flexbt_console.commands.spec import NullRobot, RobotCommands
+from flexbt_console.link.fleet_link import FleetLink
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
@@ -58,7 +59,7 @@ STRUCTURE = Structure(
 )
 
 
-class WebRobot(NullRobot):
+class WebRobot(RobotLink):
     """An executive as the mirror sees it; it applies what it is sent when ``answers``.
 
     With ``is_drawn`` there is a machine and a tree, of which the server has pictures made, which takes seconds.
@@ -121,7 +122,7 @@ class WebRobot(NullRobot):
         self.mirror.receive_snapshot(self.snapshot)
 
     def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
-        """See :class:`RobotCommands`."""
+        """See :class:`RobotLink`."""
         tracked = self.mirror.give(command, timeout, label)
         with self.arrived:
             self.sent.append(command)
@@ -131,7 +132,7 @@ class WebRobot(NullRobot):
         return tracked
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """See :class:`RobotCommands`."""
+        """See :class:`RobotLink`."""
         return ()
 
     def wait_sent(self, count: int, timeout: float = 60.0) -> list[OperatorCommand]:
@@ -151,7 +152,7 @@ class WebRobot(NullRobot):
         return Station(self.mirror, self, CommandBuilder('ann'), 5.0, attention, LEAVING, obstacles=obstacles)
 
 
-class WebRobots:
+class WebRobots(FleetLink):
     """Robots by their names, as the page finds them; ``opened`` are those of which somebody sees what is around."""
 
     def __init__(self, stations: Mapping[str, Station]) -> None:
@@ -167,20 +168,20 @@ class WebRobots:
         self.stations[name] = station
         self.fleet.add(name, station.mirror)
 
-    def robot(self, name: str) -> tuple[Mirror, RobotCommands]:
-        """See :class:`PageRobots`."""
+    def robot(self, name: str) -> tuple[Mirror, RobotLink]:
+        """See :class:`FleetLink`."""
         station = self.stations.get(name)
         return (station.mirror, station.link) if station else (Mirror(ManualClock()), WebRobot())
 
     def open(self, name: str) -> None:
-        """See :class:`PageRobots`."""
+        """See :class:`FleetLink`."""
         self.opened.append(name)
 
     def close(self, name: str) -> None:
-        """See :class:`PageRobots`."""
+        """See :class:`FleetLink`."""
         self.opened.remove(name)
 
-    def station(self, mirror: Mirror, link: RobotCommands) -> Station:
+    def station(self, mirror: Mirror, link: RobotLink) -> Station:
         """Return what the page of one needs."""
         known = (one for one in self.stations.values() if one.mirror is mirror)
         return next(known, Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock()), LEAVING))

@@ -12,7 +12,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Final, Protocol
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from textual import events
 from textual.app import ComposeResult
@@ -23,9 +23,10 @@ from textual.drivers.linux_driver import LinuxDriver
 
 from flexbt_console.commands.command_line import prompt_help
 from flexbt_console.commands.registry import find
-from flexbt_console.commands.spec import UNSEEN, CommandSpec, Reading, RobotCommands
+from flexbt_console.commands.spec import UNSEEN, CommandSpec, Reading
 from flexbt_console.errors import ConsoleError, NotShownError, RefusedError
-from flexbt_console.mirror.fleet import Fleet, RobotOverview
+from flexbt_console.link.robot_link import RobotLink
+from flexbt_console.mirror.fleet import RobotOverview
 from flexbt_console.mirror.mirror import Change, Mirror
 from flexbt_console.mirror.records import Behavior, OperatorCommand
 from flexbt_console.mirror.view import View
@@ -46,6 +47,8 @@ from .robot_panes import CURSOR_STEPS, CURSOR_TURNS, outcome_texts
 from .textual_app import OrderedApp, TerminalDriver
 
 if TYPE_CHECKING:
+    from flexbt_console.link.fleet_link import FleetLink
+
     from .textual_app import ImageWidget
 
 REDRAW_SECONDS: Final = 0.05
@@ -60,16 +63,6 @@ PLAY_SECONDS: Final = 0.1
 
 _BESIDE_VIEW: Final = frozenset({Change.LOG, Change.EVENTS, Change.COMMAND})
 """Changes that are not reported by a view."""
-
-
-class ScreenRobots(Protocol):
-    """Several robots, one of which is on the screen; see :class:`FleetLink`."""
-
-    fleet: Fleet
-    own: str
-
-    def select(self, name: str) -> tuple[Mirror, RobotCommands]:
-        """Have map and trees come from a robot, and give its mirror and its link."""
 
 
 class OperatorScreen(OrderedApp):
@@ -136,7 +129,7 @@ class OperatorScreen(OrderedApp):
         self,
         station: Station,
         clock: Clock,
-        robots: ScreenRobots | None = None,
+        robots: FleetLink | None = None,
         replay: ReplayBar | None = None,
         layout: Layout | None = None,
         image_widget: ImageWidget | None = None,
@@ -377,7 +370,7 @@ class OperatorScreen(OrderedApp):
             self.do(written[0])
         else:
             entries = [Entry(line, (line, line.partition(' ')[2])) for line in written]
-            self._choose(key.help, entries, lambda number: self.do(written[number]))
+            self.open(ChoiceList(key.help, entries), lambda number: self.do(written[number]))
         self._wake()
 
     def action_replay(self, move: str) -> None:
@@ -418,7 +411,7 @@ class OperatorScreen(OrderedApp):
         texts = choice_texts(decision, view.state(decision.path), self._panes.signs)
         named = zip(texts, decision.choices, strict=True)
         entries = [Entry(text, (choice, str(number))) for number, (text, choice) in enumerate(named, 1)]
-        self._choose('pick an answer', entries, chosen)
+        self.open(ChoiceList('pick an answer', entries), chosen)
 
     def action_cursor(self, key: str) -> None:
         """Move or turn the cursor on the map."""
@@ -493,7 +486,7 @@ class OperatorScreen(OrderedApp):
         elif meaning.local is Local.QUIT:
             self.exit()
 
-    def _ask(self, request: RobotRequest, robot: RobotCommands) -> None:
+    def _ask(self, request: RobotRequest, robot: RobotLink) -> None:
         try:
             self.call_later(self._read, request.ask(robot, self._tell_later))
         except Exception as error:
@@ -507,10 +500,6 @@ class OperatorScreen(OrderedApp):
             self.open(MapImage(self._image_widget, self._view))
         else:
             self.open(ReadingDialog(reading.title, reading.text))
-
-    def _choose(self, title: str, entries: Sequence[Entry], do: Callable[[int], object]) -> None:
-        """Have one of the entries chosen, and do something with its number."""
-        self.open(ChoiceList(title, entries), do)
 
     def _do_confirm(self, key: KeyBinding, view: View) -> None:
         decision, answer = view.decision, ''
@@ -543,11 +532,10 @@ class OperatorScreen(OrderedApp):
         """Ask whether something is to be sent although what it is about was not received."""
         self._warn(str(error))
         entries = [Entry('send nothing, and wait for it', ('wait',)), entry]
-        self._choose('the subject was not received', entries, lambda number: insist() if number == 1 else None)
+        self.open(ChoiceList('the subject was not received', entries), lambda number: insist() if number == 1 else None)
 
     def _do_point(self, key: KeyBinding, view: View) -> None:
-        if not self._panes.map.point(view):
-            raise RefusedError('there is no map to point at yet; ":" types a place, or x y yaw')
+        self._panes.map.point(view)
         self.draw()
 
     def _do_waiting(self, key: KeyBinding, view: View) -> None:
@@ -559,7 +547,8 @@ class OperatorScreen(OrderedApp):
             self.draw()
 
         texts = zip(waiting_texts(view), waiting, strict=True)
-        self._choose(key.help, [Entry(text, (one.path, _label(one.path))) for text, one in texts], chosen)
+        entries = [Entry(text, (one.path, _label(one.path))) for text, one in texts]
+        self.open(ChoiceList(key.help, entries), chosen)
 
     def _do_robots(self, key: KeyBinding, view: View) -> None:
         if self._robots is None:
@@ -584,24 +573,23 @@ class OperatorScreen(OrderedApp):
 
     def _do_force(self, key: KeyBinding, view: View) -> None:
         choices = [(path, outcome) for path in view.active_paths for outcome in view.outcomes(path)]
-        if not choices:
-            raise RefusedError('the outcomes of the active state are not known yet')
         entries = []
         for path, outcome in choices:
             state = view.state(path)
             texts = dict(zip(state.outcomes, outcome_texts(state, self._panes.signs), strict=True)) if state else {}
             names = (outcome, *(f'{of}{sep}{outcome}' for of in (path, _label(path)) for sep in (' ', ': ')))
             entries.append(Entry(f'{path}: {texts.get(outcome, outcome)}', names))
-        self._choose('leave a state by', entries, lambda number: self.do(shlex.join(('force', *choices[number]))))
+        self.open(
+            ChoiceList('leave a state by', entries), lambda number: self.do(shlex.join(('force', *choices[number])))
+        )
 
     def _do_start(self, key: KeyBinding, view: View) -> None:
-        behaviors = view.behaviors
-        if not behaviors:
-            raise RefusedError('the robot has not sent its list of behaviors')
+        behaviors = view.behaviors or ()
         entries = [Entry(f'{one.name}  {one.description}', (one.name,), one.error) for one in behaviors]
         command = find(key.action)
         assert command is not None
-        self._choose(f'{command.name} a behavior', entries, lambda number: self._fill_in(command, behaviors[number]))
+        chosen = ChoiceList(f'{command.name} a behavior', entries)
+        self.open(chosen, lambda number: self._fill_in(command, behaviors[number]))
 
     _do_switch = _do_start
 

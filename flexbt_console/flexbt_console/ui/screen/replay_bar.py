@@ -3,19 +3,19 @@
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from rich.text import Text
 
-from flexbt_console.commands.spec import NullRobot
-from flexbt_console.errors import RefusedError
-from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import OperatorCommand
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.present.cells import cut
 from flexbt_console.present.style import Line, Tone
 from flexbt_core.clock.clock import Clock
 
 from .pane import styled
+
+if TYPE_CHECKING:
+    from flexbt_console.recording.player import RunPlayer
 
 SPEEDS: Final = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0)
 JUMP_SECONDS: Final = 10.0
@@ -52,37 +52,16 @@ LEAST: Final = 10
 NOTHING_SENT: Final = 'this is a recording; nothing was sent'
 
 
-class Player(Protocol):
-    """A recording; see :class:`RunPlayer`."""
-
-    mirror: Mirror
-    time: float
-    duration: float
-
-    def go_to(self, time: float, patience: float) -> bool:
-        """Show what was known at a time, s; False if it has not arrived there after this many seconds of reading."""
-
-    def next_said(self, by: int) -> float:
-        """Return the time of the next moment (1) or the last one (-1)."""
-
-    def find(self, text: str) -> float:
-        """Return the time of the next moment in which this is said. Raises RefusedError when there is none."""
-
-
-class NoLink(NullRobot):
+class NoLink(RobotLink):
     """A recording takes no commands."""
 
     why = 'this is a recording: there is no robot to ask'
-
-    def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
-        """Refuse it."""
-        raise RefusedError(NOTHING_SENT)
 
 
 class ReplayBar:
     """A bar that plays a recording in the time of ``clock``."""
 
-    def __init__(self, player: Player, clock: Clock) -> None:
+    def __init__(self, player: RunPlayer, clock: Clock) -> None:
         self.player = player
         self._clock = clock
         self._speed = SPEEDS.index(1.0)

@@ -39,7 +39,6 @@ from flexbt_console.present.rendering import (
 )
 from flexbt_console.present.style import Glyphs, Line, Tone, tone_of
 from flexbt_console.present.tree_lines import tree_lines, window
-from flexbt_console.ui.keys import has_map
 from flexbt_core.values.text import one_line
 
 from .pane import drawn, styled
@@ -238,20 +237,17 @@ class MapPane:
         """Return whether there is a cursor that was moved or turned."""
         return self._cursor is not None and self._is_aimed
 
-    def point(self, view: View) -> bool:
-        """Put the cursor where the robot is; False while there is no map, or no decision waits."""
+    def point(self, view: View) -> None:
+        """Put the cursor where the robot is, for the decision that waits. There has to be a map."""
         robot = view.snapshot.robot_pose if view.snapshot else None
-        if view.decision is None or not has_map(view):
-            return False
         if self._frame is None:  # it is hidden, and is drawn now
             self.draw(view, 2 * LEAST_COLUMNS, 2 * LEAST_ROWS)
-        assert self._frame is not None
+        assert self._frame is not None and view.decision is not None
         middle = self._frame.centre(self._frame.columns // 2, self._frame.rows // 2)
         self._cursor = (robot.x, robot.y) if robot is not None else middle
         self._yaw = robot.yaw if robot is not None else 0.0
         self._is_aimed = False
         self._decision = view.decision.id
-        return True
 
     def move(self, key: str) -> bool:
         """Move or turn the cursor by a key of the tables above; False while there is none."""

@@ -9,13 +9,11 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from flexbt_console.commands.completion import candidates
-from flexbt_console.commands.spec import Reading, RobotCommands
+from flexbt_console.commands.spec import Reading
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror.fleet import Fleet
-from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_console.ui.answers import Bound, Local, Meaning, choose
@@ -25,25 +23,6 @@ from flexbt_core.values.json_data import load_json
 LEAVING: Final = 'close the page: the robot goes on'
 """Answer to "quit" on a page."""
 
-
-class PageRobots(Protocol):
-    """The robots by their namespaces; see :class:`FleetLink`."""
-
-    fleet: Fleet
-    own: str
-    """The one that is shown where none is named, if it is there."""
-
-    def robot(self, name: str) -> tuple[Mirror, RobotCommands]:
-        """Return the mirror and the link of a robot. Raises KeyError when it is not known."""
-
-    def open(self, name: str) -> None:
-        """Have map, trees and scan of a robot come until :meth:`close` was called as often. Both may take a moment."""
-
-    def close(self, name: str) -> None:
-        """See :meth:`open`."""
-
-
-# Requests of a page: read with bounds, and carried out as the prompt and the screen do it.
 
 MESSAGE_BYTES: Final = 65_536
 """Maximum bytes of a message of a page."""

@@ -14,15 +14,15 @@ from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.resources import files
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from aiohttp import web
 from aiohttp.http import HttpProcessingError
 from aiohttp.typedefs import Handler
 
 from flexbt_common.pictures.markup import STYLE
-from flexbt_console.commands.spec import RobotCommands
 from flexbt_console.errors import UsageError
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.ui.station import Station
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
@@ -31,7 +31,10 @@ from .access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
 from .drawings import Drawings
 from .page_link import PageLink
 from .picture import Pictures
-from .requests import MESSAGE_BYTES, PageRobots
+from .requests import MESSAGE_BYTES
+
+if TYPE_CHECKING:
+    from flexbt_console.link.fleet_link import FleetLink
 
 MOST_PAGES: Final = 32
 """Maximum number of pages that are open at the same time."""
@@ -52,7 +55,7 @@ class WebServer:
     """A server of the pages of robots, including those that appear later; ``station`` makes the objects that the page
     of one needs."""
 
-    def __init__(self, robots: PageRobots, station: Callable[[Mirror, RobotCommands], Station], access: Access) -> None:
+    def __init__(self, robots: FleetLink, station: Callable[[Mirror, RobotLink], Station], access: Access) -> None:
         self._robots = robots
         self._station = station
         self._access = access
