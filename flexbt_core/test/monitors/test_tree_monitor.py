@@ -243,7 +243,7 @@ UNSOUND = re.compile(r'R&gt;|_script="[A-Z]*(?:R[A-Z]*K|K[A-Z]*R)')
 """A decorator that makes something else of RUNNING, and forgets its child; a leaf that works, and says SKIPPED."""
 
 
-@pytest.mark.parametrize('make', [random_trees.basic_case, random_trees.control_case])
+@pytest.mark.parametrize('make', [random_trees.wheel_case, random_trees.script_case])
 def test_random_trees_give_no_alarm(make: Callable[[int], dict[str, object]]) -> None:
     seen = 0
     for seed in range(300):

@@ -205,7 +205,7 @@ def _registry() -> NodeRegistry:
 
 def _seeds() -> list[str]:
     texts = [file.read_text() for file in STOCK_TREES]
-    texts += [random_trees.control_case(seed)['xml'] for seed in range(40)]
+    texts += [random_trees.wheel_case(seed)['xml'] for seed in range(40)]
     texts += [random_trees.script_case(seed)['xml'] for seed in range(40)]
     hostile = [content for content, _ in CORPUS.values()] + list(ACCEPTED.values())
     texts += [content.decode('utf-8', 'replace') for content in hostile if len(content) < 5000]

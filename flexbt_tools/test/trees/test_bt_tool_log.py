@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from flexbt_server.groot2.log_file import LogError, read_log
 from flexbt_testing.behavior_trees.bt_tool import tool
-from flexbt_testing.behavior_trees.random_trees import control_case
+from flexbt_testing.behavior_trees.random_trees import wheel_case
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Main">
 <BehaviorTree ID="Main"><Sequence name="&lt;top&gt;"><Script code="n := 0"/>
@@ -41,7 +41,7 @@ def logged(directory: Path, xml: str) -> tuple[str, Path]:
 @pytest.mark.parametrize('seed', [None, *range(12)])
 def test_a_log_is_what_was_printed(tmp_path: Path, seed: int | None) -> None:
     """The halt at the end follows, which is not printed."""
-    printed, log = logged(tmp_path, TREE if seed is None else control_case(seed)['xml'])
+    printed, log = logged(tmp_path, TREE if seed is None else wheel_case(seed)['xml'])
     done = tool('log', str(log))
     assert done.code == 0
     head, _, lines = done.out.partition('\n')

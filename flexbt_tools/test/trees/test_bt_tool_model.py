@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_server.groot2.protocol import models_document
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
-from flexbt_testing.behavior_trees.random_trees import control_case
+from flexbt_testing.behavior_trees.random_trees import wheel_case
 from flexbt_tools.trees.schema import schema_lines
 from flexbt_tools.trees.stand_ins import add_models
 
@@ -167,7 +167,7 @@ def test_the_schema_refuses_what_the_engine_refuses(tmp_path: Path, tree: str, e
 @pytest.mark.parametrize('seed', range(0, 60, 3))
 def test_random_trees_are_valid_by_the_schema(seed: int) -> None:
     """Types of the generator that are not registered are written in explicit form."""
-    text = control_case(seed)['xml']
+    text = wheel_case(seed)['xml']
     for id, kind in (('Act', 'Action'), ('Sync', 'Action'), ('Cond', 'Condition'), ('Deco', 'Decorator')):
         text = re.sub(rf'<{id}\b', f'<{kind} ID="{id}"', text).replace(f'</{id}>', f'</{kind}>')
     assert errors(SCHEMA, text) == []

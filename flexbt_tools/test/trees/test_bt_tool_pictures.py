@@ -20,7 +20,7 @@ from flexbt_common.errors import ResourceError
 from flexbt_common.pictures.markup import fitted, svg
 from flexbt_common.pictures.tree_picture import DrawnNode, NodeShape, trees_as_dot
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
-from flexbt_testing.behavior_trees.random_trees import control_case
+from flexbt_testing.behavior_trees.random_trees import wheel_case
 
 pytestmark = pytest.mark.filterwarnings('ignore::DeprecationWarning:pydot')
 
@@ -131,7 +131,7 @@ def test_a_broken_file_is_refused_with_all_its_errors(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('seed', range(10))
 def test_random_trees(tmp_path: Path, seed: int) -> None:
-    text = control_case(seed)['xml']
+    text = wheel_case(seed)['xml']
     file, expected = write(tmp_path, text), rows(text)
     for options in ([], ['--ascii']):
         assert shown_rows(tool('show', '--ports', 'none', *options, file).out) == expected

@@ -23,7 +23,7 @@ from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.values.text import short_repr
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, Done, document, tool, without_marks
-from flexbt_testing.behavior_trees.random_trees import control_case
+from flexbt_testing.behavior_trees.random_trees import wheel_case
 from flexbt_tools.errors import ToolError
 from flexbt_tools.mock_runs.mock_plan import read_plan
 from flexbt_tools.mock_runs.mock_run import MockRun
@@ -429,7 +429,7 @@ STATUSES = st.lists(st.sampled_from(['SUCCESS', 'FAILURE', 'SKIPPED', 'RUNNING']
 def test_a_run_is_the_same_each_time_and_its_trace_has_no_gaps(
     tmp_path_factory: pytest.TempPathFactory, seed: int, some: str, others: str
 ) -> None:
-    text = control_case(seed)['xml']
+    text = wheel_case(seed)['xml']
     words = ['--mock', f'*={others}', '--json', '--timeout', '20', '--set', 'a=1', '--set', 's=x']
     for type, result in (('Act', some), ('Cond', 'FAILURE,SUCCESS'), ('Deco', 'pass')):
         words += ['--mock', f'{type}={result}'] if f'<{type} ' in text or f'ID="{type}"' in text else []

@@ -16,8 +16,8 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.clock.clock import ManualClock
-from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
+from flexbt_testing.behavior_trees.random_trees import wheel_case
 from flexbt_testing.behavior_trees.steps import NAMES, Woken
 from flexbt_testing.behavior_trees.steps import make as make_steps
 
@@ -300,7 +300,7 @@ def test_coroutines_give_the_trace_of_actions_written_as_state_machines(monkeypa
             return status
 
     # A stateful action that is skipped while it is RUNNING is not over; a coroutine has returned.
-    cases = [case for case in map(bt_random_trees.basic_case, range(250)) if 'K' not in case['xml']]
+    cases = [case for case in map(wheel_case, range(250)) if 'K' not in case['xml']]
     expected = [bt_scripted.Run(case).trace() for case in cases]
     monkeypatch.setattr(bt_scripted, 'Act', Act)
     assert len(cases) > 40

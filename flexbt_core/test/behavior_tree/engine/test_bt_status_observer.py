@@ -15,10 +15,8 @@ from flexbt_core.behavior_tree.engine.parents import ControlNode
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.status import NodeStatus
-from flexbt_testing.behavior_trees import random_trees as bt_random_nodes
-from flexbt_testing.behavior_trees import random_trees as bt_random_scripts
-from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
+from flexbt_testing.behavior_trees.random_trees import script_case, wheel_case
 from flexbt_testing.behavior_trees.scripted_nodes import NAMES
 from flexbt_testing.behavior_trees.user_node_trees import make, random_body, run_some
 
@@ -133,9 +131,7 @@ def test_a_node_is_running_at_its_completion_as_its_class_declares() -> None:
     assert checked == {True, False}
 
 
-@pytest.mark.parametrize(
-    'make_case', [bt_random_trees.basic_case, bt_random_nodes.control_case, bt_random_scripts.script_case]
-)
+@pytest.mark.parametrize('make_case', [wheel_case, script_case])
 def test_a_tree_can_be_recorded_and_observed_from_any_time_on(make_case: Callable[[int], dict[str, Any]]) -> None:
     compared = 0
     for seed in range(120):

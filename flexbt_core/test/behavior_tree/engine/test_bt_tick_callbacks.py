@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecut
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
-from flexbt_testing.behavior_trees.random_trees import basic_case
+from flexbt_testing.behavior_trees.random_trees import wheel_case
 from flexbt_testing.behavior_trees.scripted_nodes import Act, Cond, Deco, Run, Script, Sync, registry
 from flexbt_testing.waiting import DEADLINE
 
@@ -66,7 +66,7 @@ def test_callbacks_that_return_none_change_nothing(observed: bool) -> None:
     seen = 0
     for seed in range(400):
         chance = random.Random(seed)
-        case = basic_case(seed)
+        case = wheel_case(seed)
 
         def come_and_go(tree: Tree, chance: random.Random = chance) -> None:
             nonlocal seen
@@ -102,7 +102,7 @@ def test_a_replaced_node_is_as_one_of_the_engine_in_its_place() -> None:
     """Everybody else in the tree sees what they would see of an AlwaysSuccess or AlwaysFailure with its conditions."""
     compared = 0
     for seed in range(400):
-        case = basic_case(seed)
+        case = wheel_case(seed)
         chance = random.Random(seed)
         result, stand_in = chance.choice([(S, 'AlwaysSuccess'), (F, 'AlwaysFailure')])
         choice = chance.random()
