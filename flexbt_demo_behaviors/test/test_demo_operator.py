@@ -28,8 +28,9 @@ from flexbt_console.mirror.records import FramedPose as Place
 from flexbt_console.mirror.view import View
 from flexbt_core import ManualClock
 from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack, TrackPose
+from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
 from flexbt_demo_behaviors.demonstration.scripted_operator import ScriptedOperator
+from flexbt_sim.world import Pose
 
 DEADLINE = 60.0
 """Seconds of wall time, on a busy machine too."""
@@ -69,7 +70,7 @@ def link() -> Link:
 @pytest.fixture
 def track() -> RobotTrack:
     track = RobotTrack()
-    track.add_pose(TrackPose(0.0, 0.0, 0.0), 0.0)
+    track.add_pose(Pose(0.0, 0.0, 0.0), 0.0)
     return track
 
 
@@ -89,7 +90,7 @@ def test_a_goal_is_answered_with_its_place_and_judged_by_where_the_robot_is(
     command = link.given[0]
     assert (command.kind, command.decision_id, command.run_id) == (CommandKind.ANSWER, 'q1', 'run')
     assert '"x": 3.0' in command.inputs[0].text
-    track.add_pose(TrackPose(3.0, 3.9, 0.0), 9.0)
+    track.add_pose(Pose(3.0, 3.9, 0.0), 9.0)
     result = operator.close_goal('arrived', must_reach=True)
     assert result.reached
     assert [result.error, result.seconds] == pytest.approx([0.1, 9.0])
@@ -101,9 +102,9 @@ def test_a_goal_is_judged_by_where_the_robot_is_when_it_has_arrived(
     """On a busy computer, a pose may come later than the word of the arrival."""
     link.show(replace(RUNNING, decisions=(QUESTION,)))
     operator.give_goal('kitchen')
-    track.add_pose(TrackPose(2.0, 2.0, 0.0), 8.0)
+    track.add_pose(Pose(2.0, 2.0, 0.0), 8.0)
     link.show(replace(RUNNING, active_states=(ActiveState('/AskGoal', entered=9.0),)))
-    late = threading.Timer(0.05, track.add_pose, (TrackPose(3.0, 4.0, 0.0), 9.0))
+    late = threading.Timer(0.05, track.add_pose, (Pose(3.0, 4.0, 0.0), 9.0))
     late.start()
     assert operator.close_goal('arrived', must_reach=True).reached
     late.join()
@@ -112,7 +113,7 @@ def test_a_goal_is_judged_by_where_the_robot_is_when_it_has_arrived(
 def test_a_goal_that_was_missed_is_an_error(operator: ScriptedOperator, link: Link, track: RobotTrack) -> None:
     link.show(replace(RUNNING, decisions=(QUESTION,)))
     operator.give_goal('kitchen')
-    track.add_pose(TrackPose(3.0, 3.7, 0.0), 9.0)
+    track.add_pose(Pose(3.0, 3.7, 0.0), 9.0)
     with pytest.raises(DemoError, match=r'kitchen.*0\.30 m off'):
         operator.close_goal('arrived', must_reach=True)
     assert not operator.close_goal('replaced', must_reach=False).reached
@@ -192,8 +193,8 @@ def test_what_comes_from_another_thread_ends_a_wait(operator: ScriptedOperator, 
     operator.wait_state('/Drive')
     operator.wait_tree_node('FollowPath')
     for seconds in (1.0, 2.0):
-        track.add_pose(TrackPose(0.2 * seconds, 0.0, 0.0), seconds)
-    rest = threading.Timer(0.05, track.add_pose, (TrackPose(0.4, 0.0, 0.0), 3.0))
+        track.add_pose(Pose(0.2 * seconds, 0.0, 0.0), seconds)
+    rest = threading.Timer(0.05, track.add_pose, (Pose(0.4, 0.0, 0.0), 3.0))
     rest.start()
     operator.wait_rest()
     assert track.at_rest
@@ -236,7 +237,7 @@ def test_with_other_places_the_script_drives_to_those_away_from_the_robot(
     assert operator.places(['moon']) == ['kitchen']
     with pytest.raises(DemoError, match='2 places'):
         operator.places(['moon', 'sun'])
-    track.add_pose(TrackPose(3.0, 4.0, 0.0), 1.0)
+    track.add_pose(Pose(3.0, 4.0, 0.0), 1.0)
     assert operator.places(['moon']) == ['office']
 
 

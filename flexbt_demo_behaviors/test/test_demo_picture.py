@@ -7,16 +7,15 @@ import numpy as np
 from PIL import Image
 
 from flexbt_demo_behaviors.demonstration.report import draw_tracks, write_picture
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack, TrackPose
+from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
 from flexbt_demo_behaviors.demonstration.simulation import SimulatedBox
-from flexbt_sim.world import OccupancyMap, RobotModel, World
-from flexbt_sim.world import Pose as WorldPose
+from flexbt_sim.world import OccupancyMap, Pose, RobotModel, World
 
 
 def world() -> World:
     """Return a room of 8 by 4 m with a robot, and a box where the robot will be, once it has been taken away."""
-    made = World(OccupancyMap(np.zeros((40, 80), np.int8), 0.1, WorldPose(-4.0, -2.0, 0.0)))
-    made.add('robot', RobotModel(), WorldPose(-3.0, 0.0, 0.0))
+    made = World(OccupancyMap(np.zeros((40, 80), np.int8), 0.1, Pose(-4.0, -2.0, 0.0)))
+    made.add('robot', RobotModel(), Pose(-3.0, 0.0, 0.0))
     made.add('crate', SimulatedBox(3.0, 0.0, 0.5, 0.5).model)
     return made
 
@@ -24,7 +23,7 @@ def world() -> World:
 def track(metres: float) -> RobotTrack:
     made = RobotTrack()
     for step in range(round(metres * 10.0) + 1):
-        made.add_pose(TrackPose(-3.0 + 0.1 * step, 0.0, 0.0), 100.0 + step)
+        made.add_pose(Pose(-3.0 + 0.1 * step, 0.0, 0.0), 100.0 + step)
     return made
 
 

@@ -7,15 +7,16 @@ import math
 import pytest
 
 from flexbt_demo_behaviors.demonstration.report import DemoReport, GoalResult, Timeline
-from flexbt_demo_behaviors.demonstration.robot_track import POINT_DISTANCE, RobotTrack, TrackPose
+from flexbt_demo_behaviors.demonstration.robot_track import POINT_DISTANCE, RobotTrack, pose_text
+from flexbt_sim.world import Pose
 
 
 def report() -> DemoReport:
-    return DemoReport('A demonstration', {'arrive': False, 'leave': False})
+    return DemoReport('A demonstration', ('arrive', 'leave'))
 
 
 def result() -> GoalResult:
-    return GoalResult('kitchen', TrackPose(1.0, 2.0, 0.0), 'arrived', 0.1, True, 12.0, 3.0)
+    return GoalResult('kitchen', Pose(1.0, 2.0, 0.0), 'arrived', 0.1, True, 12.0, 3.0)
 
 
 def test_a_report_passes_only_with_every_branch_a_goal_and_no_problem() -> None:
@@ -55,9 +56,9 @@ def test_the_track_keeps_what_was_driven_and_the_first_plan_to_each_place() -> N
     track = RobotTrack(lambda: changes.append(1))
     assert not track.ready
     for step in range(101):
-        track.add_pose(TrackPose(step * 0.01, 0.0, 0.0), time=step * 0.1)
+        track.add_pose(Pose(step * 0.01, 0.0, 0.0), time=step * 0.1)
     assert track.length == pytest.approx(1.0, abs=POINT_DISTANCE)
-    assert 30 <= len(track.driven) <= 51  # not all of the 101
+    assert 30 <= len(track.way) <= 51  # not all of the 101
     assert track.time == pytest.approx(10.0)
     track.add_plan([(0.0, 0.0), (5.0, 5.0)])
     track.add_plan([(2.0, 2.0), (5.0, 5.0)])  # the same place, from further on
@@ -66,7 +67,7 @@ def test_the_track_keeps_what_was_driven_and_the_first_plan_to_each_place() -> N
     assert track.plans == [[(0.0, 0.0), (5.0, 5.0)], [(2.0, 2.0), (0.0, 5.0)]]
     track.restart()
     assert track.plans == []
-    assert track.driven == [(1.0, 0.0)]
+    assert [pose for _, pose in track.way] == [Pose(1.0, 0.0, 0.0)]
     assert len(changes) > 100
 
 
@@ -74,10 +75,10 @@ def test_the_track_knows_rest() -> None:
     track = RobotTrack()
     rests = []
     for time, x, yaw in ((5.0, 0.0, 0.0), (5.1, 0.02, 0.0), (5.2, 0.02, -0.03), (5.3, 0.02, math.tau - 0.03)):
-        track.add_pose(TrackPose(x, 0.0, yaw), time)
+        track.add_pose(Pose(x, 0.0, yaw), time)
         rests.append(track.at_rest)
     assert rests == [True, False, False, True]
 
 
-def test_poses_have_a_distance() -> None:
-    assert TrackPose(0.0, 0.0, 0.0).distance(TrackPose(3.0, 4.0, math.pi)) == 5.0
+def test_a_pose_is_shown_with_its_heading_in_degrees() -> None:
+    assert pose_text(Pose(3.0, -4.0, math.pi / 2.0)) == '(3.00, -4.00, 90°)'

@@ -14,8 +14,9 @@ import pytest
 
 from flexbt_common.command_line import restored_signals
 from flexbt_demo_behaviors.demonstration import process_group
+from flexbt_demo_behaviors.demonstration.options import RunOptions
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoError
+from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
 from flexbt_demo_behaviors.demonstration.running import run_demonstration, tell_ended
 
 DEADLINE = 60.0
@@ -92,14 +93,15 @@ def test_each_signal_ends_a_demonstration_with_its_processes_and_is_no_success_o
     pids: list[int] = []
     for number in signals:
 
-        def run(group: ProcessGroup, _domain: int, number: signal.Signals = number) -> int:
+        def run(_options: RunOptions, group: ProcessGroup, _timeline: Timeline, number: signal.Signals = number) -> int:
             group.start('sleeper', SLEEPER)
-            wait_for_text(tmp_path / 'sleeper.log', 'up')
+            wait_for_text(tmp_path / 'logs' / 'sleeper.log', 'up')
             pids.append(group.pid('sleeper'))
             signal.raise_signal(number)
             raise AssertionError('the signal has no effect')
 
-        assert run_demonstration('demo', tmp_path, interactive, run) == (0 if interactive else 128 + number)
+        options = RunOptions(interactive, 1.0, tmp_path)
+        assert run_demonstration('demo', options, run) == (0 if interactive else 128 + number)
     assert len(pids) == len(signals) and not any(map(is_running, pids))
 
 

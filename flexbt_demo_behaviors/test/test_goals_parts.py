@@ -4,8 +4,9 @@
 from pathlib import Path
 
 from flexbt_core import define, load_xml, node_skills, read_skills
+from flexbt_demo_behaviors.demonstration.report import world_with_places
 from flexbt_demo_behaviors.goals.behavior import ReachGoal
-from flexbt_demo_behaviors.goals.processes import flat, robot_processes
+from flexbt_demo_behaviors.goals.processes import PLACES, WORLD, robot_processes
 from flexbt_demo_behaviors.goals.rooms import ROOMS, room_at
 from flexbt_formal.planning.missions import read_mission, skill_problem
 from flexbt_formal.planning.planner import plan
@@ -22,7 +23,7 @@ def fail_on_broken(point: str, error: Exception) -> None:
 
 
 def test_every_room_of_the_world_has_a_place_in_it_that_is_free() -> None:
-    world = flat()
+    world = world_with_places(WORLD, PLACES)
     assert set(world.places) == set(ROOMS)
     for room, place in world.places.items():
         assert room_at(place.x, place.y) == room

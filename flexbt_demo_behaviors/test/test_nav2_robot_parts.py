@@ -7,8 +7,9 @@ import pytest
 import yaml
 
 from flexbt_core import Autonomy, define, load_xml
+from flexbt_demo_behaviors.demonstration.report import world_with_places
 from flexbt_demo_behaviors.nav2_robot.behavior import AskOperator
-from flexbt_demo_behaviors.nav2_robot.processes import PROGRAM, robot_processes, warehouse
+from flexbt_demo_behaviors.nav2_robot.processes import PLACES, PROGRAM, WORLD, robot_processes
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_server.node_types import node_registry
 
@@ -26,7 +27,7 @@ def test_a_tree_loads_and_says_which_one_is_meant(file: Path) -> None:
 
 
 def test_the_robot_stands_in_its_dock_and_every_place_is_free() -> None:
-    world = warehouse()
+    world = world_with_places(WORLD, PLACES)
     assert world.robots['robot'].pose == world.places['dock']
     for place in world.places.values():
         world.move('robot', place)  # refused in a wall, or at an obstacle

@@ -4,16 +4,16 @@
 import math
 from pathlib import Path
 
-from flexbt_demo_behaviors.demonstration.report import draw_tracks
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack, TrackPose
-from flexbt_demo_behaviors.night_watch.processes import ROBOTS, config_file, place_poses, watch_processes, watch_world
+from flexbt_demo_behaviors.demonstration.report import draw_tracks, world_with_places
+from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
+from flexbt_demo_behaviors.night_watch.processes import PLACES, ROBOTS, WORLD, watch_processes
 from flexbt_demo_behaviors.night_watch.watch import ROUNDS
-from flexbt_sim.world import Pose as WorldPose
-from flexbt_sim.world import World
+from flexbt_sim.world import Pose
 
 
 def test_the_robots_stand_in_their_docks_and_every_place_is_free() -> None:
-    world, places = World.load(config_file('building.yaml')), place_poses()
+    world = world_with_places(WORLD, PLACES)
+    places = world.places
     for name, robot in world.robots.items():
         home = places[ROUNDS[name]['home']]
         assert math.hypot(robot.pose.x - home.x, robot.pose.y - home.y) < 0.1
@@ -22,11 +22,12 @@ def test_the_robots_stand_in_their_docks_and_every_place_is_free() -> None:
     for place in places.values():
         for obstacle in world.obstacles.values():
             assert math.hypot(obstacle.pose.x - place.x, obstacle.pose.y - place.y) > 1.0
-        world.move('alpha', WorldPose(place.x, place.y, place.yaw))  # refused in a wall
+        world.move('alpha', place)  # refused in a wall
 
 
 def test_a_room_with_a_door_has_the_place_from_which_it_is_opened() -> None:
-    world, places = World.load(config_file('building.yaml')), place_poses()
+    world = world_with_places(WORLD, PLACES)
+    places = world.places
     assert world.doors.keys() == {name for name in places if name.endswith('_door')}
 
 
@@ -42,10 +43,10 @@ def test_the_processes_of_a_robot_are_installed_and_in_its_namespace() -> None:
 
 
 def test_the_picture_shows_where_each_robot_has_driven() -> None:
-    empty = draw_tracks(watch_world(), {name: RobotTrack() for name in ROBOTS})
+    empty = draw_tracks(world_with_places(WORLD, PLACES), {name: RobotTrack() for name in ROBOTS})
     tracks = {name: RobotTrack() for name in ROBOTS}
     for step in range(100):
-        tracks['alpha'].add_pose(TrackPose(1.0 + 0.05 * step, 4.6, 0.0), 0.1 * step)
-    driven = draw_tracks(watch_world(), tracks)
+        tracks['alpha'].add_pose(Pose(1.0 + 0.05 * step, 4.6, 0.0), 0.1 * step)
+    driven = draw_tracks(world_with_places(WORLD, PLACES), tracks)
     assert driven.size == empty.size
     assert driven.tobytes() != empty.tobytes()

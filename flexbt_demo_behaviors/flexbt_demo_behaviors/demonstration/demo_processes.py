@@ -11,6 +11,7 @@ from typing import Final
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
+from flexbt_common.files import resolve_file
 from flexbt_console.commands.operator_values import load_places
 from flexbt_console.errors import UsageError
 
@@ -18,6 +19,9 @@ ODOM_RATE: Final = 20.0
 """Poses in a second of the simulated world: each wakes every process."""
 
 ParameterValue = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+
+SIMULATED: Final[Mapping[str, ParameterValue]] = {'use_sim_time': True}
+"""Parameters of a node that follows the clock of the simulator."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,6 @@ def page_command(port: int) -> list[str]:
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
     """Return the processes behind the operator's console, in the order in which they are started."""
-    simulated: dict[str, ParameterValue] = {'use_sim_time': True}
     world: dict[str, ParameterValue] = {'speed_factor': settings.speed, 'odom_rate': ODOM_RATE}
     if settings.map:
         world['map'] = settings.map
@@ -107,11 +110,37 @@ def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
         world['initial_pose'] = settings.start
     return (
         Process('flexbt_sim', 'simulator', world),
-        Process('flexbt_navigation', 'navigation', simulated),
-        Process('flexbt_server', 'bt_server', simulated),
-        Process('flexbt_onboard', 'stop_guard'),
-        Process('flexbt_onboard', 'onboard_executive', {**simulated, 'places': settings.places}),
+        Process('flexbt_navigation', 'navigation', SIMULATED),
+        *mission_processes(settings.places),
     )
+
+
+def mission_processes(
+    places: str, server: Mapping[str, ParameterValue] | None = None, namespace: str = ''
+) -> tuple[Process, ...]:
+    """Return what carries out missions on a robot: BT server, with further parameters, stop guard and executive."""
+    return (
+        Process('flexbt_server', 'bt_server', {**SIMULATED, **(server or {})}, namespace),
+        Process('flexbt_onboard', 'stop_guard', namespace=namespace),
+        Process('flexbt_onboard', 'onboard_executive', {**SIMULATED, 'places': places}, namespace),
+    )
+
+
+def only_robot(speed: float, world: str, **navigation: ParameterValue) -> Process:
+    """Return the simulation of a world file with one robot, and its navigation in it; ``speed`` in seconds per
+    second."""
+    parameters: Mapping[str, ParameterValue] = {
+        'speed_factor': speed,
+        'odom_rate': ODOM_RATE,
+        'world': world,
+        'robot_namespaces': False,
+    }
+    return Process('flexbt_navigation', 'simulation', {**parameters, **navigation})
+
+
+def demo_file(path: str) -> str:
+    """Return a file of this package by its path."""
+    return str(resolve_file(f'flexbt_demo_behaviors/{path}'))
 
 
 def _parameter_text(value: ParameterValue) -> str:

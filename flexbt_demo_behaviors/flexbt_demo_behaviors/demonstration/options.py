@@ -38,6 +38,11 @@ class RunOptions:
     speed: float
     output: Path
 
+    @property
+    def logs(self) -> Path:
+        """Directory of the logs of the processes."""
+        return self.output / 'logs'
+
 
 @dataclass(frozen=True)
 class DemoOptions(RunOptions):

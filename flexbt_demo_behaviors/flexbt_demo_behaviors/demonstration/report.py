@@ -7,16 +7,17 @@ import copy
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
 
 from PIL import Image
 
+from flexbt_core import load_places
 from flexbt_sim.world import Pose, Trace, TraceFrame, World, draw_world
 
-from .robot_track import RobotTrack, TrackPose
+from .robot_track import RobotTrack, pose_text
 
 # A goal counts as reached when the robot is this near to it, in metres, as the simulator knows it.
 GOAL_TOLERANCE = 0.25
@@ -62,7 +63,7 @@ class GoalResult:
     """
 
     label: str
-    pose: TrackPose
+    pose: Pose
     ending: str
     error: float
     reached: bool
@@ -72,7 +73,7 @@ class GoalResult:
     def line(self) -> str:
         """Return the result for a person, on one line."""
         way = '' if self.seconds is None else f'  {self.metres:5.1f} m driven in {self.seconds:5.1f} s'
-        return f'{self.label:<16} {self.pose!s:<24} {self.ending:<24} {self.error:5.2f} m off{way}'
+        return f'{self.label:<16} {pose_text(self.pose):<24} {self.ending:<24} {self.error:5.2f} m off{way}'
 
 
 @dataclass
@@ -80,7 +81,8 @@ class DemoReport:
     """The result of one demonstration."""
 
     title: str
-    branches: dict[str, bool]
+    branches: Sequence[str]
+    taken: set[str] = field(default_factory=set)
     goals: list[GoalResult] = field(default_factory=list)
     duration: float = 0.0
     problem: str = ''
@@ -89,7 +91,7 @@ class DemoReport:
         """Note that a branch which the demonstration shall take was taken."""
         if branch not in self.branches:
             raise KeyError(f'{self.title} does not promise the branch {branch!r}')
-        self.branches[branch] = True
+        self.taken.add(branch)
 
     def play(self, script: Callable[[], None]) -> None:
         """Play the part of the operator. A deviation from the expected result is the problem of the report."""
@@ -103,17 +105,23 @@ class DemoReport:
     @property
     def passed(self) -> bool:
         """True if every branch was taken and every goal that should be reached was reached."""
-        return not self.problem and bool(self.goals) and all(self.branches.values())
+        return not self.problem and bool(self.goals) and self.taken.issuperset(self.branches)
 
     def text(self) -> str:
         """Return the summary for a person; times of goals are simulated seconds."""
         lines = [f'{self.title}: {"passed" if self.passed else "FAILED"} after {self.duration:.1f} s']
         lines += [f'  goal    {goal.line()}' for goal in self.goals]
-        for name, taken in self.branches.items():
-            lines.append(f'  branch  {name:<41} {"taken" if taken else "NOT TAKEN"}')
+        for name in self.branches:
+            lines.append(f'  branch  {name:<41} {"taken" if name in self.taken else "NOT TAKEN"}')
         if self.problem:
             lines += [f'  {line}' for line in f'problem {self.problem}'.splitlines()]
         return '\n'.join(lines)
+
+    def conclude(self, world: World, tracks: Mapping[str, RobotTrack], file: Path) -> int:
+        """Write the picture, print the summary, and return the exit code of the demonstration."""
+        write_picture(world, tracks, file)
+        print(f'\n{self.text()}\n  picture {file}\n', flush=True)
+        return 0 if self.passed else 1
 
 
 # The picture of a demonstration: a world, and what its robots have planned and driven.
@@ -132,12 +140,16 @@ def draw_tracks(world: World, tracks: Mapping[str, RobotTrack]) -> Image.Image:
     trace = Trace(world)
     for name, track in tracks.items():
         shape = world.robots[name].shape
-        trace.frames += [
-            TraceFrame(time - track.began, {name: (shape, Pose(pose.x, pose.y, pose.yaw))}, {})
-            for time, pose in track.way
-        ]
+        trace.frames += [TraceFrame(time - track.began, {name: (shape, pose)}, {}) for time, pose in list(track.way)]
         if track.pose is not None:
-            world.robots[name].place(Pose(track.pose.x, track.pose.y, track.pose.yaw))
+            world.robots[name].place(track.pose)
     plans = {f'{name}{number}': plan for name, track in tracks.items() for number, plan in enumerate(track.plans)}
     last = max((track.time - track.began for track in tracks.values()), default=0.0)
     return draw_world(world, trace, paths=plans, time=last)
+
+
+def world_with_places(world: str, places: str) -> World:
+    """Return the world of a file, as it is at the start, with the places of another file."""
+    loaded = World.load(world)
+    loaded.places = {name: Pose(place.x, place.y, place.yaw) for name, place in load_places(Path(places)).items()}
+    return loaded

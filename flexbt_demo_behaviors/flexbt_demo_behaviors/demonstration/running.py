@@ -13,15 +13,16 @@ import subprocess
 import sys
 import termios
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
 from types import FrameType
+from typing import TypeVar
 
 from flexbt_console.errors import ConsoleError
 from flexbt_core.values.text import escape_lines
 
 from .demo_processes import page_command
+from .options import RunOptions
 from .process_group import ProcessGroup
-from .report import DemoError
+from .report import DemoError, Timeline
 from .session import set_environment
 
 
@@ -33,8 +34,12 @@ class Interrupted(BaseException):
         self.number = number
 
 
-def run_demonstration(program: str, logs: Path, interactive: bool, run: Callable[[ProcessGroup, int], int]) -> int:
-    """Call `run` with a group of processes, whose logs are in a directory, and the ROS domain that they are in.
+Options = TypeVar('Options', bound=RunOptions)
+
+
+def run_demonstration(program: str, options: Options, run: Callable[[Options, ProcessGroup, Timeline], int]) -> int:
+    """Call `run` with the options, a group of processes, whose logs are in the directory of the options, and a
+    timeline.
 
     Gives the exit code of the process: that of `run`, or 1 after an error, which is reported in the name of `program`.
     Asked to end by a signal, an interactive demonstration has done what it should; a script has not come to its end.
@@ -44,16 +49,18 @@ def run_demonstration(program: str, logs: Path, interactive: bool, run: Callable
     try:
         with own_domain() as domain:
             set_environment()
-            with ProcessGroup(logs) as group:
+            timeline = Timeline()
+            timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
+            with ProcessGroup(options.logs) as group:
                 try:
-                    return run(group, domain)
+                    return run(options, group, timeline)
                 finally:
                     _ignore_signals()
     except (DemoError, ConsoleError, NoFreeDomainError, OSError, LookupError) as error:
         print(*escape_lines(f'{program}: {error}'), sep='\n', file=sys.stderr)
         return 1
     except Interrupted as interruption:
-        return 0 if interactive else 128 + interruption.number
+        return 0 if options.interactive else 128 + interruption.number
 
 
 def _raise_on_signals() -> None:

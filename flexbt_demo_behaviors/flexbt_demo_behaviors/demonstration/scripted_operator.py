@@ -21,9 +21,10 @@ from flexbt_console.mirror.records import (
     OperatorCommand,
 )
 from flexbt_console.mirror.view import View
+from flexbt_sim.world import Pose
 
 from .report import GOAL_TOLERANCE, DemoError, GoalResult, Timeline
-from .robot_track import RobotTrack, TrackPose
+from .robot_track import RobotTrack, pose_text
 
 T = TypeVar('T')
 
@@ -185,7 +186,7 @@ class ScriptedOperator:
             return self.track.length - self._goal_length >= metres and not self.track.at_rest
 
         self.wait(far, f'{metres:g} m driven', DRIVE_TIMEOUT_S)
-        self._tell('sees', f'the robot on its way at {self.track.pose}')
+        self._tell('sees', f'the robot on its way at {pose_text(self.track.pose)}')
 
     def wait_begun(self, node: str) -> None:
         """Wait until a node of a tree has begun to run since the track began; that it is over by now does not matter.
@@ -243,7 +244,7 @@ class ScriptedOperator:
     def give_goal(self, label: str, state: str = '/AskGoal') -> None:
         """Answer the request for a goal with a named place."""
         decision = self.wait_decision(DecisionKind.INPUT, state, ANSWER_TIMEOUT_S)
-        self._tell('answers', f'"{decision.prompt}" with {label} {self._place(label)}')
+        self._tell('answers', f'"{decision.prompt}" with {label} {pose_text(self._place(label))}')
         self.expect_goal(label)
         self._give(self._make.answer(self._mirror.view(), decision.id, label))
 
@@ -293,9 +294,10 @@ class ScriptedOperator:
             metres=self.track.length - self._goal_length,
             reached=must_reach and error <= GOAL_TOLERANCE,
         )
-        self._timeline.tell('robot', f'{ending}: at {pose}, {error:.2f} m from {self._goal_label}')
+        self._timeline.tell('robot', f'{ending}: at {pose_text(pose)}, {error:.2f} m from {self._goal_label}')
         if must_reach and not result.reached:
-            raise DemoError(f'goal {self._goal_label}: the robot is {error:.2f} m off, at {pose} instead of {goal}')
+            where = f'at {pose_text(pose)} instead of {pose_text(goal)}'
+            raise DemoError(f'goal {self._goal_label}: the robot is {error:.2f} m off, {where}')
         return result
 
     def _is_seen(self, view: View) -> bool:
@@ -331,9 +333,9 @@ class ScriptedOperator:
                     f'{decision.path} waits for a person to confirm {decision.outcome!r}, which is not expected'
                 )
 
-    def _place(self, label: str) -> TrackPose:
+    def _place(self, label: str) -> Pose:
         place = self._mirror.view().places[label]
-        return TrackPose(place.x, place.y, place.yaw)
+        return Pose(place.x, place.y, place.yaw)
 
     def _on_change(self, _change: Change) -> None:
         self.notify()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from flexbt_common import discovery
@@ -15,7 +15,7 @@ from flexbt_console.link.operator_link import ExecutiveLink
 from flexbt_console.mirror.mirror import Change, Mirror
 from flexbt_console.mirror.records import ExecutiveSnapshot, ExecutiveState, LogLine, LogSeverity
 
-from .demo_processes import DemoSettings, demo_processes
+from .demo_processes import Process
 from .process_group import ProcessGroup
 from .report import Timeline
 from .robot_track import RobotTrack, subscribe_to_robot
@@ -48,16 +48,16 @@ def set_environment() -> None:
 
 @contextlib.contextmanager
 def open_session(
-    group: ProcessGroup, settings: DemoSettings, operator: str, timeline: Timeline
+    group: ProcessGroup, processes: Sequence[Process], operator: str, timeline: Timeline, *, is_on_call: bool = False
 ) -> Iterator[DemoSession]:
-    """Start the processes in `group`, wait until all of them are ready, and watch them for the time of the context.
+    """Start processes in `group`, wait until all of them are ready, and watch them for the time of the context.
 
-    Raises DemoError when they are not ready in time or one of them dies meanwhile.
+    Raises DemoError when they are not ready in time or one of them dies meanwhile. ``is_on_call`` as for
+    :func:`join_robot`.
     """
-    processes = demo_processes(settings)
     for process in processes:
         group.start(process.name, process.command(), respawn=True)
-    with join_robot(operator, timeline) as session:
+    with join_robot(operator, timeline, is_on_call=is_on_call) as session:
         group.watch(lambda ended: session.operator.abandon(ended.report()))
         session.operator.wait_ready(peers=len(processes) - 1, timeout=READY_TIMEOUT_S)
         yield session

@@ -17,6 +17,7 @@ from simulation_interfaces.srv import DeleteEntity, SpawnEntity
 from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_msgs.srv import SetFault
 from flexbt_sim.world import ObstacleModel, Pose, box
 
 from .report import DemoError, Timeline
@@ -74,12 +75,16 @@ class DemoSimulation:
         self._ask(DeleteEntity, 'delete_entity', DeleteEntity.Request(entity=name))
         self._timeline.tell('world', f'somebody takes the {name} away')
 
-    @contextlib.contextmanager
-    def in_real_time(self) -> Iterator[None]:
-        """Provide the world is not faster than real time in this context, so that a busy computer can intervene in
-        time."""
-        with self.no_faster_than(REAL_TIME):
-            yield
+    def in_real_time(self) -> contextlib.AbstractContextManager[None]:
+        """Keep the world no faster than real time in this context, so that a busy computer can intervene in time."""
+        return self.no_faster_than(REAL_TIME)
+
+    def set_fault(self, entity: str, fault: str, parameters: str = '', *, clear: bool = False) -> None:
+        """Bring about a fault of an entity, or end it."""
+        request = SetFault.Request(entity=entity, fault=fault, parameters=parameters, clear=clear)
+        response = self.call(SetFault, 'set_fault', request)
+        if not response.success:
+            raise DemoError(f'the fault {fault} of {entity} was not {"ended" if clear else "set"}: {response.message}')
 
     @contextlib.contextmanager
     def no_faster_than(self, factor: float) -> Iterator[None]:

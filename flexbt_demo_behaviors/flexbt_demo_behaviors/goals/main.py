@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import Final
 
 from sensor_msgs.msg import JointState
@@ -20,21 +19,17 @@ from flexbt_console.mirror.records import AutonomyLevel, DecisionKind
 from flexbt_demo_behaviors.demonstration.demo_processes import console_command
 from flexbt_demo_behaviors.demonstration.options import RunOptions, parse_run_options
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, write_picture
-from flexbt_demo_behaviors.demonstration.robot_track import TrackPose
+from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, world_with_places
+from flexbt_demo_behaviors.demonstration.robot_track import pose_text
 from flexbt_demo_behaviors.demonstration.running import run_console, run_demonstration
 from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
-from flexbt_demo_behaviors.demonstration.session import READY_TIMEOUT_S, DemoSession, join_robot
+from flexbt_demo_behaviors.demonstration.session import DemoSession, open_session
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation
-from flexbt_msgs.srv import SetFault
+from flexbt_sim.messages import pose_of
 from flexbt_sim.world import Pose
 
-from .processes import flat, robot_processes
+from .processes import PLACES, WORLD, robot_processes
 from .rooms import room_at
-
-ROBOT: Final = 'robot'
-PEERS: Final = 3
-"""Number of peers of the executive: simulator, navigation, BT server."""
 
 INTRODUCTION = """
 The robot brings the cup from the kitchen to the office. Shut the door meanwhile, from another terminal:
@@ -46,19 +41,11 @@ The robot brings the cup from the kitchen to the office. Shut the door meanwhile
 def main() -> int:
     """Run the demonstration of the command line; gives the exit code of the process."""
     options = parse_run_options('goals', 'A robot plans its way to a goal, under an operator.')
-    return run_demonstration(
-        'goals', options.output / 'logs', options.interactive, lambda group, domain: _run(options, group, domain)
-    )
+    return run_demonstration('goals', options, _run)
 
 
-def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
-    timeline = Timeline()
-    timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
-    for process in robot_processes(options.speed):
-        group.start(process.name, process.command(), respawn=True)
-    with join_robot('operator', timeline) as session:
-        group.watch(lambda ended: session.operator.abandon(ended.report()))
-        session.operator.wait_ready(PEERS, timeout=READY_TIMEOUT_S)
+def _run(options: RunOptions, group: ProcessGroup, timeline: Timeline) -> int:
+    with open_session(group, robot_processes(options.speed), 'operator', timeline) as session:
         if not options.interactive:
             return _run_script(options, session, timeline)
         session.operator.start('Reach Goal', AutonomyLevel.HIGH)
@@ -67,18 +54,14 @@ def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
 
 
 def _run_script(options: RunOptions, session: DemoSession, timeline: Timeline) -> int:
-    operator = session.operator
-    household = Household(session.runtime, timeline, options.speed, operator.notify)
+    household = Household(session.runtime, timeline, options.speed, session.operator.notify)
     session.track.restart()
-    report = DemoReport(TITLE, dict.fromkeys(BRANCHES, False))
-    report.play(lambda: reach_goals(Flat(operator, household), report))
-    file = options.output / 'demo5.png'
-    world = flat()
+    report = DemoReport(TITLE, BRANCHES)
+    report.play(lambda: reach_goals(session.operator, household, report))
+    world = world_with_places(WORLD, PLACES)
     for goal in report.goals:
-        world.move(CUP, Pose(goal.pose.x, goal.pose.y, 0.0))
-    write_picture(world, {ROBOT: session.track}, file)
-    print(f'\n{report.text()}\n  picture {file}\n', flush=True)
-    return 0 if report.passed else 1
+        world.move(CUP, goal.pose)
+    return report.conclude(world, {'robot': session.track}, options.output / 'demo5.png')
 
 
 # The actions of the scripted operator and the household, and the branches that are taken.
@@ -97,18 +80,8 @@ TITLE: Final = 'Demonstration 5: a goal, and a robot that plans'
 NO_WAY: Final = 'there is no plan without FlatOpenDoor(kitchen_door, hall, kitchen) (failed: kitchen_door is jammed)'
 
 
-@dataclass(frozen=True)
-class Flat:
-    """The flat as the operator sees it: the robot, and the household."""
-
-    operator: ScriptedOperator
-    household: Household
-
-
-def reach_goals(flat: Flat, report: DemoReport) -> None:
+def reach_goals(operator: ScriptedOperator, household: Household, report: DemoReport) -> None:
     """Have the cup brought twice."""
-    operator, household = flat.operator, flat.household
-
     operator.wait(lambda _view: household.is_seen, 'the household seen', ANSWER_TIMEOUT_S)
     with household.in_real_time():  # it takes others a moment to meddle
         operator.start('Reach Goal', AutonomyLevel.HIGH)
@@ -124,7 +97,7 @@ def reach_goals(flat: Flat, report: DemoReport) -> None:
         operator.wait_begun('FlatApproach(cup, hall)')
     report.take(MOVED)
     operator.wait_end('reached', DRIVE_TIMEOUT_S)
-    report.goals.append(_check_cup(flat))
+    report.goals.append(_check_cup(household))
     report.take(REACHED)
 
     household.move_cup(1.2, 1.2)
@@ -138,16 +111,18 @@ def reach_goals(flat: Flat, report: DemoReport) -> None:
     household.jam_door(jammed=False)
     operator.choose(decision, 'again')
     operator.wait_end('reached', DRIVE_TIMEOUT_S)
-    report.goals.append(_check_cup(flat))
+    report.goals.append(_check_cup(household))
     report.take(AGAIN)
 
 
-def _check_cup(flat: Flat) -> GoalResult:
+def _check_cup(household: Household) -> GoalResult:
     """Return where the cup is; raises DemoError when that is not the office, or the robot holds it still."""
-    pose = flat.household.cup()
+    pose = household.cup()
     room = room_at(pose.x, pose.y)
-    if room != 'office' or flat.household.held:
-        raise DemoError(f'the cup is at {pose}, in the {room}; the robot holds {flat.household.held or "nothing"}')
+    if room != 'office' or household.held:
+        raise DemoError(
+            f'the cup is at {pose_text(pose)}, in the {room}; the robot holds {household.held or "nothing"}'
+        )
     return GoalResult('cup', pose, 'put down in the office', 0.0, reached=True)
 
 
@@ -201,10 +176,7 @@ class Household:
 
     def jam_door(self, jammed: bool) -> None:
         """Have the door jam, or mend it."""
-        request = SetFault.Request(entity=DOOR, fault='door_jammed', clear=not jammed)
-        response = self._simulation.call(SetFault, 'set_fault', request)
-        if not response.success:
-            raise DemoError(f'the door could not be jammed or mended: {response.message}')
+        self._simulation.set_fault(DOOR, 'door_jammed', clear=not jammed)
         self._timeline.tell('household', 'the door of the kitchen jams' if jammed else 'the door is mended')
 
     def move_cup(self, x: float, y: float) -> None:
@@ -218,11 +190,10 @@ class Household:
             raise DemoError(f'the cup was not moved: {response.result.error_message}')
         self._timeline.tell('household', f'somebody puts the cup to ({x:g}, {y:g}), in the {room_at(x, y)}')
 
-    def cup(self) -> TrackPose:
+    def cup(self) -> Pose:
         """Return where the cup is."""
         response = self._simulation.call(GetEntityState, 'get_entity_state', GetEntityState.Request(entity=CUP))
-        position = response.state.pose.position
-        return TrackPose(position.x, position.y, 0.0)
+        return pose_of(response.state.pose)
 
     def _subscribe(self, runtime: NodeRuntime) -> None:
         runtime.node.create_subscription(

@@ -5,15 +5,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Final
 
-from ament_index_python.packages import get_package_share_directory
-
+from flexbt_common.files import resolve_file
 from flexbt_core import Place, load_places
 from flexbt_core.values.text import short_repr
-
-PACKAGE: Final = 'flexbt_demo_behaviors'
 
 ROOMS: Final[Mapping[str, tuple[float, float, float, float]]] = {
     'kitchen': (0.0, 0.0, 4.5, 3.6),
@@ -21,11 +17,6 @@ ROOMS: Final[Mapping[str, tuple[float, float, float, float]]] = {
     'hall': (0.0, 3.6, 9.0, 6.0),
 }
 """Least and greatest x and y of each room: x0, y0, x1, y1, in m."""
-
-
-def config_file(name: str) -> str:
-    """Return the path of a file of this demonstration."""
-    return str(Path(get_package_share_directory(PACKAGE)) / 'goals' / name)
 
 
 def room_at(x: float, y: float) -> str | None:
@@ -47,4 +38,4 @@ def table_of(room: str) -> Place:
 
 @functools.cache
 def _places() -> Mapping[str, Place]:
-    return load_places(Path(config_file('places.yaml')))
+    return load_places(resolve_file('flexbt_demo_behaviors/goals/places.yaml'))

@@ -10,15 +10,14 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import rclpy
-from ament_index_python.packages import get_package_share_directory
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
 
 from flexbt_common import names
+from flexbt_common.files import resolve_file
 from flexbt_core import Place, load_places
 from flexbt_msgs.action import ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument
@@ -94,8 +93,7 @@ class Deliveries:
 def main() -> int:
     """Run the program; 0 when the robot is home at the end."""
     rclpy.init()
-    file = Path(get_package_share_directory('flexbt_demo_behaviors')) / 'nav2_robot' / 'places.yaml'
-    places = load_places(file)
+    places = load_places(resolve_file('flexbt_demo_behaviors/nav2_robot/places.yaml'))
     navigator = BasicNavigator()
     try:
         return 0 if Deliveries(navigator, places).run() else 1

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -14,18 +12,14 @@ from flexbt_console.mirror.records import DecisionKind
 from flexbt_demo_behaviors.demonstration.demo_processes import console_command
 from flexbt_demo_behaviors.demonstration.options import RunOptions, parse_run_options
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, Timeline, write_picture
+from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, Timeline, world_with_places
 from flexbt_demo_behaviors.demonstration.running import run_console, run_demonstration
-from flexbt_demo_behaviors.demonstration.scripted_operator import DRIVE_TIMEOUT_S, ScriptedOperator
-from flexbt_demo_behaviors.demonstration.session import READY_TIMEOUT_S, DemoSession, join_robot
+from flexbt_demo_behaviors.demonstration.scripted_operator import DRIVE_TIMEOUT_S
+from flexbt_demo_behaviors.demonstration.session import DemoSession, open_session
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation, SimulatedBox, call_service
 from flexbt_msgs.srv import ControlTree
 
-from .processes import PROGRAM, robot_processes, warehouse
-
-ROBOT: Final = 'robot'
-PEERS: Final = 3
-"""Number of peers of the executive: simulator, navigation, BT server."""
+from .processes import PLACES, PROGRAM, WORLD, robot_processes
 
 INTRODUCTION = """
 The program drives the robot to the shelf, and asks you then. "?" shows the keys, "!" stops what drives, "q" ends all.
@@ -35,19 +29,12 @@ The program drives the robot to the shelf, and asks you then. "?" shows the keys
 def main() -> int:
     """Run the demonstration of the command line; gives the exit code of the process."""
     options = parse_run_options('nav2_robot', 'A program drives a robot of Nav2, under an operator.')
-    return run_demonstration(
-        'nav2_robot', options.output / 'logs', options.interactive, lambda group, domain: _run(options, group, domain)
-    )
+    return run_demonstration('nav2_robot', options, _run)
 
 
-def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
-    timeline = Timeline()
-    timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
-    for process in robot_processes(options.speed):
-        group.start(process.name, process.command(), respawn=True)
-    with join_robot('operator', timeline, is_on_call=True) as session:
-        group.watch(lambda ended: session.operator.abandon(ended.report()))
-        session.operator.wait_ready(PEERS, timeout=READY_TIMEOUT_S)
+def _run(options: RunOptions, group: ProcessGroup, timeline: Timeline) -> int:
+    processes = robot_processes(options.speed)
+    with open_session(group, processes, 'operator', timeline, is_on_call=True) as session:
         if not options.interactive:
             return _run_script(options, group, session, timeline)
     group.start(PROGRAM.name, PROGRAM.command())
@@ -56,35 +43,14 @@ def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
 
 
 def _run_script(options: RunOptions, group: ProcessGroup, session: DemoSession, timeline: Timeline) -> int:
-    scene = Warehouse(
-        session.operator,
-        DemoSimulation(session.runtime, timeline, options.speed),
-        timeline,
-        lambda command: call_service(
-            session.runtime, ControlTree, names.CONTROL_TREE, ControlTree.Request(command=command)
-        ),
-        lambda: group.start(PROGRAM.name, PROGRAM.command()),
-        options.output / 'logs' / f'{PROGRAM.name}.log',
-    )
-
-    def on_end(ended: EndedProcess) -> None:
-        if ended.name == PROGRAM.name and ended.exit_code == 0:
-            scene.ended.set()
-            session.operator.notify()
-        else:
-            session.operator.abandon(ended.report())
-
-    group.watch(on_end)
+    warehouse = Warehouse(options, group, session, timeline)
     session.track.restart()
-    report = DemoReport(TITLE, dict.fromkeys(BRANCHES, False))
-    report.play(lambda: supervise(scene, report))
-    world = warehouse()
-    for name, box in scene.simulation.boxes.items():
+    report = DemoReport(TITLE, BRANCHES)
+    report.play(lambda: supervise(warehouse, report))
+    world = world_with_places(WORLD, PLACES)
+    for name, box in warehouse.simulation.boxes.items():
         world.add(name, box.model)
-    file = options.output / 'demo4.png'
-    write_picture(world, {ROBOT: session.track}, file)
-    print(f'\n{report.text()}\n  picture {file}\n', flush=True)
-    return 0 if report.passed else 1
+    return report.conclude(world, {'robot': session.track}, options.output / 'demo4.png')
 
 
 # The actions of the scripted operator while the program drives, and the branches that are taken.
@@ -114,17 +80,35 @@ TOLD: Final = (
 """Lines that the program prints about its tasks if everything went as expected here."""
 
 
-@dataclass
 class Warehouse:
     """The warehouse as the operator sees it: the robot, the world, and the program with its log file."""
 
-    operator: ScriptedOperator
-    simulation: DemoSimulation
-    timeline: Timeline
-    control_tree: Callable[[int], ControlTree.Response]
-    start_program: Callable[[], None]
-    log: Path
-    ended: threading.Event = field(default_factory=threading.Event)
+    def __init__(self, options: RunOptions, group: ProcessGroup, session: DemoSession, timeline: Timeline) -> None:
+        self.operator = session.operator
+        self.simulation = DemoSimulation(session.runtime, timeline, options.speed)
+        self.timeline = timeline
+        self.log = options.logs / f'{PROGRAM.name}.log'
+        self.has_ended = False
+        self._group = group
+        self._runtime = session.runtime
+        group.watch(self._on_end)
+
+    def start_program(self) -> None:
+        """Start the program that drives the robot."""
+        self._group.start(PROGRAM.name, PROGRAM.command())
+
+    def control_tree(self, command: int) -> ControlTree.Response:
+        """Return the answer of the BT server to a command for the tree that drives."""
+        request = ControlTree.Request(command=command)
+        response: ControlTree.Response = call_service(self._runtime, ControlTree, names.CONTROL_TREE, request)
+        return response
+
+    def _on_end(self, ended: EndedProcess) -> None:
+        if ended.name == PROGRAM.name and ended.exit_code == 0:
+            self.has_ended = True
+            self.operator.notify()
+        else:
+            self.operator.abandon(ended.report())
 
 
 def supervise(warehouse: Warehouse, report: DemoReport) -> None:
@@ -168,7 +152,7 @@ def supervise(warehouse: Warehouse, report: DemoReport) -> None:
 
     operator.expect_goal('dock')
     operator.choose(decision, 'home')
-    operator.wait(lambda _view: warehouse.ended.is_set(), 'end of the program', DRIVE_TIMEOUT_S)
+    operator.wait(lambda _view: warehouse.has_ended, 'end of the program', DRIVE_TIMEOUT_S)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     _check_told(warehouse.log, TOLD)
     report.take(HOME)

@@ -12,19 +12,21 @@ from dataclasses import dataclass
 from flexbt_console.mirror.records import AutonomyLevel, Decision, DecisionKind
 from flexbt_demo_behaviors.demonstration.demo_processes import (
     DemoSettings,
+    Process,
     built_in_places,
     console_command,
+    demo_processes,
     first_place,
 )
 from flexbt_demo_behaviors.demonstration.options import DemoOptions, parse_options
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoReport, Timeline, write_picture
-from flexbt_demo_behaviors.demonstration.robot_track import Point, RobotTrack
+from flexbt_demo_behaviors.demonstration.report import DemoReport, Timeline
+from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
 from flexbt_demo_behaviors.demonstration.running import page_line, run_console, run_demonstration, serve_page
 from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
 from flexbt_demo_behaviors.demonstration.session import DemoSession, open_session
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation, SimulatedBox
-from flexbt_sim.world import Pose, RobotModel, World
+from flexbt_sim.world import Point, RobotModel, World
 
 ROBOT = 'robot'
 
@@ -38,27 +40,23 @@ def main() -> int:
     """Run the demonstration of the command line; gives the exit code of the process."""
     terminal = sys.stdin.isatty() and sys.stdout.isatty()
     options = parse_options(sys.argv[1:], os.environ, terminal)
-    return run_demonstration(
-        'demo', options.output / 'logs', options.interactive, lambda group, domain: _run(options, group, domain)
-    )
+    return run_demonstration('demo', options, _run)
 
 
-def _run(options: DemoOptions, group: ProcessGroup, domain: int) -> int:
+def _run(options: DemoOptions, group: ProcessGroup, timeline: Timeline) -> int:
     places = options.places or built_in_places()
     start = first_place(places) if options.map else None
-    settings = DemoSettings(options.map, start, places, options.speed)
-    timeline = Timeline()
-    timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
+    processes = demo_processes(DemoSettings(options.map, start, places, options.speed))
     if options.interactive:
-        return _run_interactive(group, settings, DEMONSTRATIONS[options.demos[0]], timeline)
-    return _run_scripts(options, settings, group, timeline)
+        return _run_interactive(group, processes, DEMONSTRATIONS[options.demos[0]], timeline)
+    return _run_scripts(options, processes, group, timeline)
 
 
 def _run_interactive(
-    group: ProcessGroup, settings: DemoSettings, demonstration: Demonstration, timeline: Timeline
+    group: ProcessGroup, processes: Sequence[Process], demonstration: Demonstration, timeline: Timeline
 ) -> int:
     """Start the processes and the behavior, hand the terminal to the console, and give the console's exit code."""
-    with open_session(group, settings, 'demo', timeline) as session:
+    with open_session(group, processes, 'demo', timeline) as session:
         place = session.operator.places(('kitchen',))[0]
         session.operator.start(demonstration.behavior, AutonomyLevel.HIGH)
         session.operator.wait_state('/AskGoal')
@@ -68,20 +66,16 @@ def _run_interactive(
     return run_console(group, console_command(page=page))
 
 
-def _run_scripts(options: DemoOptions, settings: DemoSettings, group: ProcessGroup, timeline: Timeline) -> int:
-    reports = []
-    with open_session(group, settings, 'script', timeline) as session:
+def _run_scripts(options: DemoOptions, processes: Sequence[Process], group: ProcessGroup, timeline: Timeline) -> int:
+    with open_session(group, processes, 'script', timeline) as session:
         timeline.tell('demo', 'everything is ready')
         for number in options.demos:
             simulation = DemoSimulation(session.runtime, timeline, options.speed)
             report = _run_script(DEMONSTRATIONS[number], session, None if options.map else simulation, timeline)
-            reports.append(report)
-            file = options.output / f'demo{number}.png'
-            write_picture(_world(report, session.track, simulation.boxes), {ROBOT: session.track}, file)
-            print(f'\n{report.text()}\n  picture {file}\n', flush=True)
-            if report.problem:
-                break
-    return 0 if all(report.passed for report in reports) else 1
+            world = _world(report, session.track, simulation.boxes)
+            if exit_code := report.conclude(world, {ROBOT: session.track}, options.output / f'demo{number}.png'):
+                return exit_code
+    return 0
 
 
 def _run_script(
@@ -96,10 +90,8 @@ def _run_script(
 
 def _world(report: DemoReport, track: RobotTrack, boxes: Mapping[str, SimulatedBox]) -> World:
     """Return the world of the picture: the robot where it began, the goals, and all boxes that were somewhere."""
-    places = {goal.label: Pose(goal.pose.x, goal.pose.y, goal.pose.yaw) for goal in report.goals}
-    world = World(track.map, places=places)
-    start = track.way[0][1]
-    world.add(ROBOT, RobotModel(), Pose(start.x, start.y, start.yaw))
+    world = World(track.map, places={goal.label: goal.pose for goal in report.goals})
+    world.add(ROBOT, RobotModel(), track.way[0][1])
     for name, box in boxes.items():
         world.add(name, box.model)
     return world
@@ -127,7 +119,7 @@ class Demonstration:
     def report(self, with_boxes: bool = True) -> DemoReport:
         """Return a report of it with nothing done yet."""
         branches = self.branches + (self.box_branches if with_boxes else ())
-        return DemoReport(f'Demonstration {self.number}: {self.title}', dict.fromkeys(branches, False))
+        return DemoReport(f'Demonstration {self.number}: {self.title}', branches)
 
 
 CRATE = SimulatedBox(4.4, 2.67, 0.4, 0.4)

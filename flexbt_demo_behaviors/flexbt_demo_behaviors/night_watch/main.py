@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Final
 
@@ -12,7 +11,8 @@ from flexbt_core.values.text import escape_lines
 from flexbt_demo_behaviors.demonstration.demo_processes import console_command
 from flexbt_demo_behaviors.demonstration.options import RunOptions, parse_run_options
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, write_picture
+from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, world_with_places
+from flexbt_demo_behaviors.demonstration.robot_track import pose_text
 from flexbt_demo_behaviors.demonstration.running import (
     page_line,
     run_console,
@@ -23,34 +23,29 @@ from flexbt_demo_behaviors.demonstration.running import (
 from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S
 from flexbt_sim.world import World
 
-from .processes import ROBOTS, config_file, place_poses, watch_world
+from .processes import PLACES, ROBOTS, WORLD
 from .watch import Watch, open_watch
 
 
 def main() -> int:
     """Run the night watch of the command line; gives the exit code of the process."""
     options = parse_run_options('night_watch', 'Two simulated robots watch a building, under one operator.')
-    return run_demonstration(
-        'night_watch', options.output / 'logs', options.interactive, lambda group, domain: _run(options, group, domain)
-    )
+    return run_demonstration('night_watch', options, _run)
 
 
-def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
-    print(f'night_watch: starts its processes in ROS domain {domain}, at speed factor {options.speed:g}', flush=True)
+def _run(options: RunOptions, group: ProcessGroup, timeline: Timeline) -> int:
     if options.interactive:  # the terminal belongs to the operator
         with (
-            (options.output / 'logs' / 'timeline.log').open('w') as log,
+            (options.logs / 'timeline.log').open('w') as log,
             open_watch(group, options.speed, Timeline(log)) as watch,
         ):
             run_interactive(watch)
         return 0
-    with open_watch(group, options.speed, Timeline()) as watch:
-        report = DemoReport(TITLE, dict.fromkeys(BRANCHES, False))
+    with open_watch(group, options.speed, timeline) as watch:
+        report = DemoReport(TITLE, BRANCHES)
         report.play(lambda: night_watch(watch, report))
-        file = options.output / 'demo3.png'
-        write_picture(watch_world(), {name: session.track for name, session in watch.sessions.items()}, file)
-        print(f'\n{report.text()}\n  picture {file}\n', flush=True)
-    return 0 if report.passed else 1
+        tracks = {name: session.track for name, session in watch.sessions.items()}
+        return report.conclude(world_with_places(WORLD, PLACES), tracks, options.output / 'demo3.png')
 
 
 # The night watch with a person at the consoles of both robots, who also controls the events in the building.
@@ -189,18 +184,17 @@ def _check_alarm(watch: Watch, name: str) -> None:
     robot, pose = watch.operator('beta').wait(
         lambda _view: building.alarms[0] if building.alarms else None, 'alarm', ANSWER_TIMEOUT_S
     )  # fmt: skip
-    what = World.load(config_file('building.yaml')).obstacles[name].pose
-    distance = math.hypot(pose.x - what.x, pose.y - what.y)
+    distance = pose.distance(World.load(WORLD).obstacles[name].pose)
     watch.timeline.tell('building', f'{robot} raises the alarm: {distance:.2f} m from the {name}')
     if distance > NEAR:
-        raise DemoError(f'the alarm of {robot} is about {pose}, {distance:.2f} m from the {name}')
+        raise DemoError(f'the alarm of {robot} is about {pose_text(pose)}, {distance:.2f} m from the {name}')
 
 
 def _visit(watch: Watch, robot: str, room: str) -> GoalResult:
     """Return how near a robot came to a place; raises DemoError when it was not there."""
-    place, track = place_poses()[room], watch.track(robot)
-    error = min(math.dist((place.x, place.y), point) for point in track.driven)
+    place = world_with_places(WORLD, PLACES).places[room]
+    error = min(place.distance(pose) for _, pose in watch.track(robot).way)
     result = GoalResult(room, place, f'{robot} was there', error, error <= THERE)
     if not result.reached:
-        raise DemoError(f'{robot} was never nearer than {error:.2f} m to {room} {place}')
+        raise DemoError(f'{robot} was never nearer than {error:.2f} m to {room} {pose_text(place)}')
     return result

@@ -18,12 +18,13 @@ from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.mirror.records import AutonomyLevel
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack, TrackPose
+from flexbt_demo_behaviors.demonstration.report import Timeline
+from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
 from flexbt_demo_behaviors.demonstration.scripted_operator import ScriptedOperator
 from flexbt_demo_behaviors.demonstration.session import READY_TIMEOUT_S, DemoSession, join_robot
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation
-from flexbt_msgs.srv import SetFault
+from flexbt_sim.messages import pose_of
+from flexbt_sim.world import Pose
 
 from .processes import ROBOTS, log_name, robot_processes, watch_processes
 from .states import ROOMS_LEFT
@@ -113,35 +114,23 @@ class Building:
         self._simulation = DemoSimulation(runtime, timeline)
         self._timeline = timeline
         self._on_change = on_change
-        self._left: dict[str, tuple[str, ...]] = {}
-        self._alarms: list[tuple[str, TrackPose]] = []
-        self._low: set[str] = set()
-        self._charged: frozenset[str] = frozenset()
-        runtime.call(lambda: self._subscribe(runtime, robots))
-
-    @property
-    def rooms_left(self) -> Mapping[str, tuple[str, ...]]:
+        self.rooms_left: Mapping[str, tuple[str, ...]] = {}
         """The rooms that each robot has still to look at, as it said last."""
-        return self._left
-
-    @property
-    def alarms(self) -> Sequence[tuple[str, TrackPose]]:
+        self.alarms: list[tuple[str, Pose]] = []
         """The alarms so far: the robot that has raised each, and the pose that it is about."""
-        return self._alarms
-
-    @property
-    def charged(self) -> frozenset[str]:
+        self.charged: set[str] = set()
         """The robots whose battery was low, and is not any more."""
-        return self._charged
+        self._low: set[str] = set()
+        runtime.call(lambda: self._subscribe(runtime, robots))
 
     def lower_battery(self, robot: str) -> None:
         """Leave little in the battery of a robot."""
-        self._set(SetFault.Request(entity=robot, fault='battery_low', parameters='level: 0.1'))
+        self._simulation.set_fault(robot, 'battery_low', 'level: 0.1')
         self._timeline.tell('building', f'the battery of {robot} runs low')
 
     def mend_door(self) -> None:
         """Have the jammed door mended."""
-        self._set(SetFault.Request(entity=DOOR, fault='door_jammed', clear=True))
+        self._simulation.set_fault(DOOR, 'door_jammed', clear=True)
         self._timeline.tell('building', f'{DOOR} is mended')
 
     def _subscribe(self, runtime: NodeRuntime, robots: Sequence[str]) -> None:
@@ -156,22 +145,16 @@ class Building:
             node.create_subscription(PoseStamped, f'{robot}/alarm', alarm, QoSProfile(depth=10))
 
     def _on_left(self, robot: str, message: String) -> None:
-        self._left = {**self._left, robot: tuple(message.data.split())}
+        self.rooms_left = {**self.rooms_left, robot: tuple(message.data.split())}
         self._on_change()
 
     def _on_battery(self, robot: str, message: BatteryState) -> None:
         if message.percentage <= LOW:
             self._low.add(robot)
         elif message.percentage >= FULL and robot in self._low:
-            self._charged |= {robot}
+            self.charged.add(robot)
             self._on_change()
 
     def _on_alarm(self, robot: str, message: PoseStamped) -> None:
-        position = message.pose.position
-        self._alarms = [*self._alarms, (robot, TrackPose(position.x, position.y, 0.0))]
+        self.alarms.append((robot, pose_of(message.pose)))
         self._on_change()
-
-    def _set(self, request: SetFault.Request) -> None:
-        response = self._simulation.call(SetFault, 'set_fault', request)
-        if not response.success:
-            raise DemoError(f'the fault {request.fault} of {request.entity} was not set: {response.message}')

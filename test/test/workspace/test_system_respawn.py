@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration.demo_processes import DemoSettings, Process
+from flexbt_demo_behaviors.demonstration.demo_processes import DemoSettings, Process, demo_processes
 from flexbt_demo_behaviors.demonstration.options import RunOptions
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
@@ -129,7 +129,7 @@ class Dying(ProcessGroup):
 
 
 def begin_demonstration(group: ProcessGroup, options: RunOptions) -> None:
-    with open_session(group, DemoSettings(), 'script', Timeline()):
+    with open_session(group, demo_processes(DemoSettings()), 'script', Timeline()):
         pass
 
 
@@ -143,8 +143,8 @@ def begin_watch(group: ProcessGroup, options: RunOptions) -> None:
     [
         (begin_demonstration, 5),
         (begin_watch, 9),
-        (lambda group, options: nav2_robot._run(options, group, 0), 4),
-        (lambda group, options: goals._run(options, group, 0), 4),
+        (lambda group, options: nav2_robot._run(options, group, Timeline()), 4),
+        (lambda group, options: goals._run(options, group, Timeline()), 4),
     ],
     ids=['demo', 'night_watch', 'nav2_robot', 'goals'],
 )
