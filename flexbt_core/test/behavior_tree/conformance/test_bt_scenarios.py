@@ -11,11 +11,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from bt_scenarios import THEMES, Row
 
 from flexbt_testing.behavior_trees import conformance as bt_conformance
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees import wheel as bt_wheel
-from flexbt_testing.behavior_trees.scenarios import THEMES, Row
 
 pytestmark = pytest.mark.skipif(
     not bt_wheel.available(), reason='the judge is not installed: pip install behaviortreepy==0.1.4'

@@ -13,13 +13,13 @@ import os
 from random import Random
 
 import hypothesis.strategies as st
+from hfsm_reference_model import LIVELOCK, Model
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from flexbt_core.state_machine.engine.resume import RunPosition, position_of
 from flexbt_testing.state_machines.bench import Bench
 from flexbt_testing.state_machines.random_machines import Puppet, RandomNode, build, random_machine
-from flexbt_testing.state_machines.reference_model import LIVELOCK, Model
 
 KINDS = {'TRANSITION': 'transition', 'CHOICE': 'choice'}
 CALLBACKS = ('on_enter', 'on_exit', 'on_pause', 'on_resume')

@@ -14,8 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from flexbt_core.state_machine.model.definition import StateKind
-
-from .random_machines import RandomNode, Visit
+from flexbt_testing.state_machines.random_machines import RandomNode, Visit
 
 LIVELOCK: Final = 60
 REST_TIME: Final = 3.0
