@@ -31,6 +31,8 @@ def node_registry(on_broken: Callable[[str, Exception], None], nav2_branch: Nav2
     register_nav2(registry, nav2_branch)
     points = sorted(_installed(tuple(map(_state_of, sys.path))), key=lambda point: point.name)
     _add(registry, 'flexbt_server.nav2', lambda: _ros_leaves(nav2_branch), on_broken)
+    if 'CallAction' in registry:  # there is ROS
+        _add(registry, 'manifests', lambda: _of_manifests(on_broken), on_broken)
     for point in points:
         _add(registry, f'{point.name} = {point.value}', point.load, on_broken)
     return registry
@@ -63,6 +65,12 @@ def _add(
     except Exception as error:  # code of others, or no ROS
         on_broken(f'the nodes of {source}', error)
     registry.on_clash = None
+
+
+def _of_manifests(on_broken: Callable[[str, Exception], None]) -> Callable[[NodeRegistry], None]:
+    from flexbt_server.node_manifests import register_manifests
+
+    return lambda registry: register_manifests(registry, on_broken)
 
 
 def _ros_leaves(nav2_branch: Nav2Branch) -> Callable[[NodeRegistry], None]:

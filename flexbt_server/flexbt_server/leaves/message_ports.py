@@ -45,11 +45,13 @@ from flexbt_core.behavior_tree.model.ports import (
     UINT16,
     UINT64,
     UNSIGNED,
+    Port,
     PortType,
     cast,
     input_port,
     list_of,
     output_port,
+    pointer_key,
 )
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.script.parser import parse_script
@@ -66,6 +68,7 @@ _SCALARS: Final = frozenset(name for name in _TYPES if '/' not in name)
 _NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
 _VALUE: Final = '_value'
 """Name by which an expression keeps its value on its own blackboard."""
+_NAMES: Final = re.compile(r'(?<![\w.])@?[A-Za-z_]\w*')
 _PRIVATE: Final = re.compile(r"(?<![\w.'])_\w+")
 _PARTS: Final = re.compile(r"'[^']*'|(?<![\w.])(@?[A-Za-z_]\w*)((?:\.\w+)+)")
 """A text of a script, or a name with the path of a field."""
@@ -75,15 +78,26 @@ def type_of_field(field: Field) -> PortType:
     """Return the port type of a field. Integers may also be written as the names of constants of their message."""
     if field.slot is None:
         return _whole(field.owner)
-    name = field.type_name
-    known = _TYPES.get(name)
-    if known is not None:
-        constants = constants_of(field.owner) if known.category == 'integer' else {}
-        return _with_constants(known, constants) if constants else known
+    kind = type_by_name(field.type_name)
+    constants = constants_of(field.owner) if kind.category == 'integer' else {}
+    return _with_constants(kind, constants) if constants else kind
+
+
+def type_by_name(name: str) -> PortType:
+    """Return the port type of values of a type of ROS, such as ``float64`` or ``nav_msgs/msg/Path``.
+
+    Raises:
+        UnknownTypeError: no such message is installed.
+    """
     resolved = resolve_type(name)
+    known = _TYPES.get(resolved.name)
+    if known is not None:
+        return known
     if resolved.message is None:
-        return list_of(_TYPES[name.removesuffix('[]')])
-    return PortType(name, list, from_text=_reader(resolved)) if resolved.is_array else message_type(resolved.message)
+        return list_of(_TYPES[resolved.name.removesuffix('[]')])
+    if resolved.is_array:
+        return PortType(resolved.name, list, from_text=_reader(resolved))
+    return message_type(resolved.message)
 
 
 def _whole(message: type[Any]) -> PortType:
@@ -138,6 +152,8 @@ class Expression:
         self.script = _PARTS.sub(self._placeholder, text)
         if len(parse_script(self.script)) != 1:
             raise ScriptError(text, 0, 'expected one expression')
+        self.names = frozenset(_NAMES.findall(re.sub(r"'[^']*'", '', text)))
+        """Names in the text: entries, ports, roots."""
         self._private = [name for name in _PRIVATE.findall(self.script) if name not in self._placeholders.values()]
 
     def _placeholder(self, match: re.Match[str]) -> str:
@@ -159,14 +175,14 @@ class Expression:
         self._fields[placeholder] = name, path, field
         return placeholder
 
-    def value(self, node: TreeNode) -> Any:
-        """Return the value, on the blackboard of a node.
+    def value(self, node: TreeNode, values: Mapping[str, Any] = _NOTHING) -> Any:
+        """Return the value, on the blackboard of a node; ``values`` are named values in front of the blackboard.
 
         Raises:
             ValueError, BlackboardError: an entry is missing, or has no such field.
             ScriptError: the values cannot be combined so.
         """
-        board = self._board(node, {}, {})
+        board = self._board(node, {}, values)
         board.declare(_VALUE, ANY)
         node.context.scripts.script(f'{_VALUE} := ({self.script})').bind(board).run()
         return board.get(_VALUE)
@@ -180,7 +196,7 @@ class Expression:
         """Return the expression and the values of the fields that it reads, for a person."""
         shown = [f'{name} = {short_repr(value)}' for name, value in values.items()]
         for name, path, field in self._fields.values():
-            shown.append(f'{name}.{path} = {short_repr(_read(node, name, path, field, messages))}')
+            shown.append(f'{name}.{path} = {short_repr(_read(node, name, path, field, messages, values))}')
         return f'{self.text} ({", ".join(shown)})' if shown else self.text
 
     def _board(self, node: TreeNode, messages: Mapping[str, Any], values: Mapping[str, Any]) -> Blackboard:
@@ -191,14 +207,16 @@ class Expression:
         for name, value in (*self._constants.items(), *values.items()):
             board.put(name, value, None)
         for placeholder, (name, path, field) in self._fields.items():
-            board.put(placeholder, _read(node, name, path, field, messages), None)
+            board.put(placeholder, _read(node, name, path, field, messages, values), None)
         return board
 
 
-def _read(node: TreeNode, name: str, path: str, field: Field | None, messages: Mapping[str, Any]) -> Any:
+def _read(
+    node: TreeNode, name: str, path: str, field: Field | None, messages: Mapping[str, Any], values: Mapping[str, Any]
+) -> Any:
     if field is not None:
         return field.get(messages[name])
-    message = node.blackboard.get(name)
+    message = values[name] if name in values else node.blackboard.get(name)
     if not hasattr(type(message), 'get_fields_and_field_types'):
         raise ValueError(f'the entry [{name}] holds no message with a field {path!r}, but {short_repr(message)}')
     return Field(type(message), path).get(message)
@@ -216,11 +234,17 @@ def expression_type(name: str, roots: Mapping[str, type[Any]]) -> PortType:
     return PortType(name, Expression, 'object', from_text, immutable=True)
 
 
-def _embedded(text: str) -> Expression:
+def is_expression(text: object) -> bool:
+    """Return whether the value of a field is written as ``${expression}``."""
+    return isinstance(text, str) and text.strip().startswith('${') and text.rstrip().endswith('}')
+
+
+def embedded(text: str) -> Expression:
+    """Return the expression of ``${expression}``. Raises ConversionError."""
     return expression_type('expression', {}).parse(text.strip()[2:-1])
 
 
-_EMBEDDED: Final = PortType('expression', Expression, 'object', _embedded, immutable=True)
+_EMBEDDED: Final = PortType('expression', Expression, 'object', embedded, immutable=True)
 
 
 # Leaves whose ports are the fields that their element gives.
@@ -238,11 +262,19 @@ class Part(NamedTuple):
         return message
 
 
+class Source(NamedTuple):
+    """Where the value of a field comes from or goes to: a port, or else a constant or an expression."""
+
+    port: str
+    value: Any = None
+
+
 class MessageLeaf(LeafNode):
     """Base of leaves that exchange messages of any type: an element names the interface by its attribute ``type``, and
     fields by attributes such as ``goal.pose.header.frame_id``.
 
-    Each element has a class of its own, derived from that of its tag, whose ports are those fields.
+    Each element has a class of its own, derived from that of its tag, whose ports are those fields. A manifest makes
+    such a class for a tag of its own (``node_manifests``).
     """
 
     __slots__ = ()
@@ -255,8 +287,12 @@ class MessageLeaf(LeafNode):
     """Messages of the interface, by what attributes begin with."""
     condition: ClassVar[str] = ''
     """Port with a condition on the messages that the leaf receives."""
-    fields: ClassVar[Mapping[str, Field]] = {}
-    """The fields that the element gives, by port."""
+    fields: ClassVar[Mapping[str, tuple[Field, Source]]] = {}
+    """The fields that are sent or received, by path."""
+    verdict: ClassVar[Expression | None] = None
+    """Condition of a class from a manifest, which has no port for it."""
+    is_complete: ClassVar[bool] = False
+    """True if the class has its interface."""
 
     @classmethod
     def for_element(cls, attributes: Mapping[str, str]) -> type[MessageLeaf]:
@@ -266,88 +302,131 @@ class MessageLeaf(LeafNode):
             ElementError: the type is unknown, or its messages have no such fields.
         """
         name = attributes.get('type')
-        if name is None:
-            return cls  # the port is missing, which is reported
+        if cls.is_complete or name is None:
+            return cls  # in the second case the port is missing, which is reported
         try:
             interface = interface_class(name, cls.interface_kind)
         except UnknownTypeError as error:
             raise ElementError([('type', str(error))]) from error
-        return cls.derived(interface, attributes)
-
-    @classmethod
-    def derived(cls, interface: type[Any], attributes: Mapping[str, str]) -> type[MessageLeaf]:
-        """Return the class for an interface and these attributes. Raises as :meth:`for_element`."""
-        messages = {name: part.of(interface) for name, part in cls.parts.items()}
+        fields: dict[str, tuple[Field, Source]] = {}
         ports = dict(cls.ports)
-        fields: dict[str, Field] = {}
         problems: list[tuple[str, str]] = []
         for attribute, text in attributes.items():
             prefix, _, path = attribute.partition('.')
-            if prefix not in messages:
+            if prefix not in cls.parts:
                 if path:
-                    problems.append((attribute, f'[{cls.__name__}] has no {prefix!r}; it has {", ".join(messages)}'))
+                    problems.append((attribute, f'[{cls.__name__}] has no {prefix!r}; it has {", ".join(cls.parts)}'))
                 continue
-            is_input = cls.parts[prefix].is_input
             try:
-                field = Field(messages[prefix], path)
+                field = cls.field(interface, attribute)
             except FieldError as error:
                 problems.append((attribute, str(error)))
                 continue
-            if field.is_length and is_input:
-                problems.append((attribute, 'the length of a list is not an input; write its elements'))
-                continue
-            fields[attribute] = field
-            kind = type_of_field(field)
-            is_expression = text.strip().startswith('${') and text.rstrip().endswith('}')
-            port = input_port(kind, literal=_EMBEDDED if is_expression else None) if is_input else output_port(kind)
-            # A number may come from an entry of another type of numbers: the value decides.
-            ports[attribute] = replace(port, declares=kind.category == 'object')
+            fields[attribute] = field, Source(attribute)
+            port = cls.port_of(attribute, field)
+            ports[attribute] = replace(port, literal=_EMBEDDED) if is_expression(text) else port
+        if cls.condition:
+            if pointer_key(attributes.get(cls.condition, ''), cls.condition) is not None:
+                problems.append((cls.condition, 'a condition has to be written here, not on the blackboard'))
+            condition = expression_type('condition', cls.received(interface))
+            ports[cls.condition] = replace(ports[cls.condition], literal=condition)
         if problems:
             raise ElementError(problems)
-        received = {name: message for name, message in messages.items() if not cls.parts[name].is_input}
-        if cls.condition:
-            ports[cls.condition] = replace(ports[cls.condition], literal=expression_type('condition', received))
-        own = {'__slots__': (), '__doc__': cls.__doc__, '__module__': cls.__module__, 'ports': ports, 'fields': fields}
-        made = ABCMeta(cls.__name__, (cls,), own | {cls.type_attribute: interface} | cls.options(attributes))
-        return typing.cast('type[MessageLeaf]', made)
+        return cls.derived(cls.__name__, interface, fields, ports, cls.options(attributes))
+
+    @classmethod
+    def field(cls, interface: type[Any], path: str) -> Field:
+        """Return a field of a part, such as ``goal.pose``.
+
+        Raises:
+            FieldError: the interface has no such field, or it cannot be an input.
+        """
+        prefix, _, inner = path.partition('.')
+        field = Field(cls.parts[prefix].of(interface), inner)
+        if field.is_length and cls.parts[prefix].is_input:
+            raise FieldError(inner, 'the length of a list is not an input; write its elements')
+        return field
+
+    @classmethod
+    def port_of(cls, path: str, field: Field) -> Port:
+        """Return the port for a field of a part."""
+        kind = type_of_field(field)
+        port = input_port(kind) if cls.parts[path.partition('.')[0]].is_input else output_port(kind)
+        # A number may come from an entry of another type of numbers: the value decides.
+        return replace(port, declares=kind.category == 'object')
+
+    @classmethod
+    def received(cls, interface: type[Any]) -> dict[str, type[Any]]:
+        """Return the classes of the messages that conditions may read, by part."""
+        return {name: part.of(interface) for name, part in cls.parts.items() if not part.is_input}
+
+    @classmethod
+    def derived(
+        cls,
+        name: str,
+        interface: type[Any],
+        fields: Mapping[str, tuple[Field, Source]],
+        ports: Mapping[str, Port],
+        options: Mapping[str, Any],
+    ) -> type[MessageLeaf]:
+        """Return a class for an interface, with these fields and ports, and these further attributes."""
+        attributes: dict[str, Any] = {
+            '__slots__': (),
+            '__doc__': cls.__doc__,
+            '__module__': cls.__module__,
+            'is_complete': True,
+            'fields': fields,
+            'ports': ports,
+            cls.type_attribute: interface,
+        }
+        return typing.cast('type[MessageLeaf]', ABCMeta(name, (cls,), attributes | dict(options)))
 
     @classmethod
     def options(cls, attributes: Mapping[str, str]) -> dict[str, Any]:
-        """Return further attributes of the class for an element. Raises as :meth:`for_element`."""
+        """Return attributes of the class that an element, or a manifest, determines by these attributes.
+
+        Raises:
+            ElementError: one of them has no such value.
+        """
         return {}
 
     def message(self, prefix: str) -> Any:
-        """Return the message that the ports of an input part make.
+        """Return the message that the fields of an input part make.
 
         Raises:
             ValueError, PortError: a value is missing, or does not fit.
         """
-        given = {port: field for port, field in self.fields.items() if port.partition('.')[0] == prefix}
-        whole = given.pop(prefix, None)
-        if whole is None:
+        given = {path: source for path, source in self.fields.items() if path.partition('.')[0] == prefix}
+        message: Any = None
+        if prefix in given:
+            _, whole = given.pop(prefix)
+            message = copy.deepcopy(self._value(prefix, whole)) if given else self._value(prefix, whole)
+        if message is None:
             message = self.parts[prefix].of(getattr(self, self.type_attribute))()
-        else:
-            message = copy.deepcopy(self.get_input(prefix)) if given else self.get_input(prefix)
-        for port in sorted(given, key=lambda port: given[port].steps):
-            value = self._value(port)
-            if any(other.startswith(f'{port}.') for other in given):  # it is changed, and belongs to the blackboard
+        for path, (field, source) in sorted(given.items(), key=lambda one: one[1][0].steps):
+            value = self._value(path, source)
+            if value is None:  # a port that may be left out
+                continue
+            if any(other.startswith(f'{path}.') for other in given):  # it is changed, and belongs to the blackboard
                 value = copy.deepcopy(value)
             try:
-                given[port].set(message, value)
+                field.set(message, value)
             except FieldError as error:
-                raise ValueError(f'port [{port}]: {error.reason}') from error
+                raise ValueError(f'[{path}]: {error.reason}') from error
         return message
 
-    def _value(self, port: str) -> Any:
-        value = self.get_input(port)
+    def _value(self, path: str, source: Source) -> Any:
+        value = self.get_input_or(source.port, None) if source.port else source.value
+        if value is None and source.port in self.port_values:
+            value = self.get_input(source.port)  # raises the reason
         if not isinstance(value, Expression):
             return value
-        kind = self.ports[port].type
-        assert kind is not None  # that of the field
+        kind = type_of_field(self.fields[path][0])
+        ports = {name: self.get_input(name) for name in self.ports if not source.port and name in value.names}
         try:
-            return cast(value.value(self), kind)
+            return cast(value.value(self, ports), kind)
         except (BehaviorTreeError, ValueError) as error:
-            raise ValueError(f'port [{port}]: {error}') from error
+            raise ValueError(f'[{path}]: {error}') from error
 
     def take(self, prefix: str, message: Any) -> None:
         """Write the ports of an output part.
@@ -355,16 +434,16 @@ class MessageLeaf(LeafNode):
         Raises:
             ValueError, PortError: the message has no such element, or the entry another type.
         """
-        for port, field in self.fields.items():
-            if port.partition('.')[0] == prefix and self.port_key(port) is not None:
+        for path, (field, source) in self.fields.items():
+            if path.partition('.')[0] == prefix and self.port_key(source.port) is not None:
                 try:
-                    self.set_output(port, field.get(message))
+                    self.set_output(source.port, field.get(message))
                 except FieldError as error:
-                    raise ValueError(f'port [{port}]: {error}') from error
+                    raise ValueError(f'[{path}]: {error}') from error
 
     def judge(self, messages: Mapping[str, Any]) -> NodeStatus:
         """Return SUCCESS, or FAILURE with the reason if there is a condition that is not true of the messages."""
-        condition = self.get_input_or(self.condition, None)
+        condition = self.get_input_or(self.condition, None) if self.condition in self.ports else self.verdict
         try:
             if condition is None or condition.holds(self, messages):
                 return NodeStatus.SUCCESS
