@@ -23,8 +23,6 @@ from .planning.problem import Action, Condition, Domain, Leaf, PlanningError, Pl
 from .planning.regions import MoveKind, PlanRegion, RegionKind, RegionMap, RegionMove, region_map
 from .planning.search import RegressionStep, SearchOutcome, SearchProgress, SearchResult, search
 from .planning.team import Task, Team, TeamPlan, plan_team, team_problem
-from .planning.team_policy import TeamBranch, TeamPolicy
-from .planning.team_xml import team_xml
 from .planning.tree_xml import failed_action, tree_entries, tree_xml
 
 __all__ = [
@@ -54,9 +52,7 @@ __all__ = [
     'SearchResult',
     'Task',
     'Team',
-    'TeamBranch',
     'TeamPlan',
-    'TeamPolicy',
     'conditions',
     'failed_action',
     'parse_goal',
@@ -69,7 +65,6 @@ __all__ = [
     'sensor_leaf',
     'skill_problem',
     'team_problem',
-    'team_xml',
     'tree_entries',
     'tree_xml',
 ]

@@ -18,23 +18,19 @@ from flexbt_core.skills.library import clashes
 from flexbt_core.skills.literals import SkillError, parse_literal
 from flexbt_core.values.text import escape_lines, one_line, pluralize, short_repr
 from flexbt_core.values.text_files import open_regular
-from flexbt_formal.planning.coverage import Coverage
 from flexbt_formal.planning.goal import conditions, parse_goal
 from flexbt_formal.planning.missions import skill_problem
 from flexbt_formal.planning.planner import Plan, plan
 from flexbt_formal.planning.problem import PlanningError, PlanningProblem, read_scene
-from flexbt_formal.planning.regions import MoveKind, PlanRegion, RegionKind, region_map
 from flexbt_formal.planning.search import SearchOutcome, SearchProgress
 from flexbt_formal.planning.team import Team, TeamPlan, plan_team, team_problem
-from flexbt_formal.planning.team_xml import team_xml
 from flexbt_formal.planning.tree_xml import tree_xml
 from flexbt_formal.requests.missions import mission_problems, mission_skills, read_mission_file
 from flexbt_tools.cli import arguments
-from flexbt_tools.cli.output import write_picture_file
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.files import read_text_file, write_text_file
 
-from .region_picture import DrawnMove, DrawnRegion, regions_as_dot, regions_as_mermaid
+from .region_picture import draw_plan
 
 _MOST_BYTES: Final = 100_000_000
 _WIDTH: Final = 120
@@ -100,16 +96,14 @@ def _number(text: str) -> int:
 
 def run(options: argparse.Namespace) -> ExitCode:
     report = None if options.quiet else _show_progress
-    found: Plan | TeamPlan
-    text: str | None = None
+    found: Plan
     try:
         problem = _problem(options)
         if isinstance(problem, Team):
             found = plan_team(problem, time_limit=options.time_limit, disturbed=options.disturbed, report=report)
-            text = team_xml(found, options.name) if found.policy is not None else None
         else:
             found = plan(problem, time_limit=options.time_limit, disturbed=options.disturbed, report=report)
-            text = tree_xml(found, options.name) if found.policy is not None else None
+        text = tree_xml(found, options.name) if found.policy is not None else None
     except PlanningError as error:
         raise RefusedError([LoadError(options.mission, 1, 1, '', str(error))]) from error
     if options.output is not None and text is not None:
@@ -186,7 +180,7 @@ def _show_progress(progress: SearchProgress) -> None:
 _MOST_WAYS: Final = 5
 
 
-def plan_summary(found: Plan | TeamPlan) -> list[str]:
+def plan_summary(found: Plan) -> list[str]:
     """Return a plan, and what was tried of it, or why there is none; a line each."""
     spent = f'{found.expanded} conditions, {found.seconds:.2f} s'
     if found.policy is None or found.coverage is None:
@@ -211,30 +205,37 @@ def plan_summary(found: Plan | TeamPlan) -> list[str]:
     return shown
 
 
-def plan_document(found: Plan | TeamPlan, text: str | None) -> dict[str, Any]:
+def plan_document(found: Plan, text: str | None) -> dict[str, Any]:
     """Return all of it; ``text`` is the tree."""
-    own: dict[str, Any] = {'actions': found.actions} if isinstance(found, Plan) else _team_document(found)
+    team: dict[str, Any] = {}
+    if isinstance(found, TeamPlan):
+        team = {
+            'duration': found.duration,
+            'least_duration': None if found.least_duration == math.inf else found.least_duration,
+            'alone': found.alone,
+            'tasks': [task._asdict() for task in found.tasks],
+            'unlimited': found.unlimited,
+        }
+    coverage = found.coverage
     return {
         'outcome': found.outcome.value,
         'cost': found.cost,
         'bound': None if found.bound == math.inf else found.bound,
-        **own,
+        'actions': found.actions,
+        **team,
         'reason': found.reason,
         'branches': 0 if found.policy is None else len(found.policy.branches),
         'expanded': found.expanded,
         'seconds': found.seconds,
-        'coverage': None if found.coverage is None else _coverage(found.coverage),
+        'coverage': coverage
+        and {
+            'disturbances': coverage.disturbed,
+            'states': coverage.states,
+            'complete': coverage.complete,
+            'longest': coverage.longest,
+        },
         'hopeless': found.hopeless,
         'tree': text,
-    }
-
-
-def _coverage(coverage: Coverage) -> dict[str, Any]:
-    return {
-        'disturbances': coverage.disturbed,
-        'states': coverage.states,
-        'complete': coverage.complete,
-        'longest': coverage.longest,
     }
 
 
@@ -266,53 +267,3 @@ def _team(found: TeamPlan) -> list[str]:
 
 def _cost(cost: float | None) -> str:
     return 'no way' if cost is None else f'{cost:g}'
-
-
-def _team_document(found: TeamPlan) -> dict[str, Any]:
-    return {
-        'duration': found.duration,
-        'least_duration': None if found.least_duration == math.inf else found.least_duration,
-        'alone': found.alone,
-        'actions': [task.action for task in found.tasks],
-        'tasks': [task._asdict() for task in found.tasks],
-        'unlimited': found.unlimited,
-    }
-
-
-# The map of a plan, drawn: what is done where, what is left then, and what leads from there to where.
-
-_KINDS: Final = {RegionKind.BRANCH: 'Region', RegionKind.GOAL: 'Goal', RegionKind.NOWHERE: 'Nowhere'}
-_LINES: Final = {MoveKind.PLANNED: 'planned', MoveKind.ACTION: 'onward', MoveKind.DISTURBANCE: 'disturbed'}
-_MOST_LITERALS: Final = 12
-
-
-def draw_plan(file: str, found: Plan | TeamPlan) -> None:
-    """Write the map of a plan: SVG, or dot or Mermaid when the file is called so. Raises UsageError."""
-    found_map = region_map(found)
-    several = isinstance(found, TeamPlan)
-    regions = [
-        DrawnRegion(_KINDS[region.kind], _label(region, 'time' if several else 'cost')) for region in found_map.regions
-    ]
-    moves = [
-        # Where one robot goes on, what it does stands in the region.
-        DrawnMove(
-            move.start, move.end, _LINES[move.kind], move.name if several or move.kind.value == 'disturbance' else ''
-        )
-        for move in found_map.moves
-    ]
-    write_picture_file(
-        file,
-        lambda: regions_as_dot(regions, moves, found_map.start),
-        lambda: regions_as_mermaid(regions, moves, found_map.start),
-    )
-
-
-def _label(region: PlanRegion, unit: str) -> list[str]:
-    if region.kind is RegionKind.NOWHERE:
-        return ['no way to the goal']
-    literals = list(region.condition[:_MOST_LITERALS])
-    if len(region.condition) > _MOST_LITERALS:
-        literals.append(f'... {len(region.condition) - _MOST_LITERALS} more')
-    if region.kind is RegionKind.GOAL:
-        return ['the goal', *literals]
-    return [*region.actions, f'{unit} left: {region.left:g}', 'where', *literals]

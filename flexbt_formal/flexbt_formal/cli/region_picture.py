@@ -4,63 +4,76 @@ Mermaid's."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Final
 
 from flexbt_common.pictures.markup import DOT_HEAD, LINE_STYLES, MARK_STYLES, MERMAID_HEAD, dot_text, mermaid_text
+from flexbt_formal.planning.planner import Plan
+from flexbt_formal.planning.regions import MoveKind, PlanRegion, RegionKind, RegionMove, region_map
+from flexbt_formal.planning.team import TeamPlan
+from flexbt_tools.cli.output import write_picture_file
 
-_ARROWS: Final = {'planned': '==>', 'onward': '-->', 'disturbed': '-.->'}
-
-
-@dataclass(frozen=True, slots=True)
-class DrawnRegion:
-    """``kind`` is Region, Goal or Nowhere; ``lines`` are its label."""
-
-    kind: str
-    lines: Sequence[str]
+_ARROWS: Final = {MoveKind.PLANNED: '==>', MoveKind.ACTION: '-->', MoveKind.DISTURBANCE: '-.->'}
+_MOST_LITERALS: Final = 12
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnMove:
-    """An arrow between regions, by their positions; ``kind`` is planned, onward or disturbed; ``text`` its label."""
-
-    start: int
-    end: int
-    kind: str
-    text: str = ''
+def draw_plan(file: str, plan: Plan) -> None:
+    """Write the map of a plan: SVG, or dot or Mermaid when the file is called so. Raises UsageError."""
+    picture = _Picture(plan)
+    write_picture_file(file, picture.as_dot, picture.as_mermaid)
 
 
-def regions_as_dot(regions: Sequence[DrawnRegion], moves: Sequence[DrawnMove], begin: int) -> Iterator[str]:
-    """Yield the picture in the language of Graphviz; the element of region n is called ``rN``."""
-    yield from DOT_HEAD
-    yield '  start [shape=circle, class=entry, label="", width=0.15, fillcolor="#333333"]'
-    for number, region in enumerate(regions):
-        colour = MARK_STYLES[region.kind].light
-        label = dot_text(region.lines)
-        yield (
-            f'  r{number} [shape=box, style="rounded,filled", id=r{number}, class={region.kind}, '
-            f'fillcolor="{colour}", label={label}]'
-        )
-    yield f'  start -> r{begin} [class=begin]'
-    for move in moves:
-        line = LINE_STYLES[move.kind]
-        label = f', label={dot_text([f" {move.text}"])}' if move.text else ''
-        free = ', constraint=false' if move.kind == 'disturbed' else ''
-        yield (
-            f'  r{move.start} -> r{move.end} [class={move.kind}, style={line.style}, penwidth={line.width}, '
-            f'color="{line.light}", fontcolor="{line.light}", fontsize=9{label}{free}]'
-        )
-    yield '}'
+class _Picture:
+    def __init__(self, plan: Plan) -> None:
+        self._map = region_map(plan)
+        self._is_team = isinstance(plan, TeamPlan)
 
+    def as_dot(self) -> Iterator[str]:
+        """Yield the picture in the language of Graphviz; the element of region n is called ``rN``."""
+        yield from DOT_HEAD
+        yield '  start [shape=circle, class=entry, label="", width=0.15, fillcolor="#333333"]'
+        for number, region in enumerate(self._map.regions):
+            kind = region.kind.value
+            yield (
+                f'  r{number} [shape=box, style="rounded,filled", id=r{number}, class={kind}, '
+                f'fillcolor="{MARK_STYLES[kind].light}", label={dot_text(self._label(region))}]'
+            )
+        yield f'  start -> r{self._map.start} [class=begin]'
+        for move in self._map.moves:
+            kind = move.kind.value
+            line = LINE_STYLES[kind]
+            text = self._text(move)
+            label = f', label={dot_text([f" {text}"])}' if text else ''
+            free = ', constraint=false' if move.kind is MoveKind.DISTURBANCE else ''
+            yield (
+                f'  r{move.start} -> r{move.end} [class={kind}, style={line.style}, penwidth={line.width}, '
+                f'color="{line.light}", fontcolor="{line.light}", fontsize=9{label}{free}]'
+            )
+        yield '}'
 
-def regions_as_mermaid(regions: Sequence[DrawnRegion], moves: Sequence[DrawnMove], begin: int) -> Iterator[str]:
-    """Yield the picture in the language of Mermaid."""
-    yield from MERMAID_HEAD
-    yield '  start((" "))'
-    for number, region in enumerate(regions):
-        yield f'  r{number}(["{mermaid_text(region.lines)}"]):::{region.kind}'
-    yield f'  start --> r{begin}'
-    for move in moves:
-        label = f'|"{mermaid_text([move.text])}"|' if move.text else ''
-        yield f'  r{move.start} {_ARROWS[move.kind]}{label} r{move.end}'
+    def as_mermaid(self) -> Iterator[str]:
+        """Yield the picture in the language of Mermaid."""
+        yield from MERMAID_HEAD
+        yield '  start((" "))'
+        for number, region in enumerate(self._map.regions):
+            yield f'  r{number}(["{mermaid_text(self._label(region))}"]):::{region.kind.value}'
+        yield f'  start --> r{self._map.start}'
+        for move in self._map.moves:
+            text = self._text(move)
+            label = f'|"{mermaid_text([text])}"|' if text else ''
+            yield f'  r{move.start} {_ARROWS[move.kind]}{label} r{move.end}'
+
+    def _text(self, move: RegionMove) -> str:
+        """Return the label of a move. Where one robot goes on, what it does stands in the region."""
+        return move.name if self._is_team or move.kind is MoveKind.DISTURBANCE else ''
+
+    def _label(self, region: PlanRegion) -> list[str]:
+        if region.kind is RegionKind.NOWHERE:
+            return ['no way to the goal']
+        literals = list(region.condition[:_MOST_LITERALS])
+        if len(region.condition) > _MOST_LITERALS:
+            literals.append(f'... {len(region.condition) - _MOST_LITERALS} more')
+        if region.kind is RegionKind.GOAL:
+            return ['the goal', *literals]
+        unit = 'time' if self._is_team else 'cost'
+        return [*region.actions, f'{unit} left: {region.left:g}', 'where', *literals]

@@ -12,8 +12,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import Final
 
+from .policy import Policy, fault
 from .problem import Action, Domain, PlanningError
 
 
@@ -57,22 +58,8 @@ class Coverage:
 MOST_STATES: Final = 20_000
 
 
-class Chooser(Protocol):
-    """Trees to test: they choose the actions that run in a state, any of which may end first."""
-
-    @property
-    def domain(self) -> Domain:
-        """The actions."""
-
-    def is_reached(self, state: int) -> bool:
-        """Return whether one of the goals holds."""
-
-    def actions(self, state: int) -> tuple[int, ...]:
-        """Return what runs in a state; nothing where no branch holds."""
-
-
 def explore_states(
-    chooser: Chooser,
+    policy: Policy,
     initial: int,
     disturbances: Sequence[Disturbance],
     times: int,
@@ -87,16 +74,16 @@ def explore_states(
         PlanningError: the trees do not do what the planner promised. That is a fault of the planner.
     """
     coverage = Coverage(times)
-    runs = _Runs(chooser)
+    runs = _Runs(policy)
     before: dict[int, tuple[int, str] | None] = {initial: None}
-    for state, _, steps in visits(chooser.domain, initial, runs.actions, disturbances, times):
+    for state, _, steps in visits(policy.domain, initial, runs.actions, disturbances, times):
         if coverage.states and (len(before) > MOST_STATES or clock() >= deadline):
             coverage.complete = False
             break
         coverage.states += 1
         if runs.actions(state):
             coverage.longest = max(coverage.longest, runs.longest(state))
-        elif not chooser.is_reached(state):
+        elif not policy.is_reached(state):
             coverage.uncovered[state] = _way(before, state)
         for after, _, name in steps:
             before.setdefault(after, (state, name))
@@ -135,20 +122,20 @@ def visits(
 class _Runs:
     """The ways from states to the goal when nothing disturbs them."""
 
-    def __init__(self, chooser: Chooser) -> None:
-        self._chooser = chooser
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
         self._actions: dict[int, tuple[int, ...]] = {}
         self._lengths: dict[int, int] = {}
 
     def actions(self, state: int) -> tuple[int, ...]:
         if state not in self._actions:
-            self._actions[state] = () if self._chooser.is_reached(state) else self._chooser.actions(state)
+            self._actions[state] = () if self._policy.is_reached(state) else self._policy.actions(state)
         return self._actions[state]
 
     def longest(self, state: int) -> int:
         """Return the number of actions to the goal at most. Raises PlanningError when the goal is not always
         reached."""
-        domain = self._chooser.domain
+        domain = self._policy.domain
         begun: set[int] = set()
         todo = [state]
         while todo:
@@ -156,7 +143,7 @@ class _Runs:
             actions = self.actions(at)
             afters = [domain.result(at, action) for action in actions]
             missing = [after for after in afters if after not in self._lengths]
-            lost = not actions and not self._chooser.is_reached(at)
+            lost = not actions and not self._policy.is_reached(at)
             if lost or begun.intersection(missing) or any(domain.needs[action] & ~at for action in actions):
                 raise PlanningError(fault(domain, at, 'its tree does not lead from here to the goal'))
             if missing:
@@ -175,9 +162,3 @@ def _way(before: dict[int, tuple[int, str] | None], state: int) -> tuple[str, ..
         state, name = step
         way.append(name)
     return tuple(reversed(way))
-
-
-def fault(domain: Domain, state: int, what: str) -> str:
-    """Return the message of an error of the planner itself."""
-    literals = ', '.join(sorted(domain.condition(state)))
-    return f'the planner is at fault, please report it: {what}. State: {literals:.2000}'

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 from .coverage import Coverage, Disturbance, explore_states
-from .policy import BranchRule, CompactPolicy, Policy, RuleGroup
+from .policy import Branch, Policy
 from .problem import Action, Domain, PlanningProblem, bits, predicate_of
 from .relaxation import Reachability
 from .search import RegressionStep, SearchOutcome, SearchProgress, SearchResult, search
@@ -18,14 +18,14 @@ from .search import RegressionStep, SearchOutcome, SearchProgress, SearchResult,
 GOAL: Final = 'any of the goals'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
     """The result of planning.
 
     ``cost`` and ``actions`` are of the best plan from the initial state (None and empty where there is none), ``bound``
-    is what no plan can cost less than. ``reason`` says why there is no plan. ``policy`` has the branches, ``members``
-    the same compacted, ``coverage`` what was tried of it; all three are None or empty without a plan. ``hopeless`` are
-    ways (names of actions and disturbances) after which the goal cannot be reached any more.
+    is what no plan can cost less than. ``reason`` says why there is no plan. ``policy`` has the branches, ``coverage``
+    what was tried of it; both are None without a plan. ``hopeless`` are ways (names of actions and disturbances) after
+    which the goal cannot be reached any more.
     """
 
     problem: PlanningProblem
@@ -37,7 +37,6 @@ class Plan:
     actions: tuple[str, ...] = ()
     reason: str = ''
     policy: Policy | None = None
-    members: tuple[BranchRule | RuleGroup, ...] = ()
     coverage: Coverage | None = None
     hopeless: tuple[tuple[str, ...], ...] = ()
 
@@ -50,7 +49,7 @@ def plan(
     report: Callable[[SearchProgress], None] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Plan:
-    """Plan, and tries the result in all states that may come after up to ``disturbed`` disturbances.
+    """Plan, and try the result in all states that may come after up to ``disturbed`` disturbances.
 
     What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``;
     when it is over, the result has what was found until then (outcome ``TIME_LIMIT``).
@@ -64,16 +63,27 @@ def plan(
     initial = domain.state(problem.initial)
     reachability = Reachability(domain, initial)
     found = search(reachability, goal, time_limit=deadline - clock(), report=report, clock=clock)
+    result = Plan(problem=problem, outcome=found.outcome, bound=found.bound, expanded=found.expanded, seconds=0.0)
     if found.start is None:
         reason = why_not(problem, reachability, goals) if found.outcome is SearchOutcome.UNSOLVABLE else ''
-        return Plan(problem, found.outcome, found.bound, found.expanded, clock() - began, reason=reason)
-    policy = _policy(domain, goal, goals, found, found.start)
-    disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
+        return replace(result, seconds=clock() - began, reason=reason)
     expanded = found.expanded
+    steps: dict[int, RegressionStep] = {}
+    starts: list[int] = []
+
+    def add(more: SearchResult, start: int) -> Policy:
+        """Return the policy with what a search has found; of two steps for one condition the cheaper."""
+        starts.append(start)
+        for condition, step in more.steps.items():
+            if condition != goal and (condition not in steps or step.cost < steps[condition].cost):
+                steps[condition] = step
+        return policy_of(domain, goals, steps, starts)
+
+    policy = add(found, found.start)
+    disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
     hopeless: dict[int, tuple[str, ...]] = {}
     while True:
-        tried = CompactPolicy(policy)
-        coverage = explore_states(tried, initial, disturbances, disturbed, deadline, clock)
+        coverage = explore_states(policy, initial, disturbances, disturbed, deadline, clock)
         missing = {state: way for state, way in coverage.uncovered.items() if state not in hopeless}
         if not missing or clock() >= deadline:
             break
@@ -83,20 +93,17 @@ def plan(
             other = search(Reachability(domain, state), goal, time_limit=deadline - clock(), report=report, clock=clock)
             expanded += other.expanded
             if other.start is not None:
-                policy = policy.merged(_policy(domain, goal, goals, other, other.start))
+                policy = add(other, other.start)
             elif other.outcome is SearchOutcome.UNSOLVABLE:
                 hopeless[state] = way
     named = (domain.actions[action].name for action in found.plan())
-    return Plan(
-        problem,
-        found.outcome,
-        found.bound,
-        expanded,
-        clock() - began,
-        found.cost,
-        tuple(name for name in named if not name.startswith(GOAL)),
+    return replace(
+        result,
+        expanded=expanded,
+        seconds=clock() - began,
+        cost=found.cost,
+        actions=tuple(name for name in named if not name.startswith(GOAL)),
         policy=policy,
-        members=tried.members,
         coverage=coverage,
         hopeless=tuple(hopeless.values()),
     )
@@ -122,10 +129,24 @@ def compiled(problem: PlanningProblem) -> tuple[Domain, int, tuple[int, ...]]:
     return domain, domain.mask({GOAL}), tuple(domain.mask(condition) for condition in problem.goal)
 
 
-def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResult, start: int) -> Policy:
-    ends = {condition: RegressionStep(0.0, None, condition) for condition in goals}
-    steps = {one: step for one, step in found.steps.items() if one != goal} | ends
-    return Policy(domain, goals, steps, (start,))
+def policy_of(
+    domain: Domain, goals: Sequence[int], steps: Mapping[int, RegressionStep], starts: Iterable[int]
+) -> Policy:
+    """Return the policy of the steps of searches: the ``next`` of each is among them or a goal. All conditions on the
+    ways from the ``starts`` to the goal have their branches, of the others the cheapest."""
+
+    def way(condition: int) -> list[int]:
+        found = [condition]
+        while found[-1] not in goals:
+            found.append(steps[found[-1]].next)
+        return found
+
+    branches = [
+        Branch(condition, (step.action,), (step.cost, step.cost, len(way(condition))))
+        for condition, step in steps.items()
+        if step.action is not None and condition not in goals
+    ]
+    return Policy(domain, goals, branches, needed={condition for start in starts for condition in way(start)})
 
 
 def hopeless(problem: PlanningProblem) -> str:

@@ -1,64 +1,69 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The branches of a plan in their order, and the conditions that they share."""
+"""The branches of a plan in their order, for one robot or several, and the conditions that they share."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
-from .coverage import fault
 from .problem import Domain, PlanningError
-from .search import RegressionStep
 
 MOST_BRANCHES: Final = 500
 """Maximum number of branches of a tree, besides those of the ways that it needs: a tree of thousands is slow and
 unreadable."""
 
+WAITS: Final = -1
+"""In the place of an action: others go on from here."""
+
 
 class Branch(NamedTuple):
-    """A rule: where ``condition`` (a bit set) holds, do ``action``; the goal is then reached at ``cost`` at most."""
+    """A rule: where ``condition`` (a bit set) holds, ``actions`` lead towards the goal: by the number of a robot its
+    action, or WAITS. ``left`` are the time, the cost and the number of actions to the goal at most."""
 
     condition: int
-    action: int
-    cost: float
+    actions: tuple[int, ...]
+    left: tuple[float, float, int]
 
 
 class Policy:
-    """The branches of a tree that ticks them in their order: the first whose condition holds is the cheapest way known.
+    """The branches of the trees of some robots, in the order of the time, the cost and the number of actions that are
+    left: a tick comes to the first whose condition holds.
 
-    Each branch leads to the goal or to an earlier branch, so from each state in which one holds the goal is reached, in
-    as many actions as there are branches at most.
-
-    Of the conditions ``goals`` one has to hold in the end. ``steps`` are as a search leaves them: the ``next`` of each
-    is among them or a goal. Of the conditions ``starts`` each has its branch, and so have all on the way from there to
-    the goal; of the others the MOST_BRANCHES cheapest have one.
+    Each branch leads to one of the ``goals`` or to an earlier branch, so from each state in which one holds the goal is
+    reached, in as many actions as there are branches at most. Where there are more than MOST_BRANCHES, only those with
+    ``needed`` conditions (None: all) are kept.
     """
 
     def __init__(
-        self, domain: Domain, goals: Iterable[int], steps: Mapping[int, RegressionStep], starts: Iterable[int]
+        self,
+        domain: Domain,
+        goals: Iterable[int],
+        branches: Iterable[Branch],
+        robots: int = 1,
+        needed: Collection[int] | None = None,
     ) -> None:
         self.domain: Final = domain
         self.goals: Final = tuple(goals)
-        self.steps: Final = dict(steps)
-        self.starts: Final = frozenset(starts)
         self.branches: Final[list[Branch]] = []
-        needed = {condition for start in self.starts for condition in self._way(start)}
+        self._robots = robots
         earlier = list(self.goals)
-        for condition, step in sorted(self.steps.items(), key=lambda item: (item[1].cost, len(self._way(item[0])))):
-            if len(self.branches) >= MOST_BRANCHES and condition not in needed:
+        for branch in sorted(branches, key=lambda one: one.left):
+            if needed is not None and len(self.branches) >= MOST_BRANCHES and branch.condition not in needed:
                 continue
             # What an earlier one covers is never come to.
-            if step.action is not None and not any(not other & ~condition for other in earlier):
-                earlier.append(condition)
-                self.branches.append(Branch(condition, step.action, step.cost))
+            if not any(not other & ~branch.condition for other in earlier):
+                earlier.append(branch.condition)
+                self.branches.append(branch)
 
-    def _way(self, condition: int) -> list[int]:
-        """Return the conditions from one to the goal."""
-        way = [condition]
-        while (step := self.steps[way[-1]]).action is not None:
-            way.append(step.next)
-        return way
+    @cached_property
+    def members(self) -> tuple[tuple[BranchRule | RuleGroup, ...], ...]:
+        """Compacted branches of each robot, by its number; where the others continue, its action is WAITS."""
+        return tuple(
+            compact([BranchRule(one.condition, one.actions[robot], one.left[1]) for one in self.branches])
+            for robot in range(self._robots)
+        )
 
     def is_reached(self, state: int) -> bool:
         """Return whether one of the goals holds."""
@@ -68,13 +73,23 @@ class Policy:
         """Return the branch that a tick comes to; None where none holds."""
         return next((branch for branch in self.branches if not branch.condition & ~state), None)
 
-    def merged(self, other: Policy) -> Policy:
-        """Return this policy with the steps of another one; of two steps for one condition the cheaper."""
-        both = dict(self.steps)
-        for condition, step in other.steps.items():
-            if condition not in both or step.cost < both[condition].cost:
-                both[condition] = step
-        return Policy(self.domain, self.goals, both, self.starts | other.starts)
+    def actions(self, state: int) -> tuple[int, ...]:
+        """Return what the compacted trees do in a state; nothing where no branch holds.
+
+        Raises:
+            PlanningError: they do something else than the branches say. That is a fault of the planner.
+        """
+        branch = self.choose(state)
+        found = tuple(chosen(members, state) for members in self.members)
+        if found != ((None,) * self._robots if branch is None else branch.actions):
+            raise PlanningError(fault(self.domain, state, 'its compacted tree chooses something else'))
+        return tuple(action for action in found if action is not None and action != WAITS)
+
+
+def fault(domain: Domain, state: int, what: str) -> str:
+    """Return the message of an error of the planner itself."""
+    literals = ', '.join(sorted(domain.condition(state)))
+    return f'the planner is at fault, please report it: {what}. State: {literals:.2000}'
 
 
 # Fewer conditions for the same choice: what branches that follow each other have in common is asked once.
@@ -87,9 +102,8 @@ _NODES_OF_GROUP = 2
 _LONGEST_GROUP = 64
 
 
-@dataclass(frozen=True, slots=True)
-class BranchRule:
-    """An action to do where all literals hold: a branch, or the rest of it within a group."""
+class BranchRule(NamedTuple):
+    """An action of a robot to do where all literals hold: a branch, or the rest of it within a group."""
 
     condition: int
     action: int
@@ -104,14 +118,14 @@ class RuleGroup:
     members: tuple[BranchRule | RuleGroup, ...]
 
 
-def compact(branches: Sequence[Branch]) -> tuple[BranchRule | RuleGroup, ...]:
+def compact(branches: Sequence[BranchRule]) -> tuple[BranchRule | RuleGroup, ...]:
     """Branches in their order, with what they have in common before them."""
     found: list[BranchRule | RuleGroup] = []
     place = 0
     while place < len(branches):
         common, end = _best_group(branches, place)
         if end == place + 1:
-            found.append(BranchRule(*branches[place]))
+            found.append(branches[place])
         else:
             inner = [branch._replace(condition=branch.condition & ~common) for branch in branches[place:end]]
             found.append(RuleGroup(common, compact(inner)))
@@ -132,31 +146,6 @@ def _actions(members: Sequence[BranchRule | RuleGroup]) -> Iterator[int]:
             yield member.action
 
 
-class CompactPolicy:
-    """The branches of a policy, compacted, as they are tried.
-
-    Raises:
-        PlanningError: on a state in which they choose something else. That is a fault of the planner.
-    """
-
-    def __init__(self, policy: Policy) -> None:
-        self._policy = policy
-        self.domain: Final = policy.domain
-        self.members: Final = compact(policy.branches)
-
-    def is_reached(self, state: int) -> bool:
-        """Return whether one of the goals holds."""
-        return self._policy.is_reached(state)
-
-    def actions(self, state: int) -> tuple[int, ...]:
-        """Return the action of the branch that holds; nothing where none does."""
-        branch = self._policy.choose(state)
-        action = chosen(self.members, state)
-        if action != (None if branch is None else branch.action):
-            raise PlanningError(fault(self.domain, state, 'its compacted tree chooses something else'))
-        return () if action is None else (action,)
-
-
 def chosen(members: Sequence[BranchRule | RuleGroup], state: int) -> int | None:
     """Return the action that a tick comes to; None where nothing applies."""
     for member in members:
@@ -170,7 +159,7 @@ def chosen(members: Sequence[BranchRule | RuleGroup], state: int) -> int | None:
     return None
 
 
-def _best_group(branches: Sequence[Branch], start: int) -> tuple[int, int]:
+def _best_group(branches: Sequence[BranchRule], start: int) -> tuple[int, int]:
     """Return what the branches of the best group that begins at a place have in common, and its end."""
     common = branches[start].condition
     best = (0, 0, start + 1)

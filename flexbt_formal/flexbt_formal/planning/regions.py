@@ -4,32 +4,30 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 from .coverage import MOST_STATES, Disturbance, visits
 from .planner import Plan
-from .policy import Branch, Policy
+from .policy import Policy
 from .problem import Domain, bits
-from .team import TeamPlan
-from .team_policy import TeamBranch, TeamPolicy
 
 
 class RegionKind(Enum):
-    """The kind of a region."""
+    """The kind of a region; the value is its style in pictures."""
 
-    BRANCH = 'branch'
-    GOAL = 'goal'
-    NOWHERE = 'nowhere'
+    BRANCH = 'Region'
+    GOAL = 'Goal'
+    NOWHERE = 'Nowhere'
 
 
 class MoveKind(Enum):
-    """The cause of a move between regions: an action when nothing disturbs, an action otherwise, or others."""
+    """The cause of a move between regions: an action when nothing disturbs, an action otherwise, or others. The value
+    is its style in pictures."""
 
     PLANNED = 'planned'
-    ACTION = 'action'
-    DISTURBANCE = 'disturbance'
+    ACTION = 'onward'
+    DISTURBANCE = 'disturbed'
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,7 @@ class RegionMap:
     start: int
 
 
-def region_map(plan: Plan | TeamPlan) -> RegionMap:
+def region_map(plan: Plan) -> RegionMap:
     """Return the map of a plan, of all states that may come with as many disturbances as it was tried with.
 
     Raises:
@@ -75,22 +73,17 @@ def region_map(plan: Plan | TeamPlan) -> RegionMap:
     domain = policy.domain
     initial = domain.state(plan.problem.initial)
     disturbances = [Disturbance.of(domain, one) for one in plan.problem.disturbances]
-    places = {id(branch): place for place, branch in enumerate(policy.branches)}
+    places = {branch: place for place, branch in enumerate(policy.branches)}
     goal, nowhere = len(places), len(places) + 1
 
     def place_of(state: int) -> int:
         if policy.is_reached(state):
             return goal
         branch = policy.choose(state)
-        return nowhere if branch is None else places[id(branch)]
+        return nowhere if branch is None else places[branch]
 
     def actions(state: int) -> tuple[int, ...]:
-        if policy.is_reached(state):
-            return ()
-        if isinstance(policy, TeamPolicy):
-            return policy.actions(state)
-        branch = policy.choose(state)
-        return () if branch is None else (branch.action,)
+        return () if policy.is_reached(state) else policy.actions(state)
 
     moves: dict[tuple[int, int, str], MoveKind] = {}
     times = plan.coverage.disturbed
@@ -110,22 +103,15 @@ def region_map(plan: Plan | TeamPlan) -> RegionMap:
     )
 
 
-def _region(domain: Domain, policy: Policy | TeamPolicy, place: int) -> PlanRegion:
-    branches: Sequence[Branch | TeamBranch] = policy.branches
-    if place > len(branches):
+def _region(domain: Domain, policy: Policy, place: int) -> PlanRegion:
+    if place > len(policy.branches):
         return PlanRegion(RegionKind.NOWHERE)
-    if place == len(branches):
-        return PlanRegion(
-            RegionKind.GOAL, condition=tuple(' & '.join(_literals(domain, goal)) for goal in policy.goals)
-        )
-    branch = branches[place]
-    actions = branch.actions if isinstance(branch, TeamBranch) else (branch.action,)
-    return PlanRegion(
-        RegionKind.BRANCH,
-        tuple(domain.actions[action].name for action in actions if action >= 0),
-        _literals(domain, branch.condition),
-        branch.left[0] if isinstance(branch, TeamBranch) else branch.cost,
-    )
+    if place == len(policy.branches):
+        goals = tuple(' & '.join(_literals(domain, goal)) for goal in policy.goals)
+        return PlanRegion(RegionKind.GOAL, condition=goals)
+    branch = policy.branches[place]
+    actions = tuple(domain.actions[action].name for action in branch.actions if action >= 0)
+    return PlanRegion(RegionKind.BRANCH, actions, _literals(domain, branch.condition), branch.left[0])
 
 
 def _literals(domain: Domain, condition: int) -> tuple[str, ...]:

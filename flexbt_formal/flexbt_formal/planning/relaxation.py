@@ -12,7 +12,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from typing import Final, NamedTuple
 
@@ -121,6 +121,7 @@ class Reachability:
     make it true. ``landmarks[p]``: bit set, p and what is there from the start included. ``weights[p]``: what p costs
     at least; the weights of what one action adds are together at most its cost, so the weights of any landmarks may be
     added up. ``before[a]``: the landmarks of what action a needs, ``before_weights[a]``: their weights together.
+    ``needs[a]`` and ``adds[a]``: what action a needs and adds beside what is there from the start.
 
     ``without`` are numbers of actions that are not to be used.
     """
@@ -130,9 +131,19 @@ class Reachability:
         self.initial: Final = initial
         self.exclusions: Final = Exclusions(domain, initial)
         count = len(domain.literals)
-        self.costs: Final = [math.inf] * count
-        self.needed: Final = [math.inf] * len(domain.actions)
-        self._spread(without)
+        self.needs: Final = [list(bits(needs & ~initial)) for needs in domain.needs]
+        self.adds: Final = [list(bits(adds & ~initial)) for adds in domain.adds]
+        self.costs: Final = [0.0 if initial >> literal & 1 else math.inf for literal in range(count)]
+        needs_of = dict(enumerate(self.needs))
+        for action in without:
+            needs_of.pop(action, None)
+        reached = _relaxed_costs(domain.costs, needs_of, self.adds, _by_literal(needs_of))
+        for literal, cost in reached.items():
+            self.costs[literal] = cost
+        self.needed: Final = [
+            max((self.costs[need] for need in needs), default=0.0) if action in needs_of else math.inf
+            for action, needs in enumerate(self.needs)
+        ]
         self.achievers: Final[dict[int, list[int]]] = defaultdict(list)
         for action, needed in enumerate(self.needed):
             if needed < math.inf:
@@ -142,18 +153,17 @@ class Reachability:
             1 << literal if initial >> literal & 1 else (1 << count) - 1 for literal in range(count)
         ]
         order = sorted((p for p in self.achievers if not initial >> p & 1), key=self.costs.__getitem__)
-        self._needs: Final = [list(bits(needs & ~initial)) for needs in domain.needs]
         self._find_landmarks(order)
         self.first: Final[dict[int, list[int]]] = {
             literal: [
                 action
                 for action in self.achievers[literal]
-                if not any(self.landmarks[need] >> literal & 1 for need in self._needs[action])
+                if not any(self.landmarks[need] >> literal & 1 for need in self.needs[action])
             ]
             for literal in order
         }
         self.weights: Final = self._weigh(order)
-        self.before: Final = [self.landmarks_of(needs) for needs in self._needs]
+        self.before: Final = [self.landmarks_of(needs) for needs in self.needs]
         by_weight: dict[float, int] = defaultdict(int)
         for literal, weight in enumerate(self.weights):
             if weight:
@@ -172,37 +182,6 @@ class Reachability:
         """Return what it costs at least to pass these landmarks."""
         return sum(weight * (landmarks & mask).bit_count() for weight, mask in self._by_weight)
 
-    def _spread(self, without: Iterable[int]) -> None:
-        domain, costs = self.domain, self.costs
-        users: dict[int, list[int]] = defaultdict(list)
-        missing = [needs.bit_count() for needs in domain.needs]
-        for action in without:
-            missing[action] += 1
-        queue: list[tuple[float, int]] = []
-
-        def run(action: int, needed: float) -> None:
-            self.needed[action] = needed
-            for literal in bits(domain.adds[action]):
-                if needed + domain.costs[action] < costs[literal]:
-                    costs[literal] = needed + domain.costs[action]
-                    heapq.heappush(queue, (costs[literal], literal))
-
-        for literal in bits(self.initial):
-            costs[literal] = 0.0
-            queue.append((0.0, literal))
-        for action, needs in enumerate(domain.needs):
-            for literal in bits(needs):
-                users[literal].append(action)
-            if not missing[action]:
-                run(action, 0.0)
-        heapq.heapify(queue)
-        while queue:
-            cost, literal = heapq.heappop(queue)
-            for action in users.pop(literal, ()):
-                missing[action] -= 1
-                if not missing[action]:
-                    run(action, cost)
-
     def _find_landmarks(self, order: list[int]) -> None:
         """Compute the greatest fixed point: a literal has its own landmarks, and those that all its achievers share."""
         changed = True
@@ -211,7 +190,7 @@ class Reachability:
             for literal in order:
                 common = -1
                 for action in self.achievers[literal]:
-                    common &= self.landmarks_of(self._needs[action])
+                    common &= self.landmarks_of(self.needs[action])
                 common |= 1 << literal
                 if common != self.landmarks[literal]:
                     self.landmarks[literal] = common
@@ -261,7 +240,6 @@ class LmCut:
     def __init__(self, reachability: Reachability) -> None:
         self._reachability: Final = reachability
         self._known: Final = reachability.initial
-        self._achievers: Final[dict[int, list[tuple[int, list[int], list[int]]]]] = {}
         self._costs: Final = reachability.domain.costs
 
     def kept(self, condition: int, cuts: Cuts) -> Cuts:
@@ -273,21 +251,14 @@ class LmCut:
         """Return the cuts of a condition, beginning with those that are known of it (:meth:`kept`)."""
         goals = list(bits(condition & ~self._known))
         landmarks = self._reachability.landmarks_of(goals)
-        relevant = self._relevant(goals)
-        left = {action: self._costs[action] for action, _, _ in relevant}
+        needs_of = {action: self._reachability.needs[action] for action in self._relevant(goals)}
+        adds_of = {action: self._reachability.adds[action] for action in needs_of}
+        adders, users = _by_literal(adds_of), _by_literal(needs_of)
+        left = {action: self._costs[action] for action in needs_of}
         for cut in kept:
             for action in cut.actions:
                 if action in left:
                     left[action] = max(left[action] - cut.cost, 0.0)
-        adders: dict[int, list[int]] = defaultdict(list)
-        users: dict[int, list[int]] = defaultdict(list)
-        for action, needs, adds in relevant:
-            for literal in adds:
-                adders[literal].append(action)
-            for literal in needs:
-                users[literal].append(action)
-        needs_of = {action: needs for action, needs, _ in relevant}
-        adds_of = {action: adds for action, _, adds in relevant}
         found = list(kept)
         while goals:
             costs = _relaxed_costs(left, needs_of, adds_of, users)
@@ -306,34 +277,37 @@ class LmCut:
                 left[action] -= least
         return tuple(found)
 
-    def _relevant(self, goals: list[int]) -> list[tuple[int, list[int], list[int]]]:
-        """Return the actions on ways to the goals: number, what they need and what they add beside what is there."""
-        found: dict[int, tuple[int, list[int], list[int]]] = {}
+    def _relevant(self, goals: list[int]) -> Iterable[int]:
+        """Return the actions on ways to the goals."""
+        found: dict[int, None] = {}
         todo = list(goals)
         seen = set(todo)
         while todo:
-            for entry in self._first(todo.pop()):
-                found[entry[0]] = entry
-                for need in entry[1]:
+            for action in self._reachability.first.get(todo.pop(), ()):
+                found[action] = None
+                for need in self._reachability.needs[action]:
                     if need not in seen:
                         seen.add(need)
                         todo.append(need)
-        return list(found.values())
+        return found
 
-    def _first(self, literal: int) -> list[tuple[int, list[int], list[int]]]:
-        known = self._achievers.get(literal)
-        if known is None:
-            domain, new = self._reachability.domain, ~self._known
-            known = self._achievers[literal] = [
-                (action, list(bits(domain.needs[action] & new)), list(bits(domain.adds[action] & new)))
-                for action in self._reachability.first.get(literal, ())
-            ]
-        return known
+
+def _by_literal(literals_of: Mapping[int, Iterable[int]]) -> dict[int, list[int]]:
+    """Return the actions by each of their literals."""
+    found: dict[int, list[int]] = defaultdict(list)
+    for action, literals in literals_of.items():
+        for literal in literals:
+            found[literal].append(action)
+    return found
 
 
 def _relaxed_costs(
-    left: dict[int, float], needs_of: dict[int, list[int]], adds_of: dict[int, list[int]], users: dict[int, list[int]]
+    left: Mapping[int, float] | Sequence[float],
+    needs_of: Mapping[int, list[int]],
+    adds_of: Mapping[int, list[int]] | Sequence[list[int]],
+    users: Mapping[int, list[int]],
 ) -> dict[int, float]:
+    """Return the least costs of literals when each action costs as much as its dearest need, and what is ``left``."""
     costs: dict[int, float] = {}
     queue: list[tuple[float, int]] = []
     missing = {action: len(needs) for action, needs in needs_of.items()}

@@ -12,14 +12,14 @@ from flexbt_core.skills.library import ANYTHING, SkillLibrary
 from flexbt_core.skills.literals import SkillError, parse_literal
 from flexbt_core.values.text import did_you_mean, short_repr
 
-from .coverage import Coverage, Disturbance, explore_states
+from .coverage import Disturbance, explore_states
+from .division import Divider, branches_of
 from .missions import grounded_problem
-from .planner import compiled, why_not
-from .policy import actions_of
+from .planner import Plan, compiled, why_not
+from .policy import WAITS, Policy, actions_of
 from .problem import Action, Leaf, PlanningError, PlanningProblem, bits
 from .relaxation import Reachability
 from .search import SearchOutcome, SearchProgress
-from .team_policy import WAITS, Divider, TeamBranch, TeamPolicy, branches_of
 
 _ROBOT: Final = 'robot'
 """The parameter of a skill for the robot that does it, and the type of robots."""
@@ -161,32 +161,20 @@ class Task(NamedTuple):
     ends: float
 
 
-@dataclass(frozen=True, slots=True)
-class TeamPlan:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TeamPlan(Plan):
     """The result of planning for several robots.
 
     ``tasks`` are the plan in the order in which they begin, ``duration`` when the last is done, ``cost`` the costs
-    together; ``bound`` is what no plan can cost less than, and ``least_duration`` what none can take less than.
-    ``alone`` has for each robot what it would cost it alone (None: it cannot, or it is not known). ``reason`` says why
-    there is no plan. ``policy`` and ``coverage`` are None without a plan. ``hopeless`` are ways (names of actions and
-    disturbances) after which the goal cannot be reached any more.
+    together; ``least_duration`` is what no plan can take less than. ``alone`` has for each robot what it would cost it
+    alone (None: it cannot, or it is not known).
     """
 
     team: Team
-    problem: PlanningProblem
-    outcome: SearchOutcome
-    bound: float
-    expanded: int
-    seconds: float
     least_duration: float = 0.0
     tasks: tuple[Task, ...] = ()
     duration: float | None = None
-    cost: float | None = None
     alone: dict[str, float | None] | None = None
-    reason: str = ''
-    policy: TeamPolicy | None = None
-    coverage: Coverage | None = None
-    hopeless: tuple[tuple[str, ...], ...] = ()
 
     @property
     def unlimited(self) -> tuple[str, ...]:
@@ -205,7 +193,7 @@ def plan_team(
     report: Callable[[SearchProgress], None] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> TeamPlan:
-    """Plan for several robots, and tries the result in all states that may come after up to ``disturbed``
+    """Plan for several robots, and try the result in all states that may come after up to ``disturbed``
     disturbances, of which a robot that is lost is one.
 
     What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``; when
@@ -227,15 +215,24 @@ def plan_team(
     reachability = Reachability(domain, initial)
     least = max((reachability.costs[literal] for literal in bits(goal)), default=0.0)
     least = max(least, found.bound / len(team.robots))
+    result = TeamPlan(
+        team=team,
+        problem=problem,
+        outcome=found.outcome,
+        bound=found.bound,
+        expanded=expanded,
+        seconds=0.0,
+        least_duration=least,
+    )
     if division is None:
         reason = why_not(problem, reachability, goals) if found.outcome is SearchOutcome.UNSOLVABLE else ''
-        return TeamPlan(team, problem, found.outcome, found.bound, expanded, clock() - began, least, reason=reason)
+        return replace(result, seconds=clock() - began, reason=reason)
     alone = {robot: divider.alone(robot, initial, deadline).cost for robot in team.robots}
-    branches: list[TeamBranch] = branches_of(domain, division, team.robots, doers)
+    branches = branches_of(domain, division, team.robots, doers)
     disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
     hopeless: dict[int, tuple[str, ...]] = {}
     while True:
-        policy = TeamPolicy(domain, goals, team.robots, branches)
+        policy = Policy(domain, goals, branches, len(team.robots))
         coverage = explore_states(policy, initial, disturbances, disturbed, deadline, clock)
         missing = {state: way for state, way in coverage.uncovered.items() if state not in hopeless}
         if not missing or clock() >= deadline:
@@ -256,18 +253,15 @@ def plan_team(
         ),
         key=lambda task: task.begins,
     )
-    return TeamPlan(
-        team,
-        problem,
-        found.outcome,
-        found.bound,
-        expanded,
-        clock() - began,
-        least,
-        tuple(tasks),
-        division.duration,
-        division.cost,
-        alone,
+    return replace(
+        result,
+        expanded=expanded,
+        seconds=clock() - began,
+        tasks=tuple(tasks),
+        actions=tuple(task.action for task in tasks),
+        duration=division.duration,
+        cost=division.cost,
+        alone=alone,
         policy=policy,
         coverage=coverage,
         hopeless=tuple(hopeless.values()),

@@ -1,33 +1,73 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans as trees for BehaviorTree.CPP 4, Groot2 and FlexBT, and the elements of which these trees are made."""
+"""Plans as trees for BehaviorTree.CPP 4, Groot2 and FlexBT.
+
+The tree of a plan for one robot::
+
+    Sequence
+      Script                            plan_actions := 0; plan_last := ''; plan_failure := ''
+      Fallback
+        KeepRunningUntilFailure         one action after the other
+          ReactiveSequence
+            Inverter(the goal)          when it holds, whatever runs is halted, and the loop ends
+            ReactiveFallback            not more actions than are allowed
+            ReactiveFallback            the branches, the cheapest first; the last one says why it gives up
+              ReactiveSequence(conditions, RetryUntilSuccessful(action))
+        ReactiveSequence(the goal)
+
+The tree succeeds when the goal holds. It fails when an action failed as often as it may be tried and no other branch
+holds, when no branch holds, or after ``most_actions`` actions; ``plan_failure`` on the blackboard says which. An
+action that succeeds without its effects is done again as often as it may be tried, and has failed then. One that has
+failed is left to the other branches until another action has succeeded.
+
+For several robots there is a tree for each of them, and one that runs them all::
+
+    Sequence
+      Script                            nobody is lost
+      Fallback
+        ReactiveSequence
+          Inverter(the goal)            when it holds, everything that runs is halted
+          ReactiveFallback              not more actions than are allowed
+          Parallel                      the trees of the robots
+        ReactiveSequence(the goal)
+
+    of a robot: KeepRunningUntilFailure
+      ReactiveSequence
+        ReactiveFallback                what it is to do: the branches, that with the least left first
+          ReactiveSequence(conditions, Script)
+        ReactiveFallback                it does that; an action goes on when another branch has it, too
+          ReactiveSequence(is it this one?, RetryUntilSuccessful(action))
+
+A robot whose action failed as often as it may be tried is lost from then on: ``lost_ROBOT`` on the blackboard, which
+others may set, too. Then the branches without it are left.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
 from flexbt_core.values.text import short_repr
 
-from .coverage import Coverage
 from .planner import Plan
-from .policy import BranchRule, Policy, RuleGroup, actions_of
-from .problem import Domain, Leaf, PlanningError, PlanningProblem, bits
+from .policy import WAITS, BranchRule, Policy, RuleGroup, actions_of
+from .problem import Leaf, PlanningError, PlanningProblem, bits
+from .team import TeamPlan, entry
 
 FAILURE_ENTRY: Final = 'plan_failure'
 """The entry of the blackboard that says why a tree gave up."""
 
-COUNT_ENTRY: Final = 'plan_actions'
+_COUNT_ENTRY: Final = 'plan_actions'
 """The entry of the blackboard with the number of actions that succeeded."""
 
-LAST_ENTRY: Final = 'plan_last'
+_LAST_ENTRY: Final = 'plan_last'
 """The entry of the blackboard with the last action that succeeded."""
 
-AGAIN_ENTRY: Final = 'plan_again'
+_AGAIN_ENTRY: Final = 'plan_again'
 """The entry of the blackboard with how often that action has succeeded in a row, and none was under way since."""
 
-NOTHING_DONE: Final = f"{COUNT_ENTRY} := 0; {LAST_ENTRY} := ''; {AGAIN_ENTRY} := 0; {FAILURE_ENTRY} := ''"
+_NOTHING_DONE: Final = f"{_COUNT_ENTRY} := 0; {_LAST_ENTRY} := ''; {_AGAIN_ENTRY} := 0; {FAILURE_ENTRY} := ''"
 """The script with which a tree begins."""
 
 _FAILED: Final = 'failed'
@@ -40,166 +80,8 @@ _ATTRIBUTE: Final = re.compile(r' (?=[\w:-]+="[^"]*")')
 _BUILTIN: Final = ('ScriptCondition', 'Script')
 
 
-def failed_action(problem: PlanningProblem, reason: str) -> tuple[str, str] | None:
-    """Return the action because of which a tree gave up for this reason, and what it did; None when it was none."""
-    did = ((action.name, what) for action in problem.actions for what in (_FAILED, _IN_VAIN))
-    return next((one for one in did if _reason(*one, problem.leaf(one[0])) == reason), None)
-
-
-def _rows(line: str) -> Iterable[str]:
-    """Return a line of XML; one that is too long has a line for each attribute."""
-    if len(line) <= _LONGEST_LINE:
-        return [line]
-    margin = ' ' * (len(line) - len(line.lstrip(' ')))
-    return _ATTRIBUTE.sub(f'\n{margin}    ', line).splitlines()
-
-
-class LeafWriter:
-    """A writer of the leaves of a problem, which keeps the node types that occur."""
-
-    def __init__(self, problem: PlanningProblem, domain: Domain) -> None:
-        self._problem = problem
-        self._domain = domain
-        self._types: dict[tuple[str, str], set[str]] = {}
-
-    def document(self, main: str, trees: Iterable[ElementTree.Element]) -> str:
-        """Return the XML of trees, with the node types as Groot2 wants to know them."""
-        root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=main)
-        root.extend(trees)
-        models = add(root, 'TreeNodesModel')
-        for (kind, type), ports in sorted(self._types.items()):
-            model = add(models, kind, ID=type)
-            for port in sorted(ports):
-                add(model, 'input_port', name=port)
-        ElementTree.indent(root)
-        text = ElementTree.tostring(root, encoding='unicode')
-        rows = (row for line in text.splitlines() for row in _rows(line))
-        return '<?xml version="1.0" encoding="UTF-8"?>\n' + '\n'.join(rows) + '\n'
-
-    def goal(self, parent: ElementTree.Element, goals: Sequence[int]) -> None:
-        """Whether one of the goals holds."""
-        if len(goals) > 1:
-            parent = add(parent, 'ReactiveFallback', name='one of the goals')
-        for goal in goals:
-            self.conditions(add(parent, 'ReactiveSequence', name='the goal'), goal)
-
-    def conditions(self, parent: ElementTree.Element, condition: int) -> None:
-        """Add a leaf for each literal of a condition."""
-        for literal in bits(condition):
-            text = self._domain.literals[literal]
-            leaf = self._problem.leaf(text)
-            self._leaf(add(parent, 'Inverter') if leaf.inverted else parent, 'Condition', text, leaf)
-
-    def action(
-        self,
-        parent: ElementTree.Element,
-        number: int,
-        given_up: str,
-        failed: str,
-        *,
-        last: str = LAST_ENTRY,
-        again: str = AGAIN_ENTRY,
-    ) -> None:
-        """Add an action with its attempts.
-
-        An action that succeeds without its effects is tried again while attempts are left, and then fails.
-
-        ``failed`` is a script for that, which makes ``given_up`` true: where that is so, the action fails at once.
-        ``last`` and ``again`` are the entries of its robot.
-        """
-        name = self._domain.actions[number].name
-        leaf = self._problem.leaf(name)
-        is_last = f"{last} == '{quoted(name)}'"
-        in_vain = f'({is_last} && {again} >= {leaf.attempts})'
-        reason = f"{in_vain} ? '{_reason(name, _IN_VAIN, leaf)}' : '{_reason(name, _FAILED, leaf)}'"
-        names = '; '.join(f"{entry} := '{quoted(name)}'" for entry in dict.fromkeys((last, LAST_ENTRY)))
-        retry = add(
-            parent,
-            'RetryUntilSuccessful',
-            num_attempts=str(leaf.attempts),
-            _failureIf=f'{given_up} || {in_vain}',
-            _onSuccess=f'{again} := ({is_last}) ? ({again} + 1) : 1; {COUNT_ENTRY} := {COUNT_ENTRY} + 1; {names}; '
-            f"{FAILURE_ENTRY} := ''",
-            _onFailure=f'{FAILURE_ENTRY} := ({given_up}) ? {FAILURE_ENTRY} : ({reason}); {failed}',
-            _onHalted=f'{again} := 0',  # it was under way, so what was done before has had its effects
-        )
-        if leaf.deadline is not None:
-            retry = add(retry, 'Timeout', msec=str(round(1000 * leaf.deadline)))
-        self._leaf(retry, 'Action', name, leaf)
-
-    def _leaf(self, parent: ElementTree.Element, kind: str, name: str, leaf: Leaf) -> None:
-        for word in (leaf.type, *leaf.ports):
-            if not _NAME.fullmatch(word):
-                raise PlanningError(
-                    f'{name}: {short_repr(word)} cannot be a type or port of a leaf; '
-                    'call it by letters, digits, _ and -'
-                )
-        if leaf.type not in _BUILTIN:
-            self._types.setdefault((kind, leaf.type), set()).update(leaf.ports)
-        add(parent, leaf.type, **{'name': name, **leaf.ports})
-
-
-def add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
-    """Return a new child."""
-    return ElementTree.SubElement(parent, tag, attributes)
-
-
-def allowed_actions(coverage: Coverage) -> int:
-    """Return the number of actions after which a tree gives up: three times that of the longest way that was tried."""
-    return _MARGIN * max(1, coverage.longest)
-
-
-def actions_left(parent: ElementTree.Element, most: int) -> None:
-    """Give up when this many actions have succeeded."""
-    allowed = add(parent, 'ReactiveFallback', name='actions are left')
-    add(allowed, 'ScriptCondition', code=f'{COUNT_ENTRY} < {most}')
-    add_last_branch(
-        allowed, f'the goal was not reached by {most} actions', f" .. '; the last one was ' .. {LAST_ENTRY}"
-    )
-
-
-def add_last_branch(parent: ElementTree.Element, reason: str, more: str = '') -> None:
-    """Add a last branch, which keeps the reason that an action has left. A script adds ``more`` to the reason."""
-    code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? ('{reason}'{more}) : {FAILURE_ENTRY}"
-    add(add(parent, 'ForceFailure', name='gives up'), 'Script', name=reason, code=code)
-
-
-def quoted(text: str) -> str:
-    """Return a text within the quotes of a script."""
-    return text.replace("'", '’').replace('\\', '/')
-
-
-def _reason(name: str, what: str, leaf: Leaf) -> str:
-    return f'{quoted(name)} {what} {_times(leaf.attempts)}'
-
-
-def _times(number: int) -> str:
-    return 'once' if number == 1 else f'{number} times'
-
-
-# A plan as a tree for BehaviorTree.CPP 4, Groot2 and FlexBT.
-#
-# ::
-#
-#     Sequence
-#       Script                            plan_actions := 0; plan_last := ''; plan_failure := ''
-#       Fallback
-#         KeepRunningUntilFailure         one action after the other
-#           ReactiveSequence
-#             Inverter(the goal)          when it holds, whatever runs is halted, and the loop ends
-#             ReactiveFallback            not more actions than are allowed
-#             ReactiveFallback            the branches, the cheapest first; the last one says why it gives up
-#               ReactiveSequence(conditions, RetryUntilSuccessful(action))
-#         ReactiveSequence(the goal)
-#
-# The tree succeeds when the goal holds. It fails when an action failed as often as it may be tried and no other branch
-# holds, when no branch holds, or after ``most_actions`` actions; ``plan_failure`` on the blackboard says which. An
-# action that succeeds without its effects is done again as often as it may be tried, and has failed then. One that has
-# failed is left to the other branches until another action has succeeded.
-
-
 def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) -> str:
-    """Return the XML of a plan's tree.
+    """Return the XML of a plan's tree; of a plan for several robots, ``name`` runs all, ``name_ROBOT`` is that of one.
 
     ``most_actions``: after this many actions that succeeded the tree gives up; without it, after three times as many as
     the longest way that was tried.
@@ -211,15 +93,223 @@ def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) ->
     if plan.policy is None or plan.coverage is None:
         raise ValueError('there is no plan, and so no tree')
     if most_actions is None:
-        most_actions = allowed_actions(plan.coverage)
-    writer = _Writer(plan.problem, plan.policy)
-    return writer.document(name, [writer.tree(name, plan.members, most_actions)])
+        most_actions = _MARGIN * max(1, plan.coverage.longest)
+    if isinstance(plan, TeamPlan):
+        return _TeamWriter(plan.problem, plan.policy).xml(name, plan.team.robots, most_actions)
+    return _RobotWriter(plan.problem, plan.policy).xml(name, most_actions)
 
 
 def tree_entries(plan: Plan) -> tuple[str, ...]:
-    """Return the entries of the blackboard that a plan's tree has for itself."""
-    own = (COUNT_ENTRY, LAST_ENTRY, AGAIN_ENTRY, FAILURE_ENTRY)
-    return (*own, *map(_given_up, actions_of(plan.members)))
+    """Return the entries of the blackboard that the tree of a plan for one robot has for itself."""
+    actions = () if plan.policy is None else actions_of(plan.policy.members[0])
+    return (_COUNT_ENTRY, _LAST_ENTRY, _AGAIN_ENTRY, FAILURE_ENTRY, *map(_given_up, actions))
+
+
+def failed_action(problem: PlanningProblem, reason: str) -> tuple[str, str] | None:
+    """Return the action because of which a tree gave up for this reason, and what it did; None when it was none."""
+    did = ((action.name, what) for action in problem.actions for what in (_FAILED, _IN_VAIN))
+    return next((one for one in did if _reason(*one, problem.leaf(one[0])) == reason), None)
+
+
+class _Writer:
+    """A writer of the elements that all trees have, which keeps the node types that occur."""
+
+    def __init__(self, problem: PlanningProblem, policy: Policy) -> None:
+        self._problem = problem
+        self._policy = policy
+        self._domain = policy.domain
+        self._types: dict[tuple[str, str], set[str]] = {}
+
+    def _document(self, main: str, trees: Iterable[ElementTree.Element]) -> str:
+        """Return the XML of trees, with the node types as Groot2 wants to know them."""
+        root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=main)
+        root.extend(trees)
+        models = _add(root, 'TreeNodesModel')
+        for (kind, type), ports in sorted(self._types.items()):
+            model = _add(models, kind, ID=type)
+            for port in sorted(ports):
+                _add(model, 'input_port', name=port)
+        ElementTree.indent(root)
+        text = ElementTree.tostring(root, encoding='unicode')
+        rows = (row for line in text.splitlines() for row in _rows(line))
+        return '<?xml version="1.0" encoding="UTF-8"?>\n' + '\n'.join(rows) + '\n'
+
+    def _main(
+        self, name: str, begins: str, most: int, *, repeats: bool
+    ) -> tuple[ElementTree.Element, ElementTree.Element]:
+        """Return a tree that succeeds when the goal holds, and the element for what it does until then.
+
+        It begins with the script ``begins``, and gives up when ``most`` actions have succeeded.
+        """
+        tree = ElementTree.Element('BehaviorTree', ID=name)
+        top = _add(tree, 'Sequence')
+        _add(top, 'Script', code=_NOTHING_DONE + begins)
+        ways = _add(top, 'Fallback')
+        around = _add(ways, 'KeepRunningUntilFailure') if repeats else ways
+        step = _add(around, 'ReactiveSequence', name='until the goal holds')
+        self._goal(_add(step, 'Inverter'))
+        allowed = _add(step, 'ReactiveFallback', name='actions are left')
+        _add(allowed, 'ScriptCondition', code=f'{_COUNT_ENTRY} < {most}')
+        _add_last_branch(
+            allowed, f'the goal was not reached by {most} actions', f" .. '; the last one was ' .. {_LAST_ENTRY}"
+        )
+        self._goal(ways)
+        return tree, step
+
+    def _goal(self, parent: ElementTree.Element) -> None:
+        """Add a test whether one of the goals holds."""
+        if len(self._policy.goals) > 1:
+            parent = _add(parent, 'ReactiveFallback', name='one of the goals')
+        for goal in self._policy.goals:
+            self._conditions(_add(parent, 'ReactiveSequence', name='the goal'), goal)
+
+    def _conditions(self, parent: ElementTree.Element, condition: int) -> None:
+        """Add a leaf for each literal of a condition."""
+        for literal in bits(condition):
+            text = self._domain.literals[literal]
+            leaf = self._problem.leaf(text)
+            self._leaf(_add(parent, 'Inverter') if leaf.inverted else parent, 'Condition', text, leaf)
+
+    def _branches(
+        self,
+        parent: ElementTree.Element,
+        members: Sequence[BranchRule | RuleGroup],
+        add_rule: Callable[[ElementTree.Element, BranchRule], None],
+    ) -> None:
+        """Add branches in their order; ``add_rule`` adds one that is not a group."""
+        for member in members:
+            if isinstance(member, RuleGroup):
+                sequence = _add(parent, 'ReactiveSequence')
+                self._conditions(sequence, member.condition)
+                self._branches(_add(sequence, 'ReactiveFallback'), member.members, add_rule)
+            else:
+                add_rule(parent, member)
+
+    def _action(
+        self,
+        parent: ElementTree.Element,
+        number: int,
+        given_up: str,
+        failed: str,
+        *,
+        last: str = _LAST_ENTRY,
+        again: str = _AGAIN_ENTRY,
+    ) -> None:
+        """Add an action with its attempts.
+
+        An action that succeeds without its effects is tried again while attempts are left, and then fails.
+
+        ``failed`` is a script for that, which makes ``given_up`` true: where that is so, the action fails at once.
+        ``last`` and ``again`` are the entries of its robot.
+        """
+        name = self._domain.actions[number].name
+        leaf = self._problem.leaf(name)
+        is_last = f"{last} == '{_quoted(name)}'"
+        in_vain = f'({is_last} && {again} >= {leaf.attempts})'
+        reason = f"{in_vain} ? '{_reason(name, _IN_VAIN, leaf)}' : '{_reason(name, _FAILED, leaf)}'"
+        names = '; '.join(f"{entry} := '{_quoted(name)}'" for entry in dict.fromkeys((last, _LAST_ENTRY)))
+        retry = _add(
+            parent,
+            'RetryUntilSuccessful',
+            num_attempts=str(leaf.attempts),
+            _failureIf=f'{given_up} || {in_vain}',
+            _onSuccess=f'{again} := ({is_last}) ? ({again} + 1) : 1; {_COUNT_ENTRY} := {_COUNT_ENTRY} + 1; {names}; '
+            f"{FAILURE_ENTRY} := ''",
+            _onFailure=f'{FAILURE_ENTRY} := ({given_up}) ? {FAILURE_ENTRY} : ({reason}); {failed}',
+            _onHalted=f'{again} := 0',  # it was under way, so what was done before has had its effects
+        )
+        if leaf.deadline is not None:
+            retry = _add(retry, 'Timeout', msec=str(round(1000 * leaf.deadline)))
+        self._leaf(retry, 'Action', name, leaf)
+
+    def _leaf(self, parent: ElementTree.Element, kind: str, name: str, leaf: Leaf) -> None:
+        for word in (leaf.type, *leaf.ports):
+            if not _NAME.fullmatch(word):
+                raise PlanningError(
+                    f'{name}: {short_repr(word)} cannot be a type or port of a leaf; '
+                    'call it by letters, digits, _ and -'
+                )
+        if leaf.type not in _BUILTIN:
+            self._types.setdefault((kind, leaf.type), set()).update(leaf.ports)
+        _add(parent, leaf.type, **{'name': name, **leaf.ports})
+
+
+class _RobotWriter(_Writer):
+    """A writer of the tree of one robot."""
+
+    def xml(self, name: str, most: int) -> str:
+        members = self._policy.members[0]
+        none_given_up = ''.join(f'; {_given_up(action)} := -1' for action in actions_of(members))
+        tree, step = self._main(name, none_given_up, most, repeats=True)
+        branches = _add(step, 'ReactiveFallback', name='the cheapest way from here')
+        self._branches(branches, members, self._rule)
+        _add_last_branch(branches, 'no way to the goal is planned from here')
+        return self._document(name, [tree])
+
+    def _rule(self, parent: ElementTree.Element, rule: BranchRule) -> None:
+        sequence = _add(parent, 'ReactiveSequence', name=f'at cost {rule.cost:g}') if rule.condition else parent
+        self._conditions(sequence, rule.condition)
+        given_up = _given_up(rule.action)
+        self._action(sequence, rule.action, f'{given_up} == {_COUNT_ENTRY}', f'{given_up} := {_COUNT_ENTRY}')
+
+
+class _TeamWriter(_Writer):
+    """A writer of the trees of several robots."""
+
+    def xml(self, name: str, robots: Sequence[str], most: int) -> str:
+        begins = ''.join(
+            f"; {entry('lost', robot)} := false; {entry('next', robot)} := ''"
+            f"; {entry(_LAST_ENTRY, robot)} := ''; {entry(_AGAIN_ENTRY, robot)} := 0"
+            for robot in robots
+        )
+        team, step = self._main(name, begins, most, repeats=False)
+        side_by_side = _add(step, 'Parallel', name='the robots', success_count=str(len(robots)), failure_count='1')
+        trees = [team]
+        for robot, members in zip(robots, self._policy.members, strict=True):
+            id = entry(name, robot)
+            _add(side_by_side, 'SubTree', ID=id, name=robot, _autoremap='true')
+            trees.append(self._robot(robot, id, members))
+        return self._document(name, trees)
+
+    def _robot(self, robot: str, id: str, members: Sequence[BranchRule | RuleGroup]) -> ElementTree.Element:
+        tree = ElementTree.Element('BehaviorTree', ID=id)
+        both = _add(_add(tree, 'KeepRunningUntilFailure'), 'ReactiveSequence', name=robot)
+        chosen, lost = entry('next', robot), entry('lost', robot)
+
+        def add_rule(parent: ElementTree.Element, rule: BranchRule) -> None:
+            sequence = _add(parent, 'ReactiveSequence')
+            self._conditions(sequence, rule.condition)
+            action = self._name(rule.action)
+            _add(sequence, 'Script', name=action or 'others go on', code=f"{chosen} := '{action}'")
+
+        branches = _add(both, 'ReactiveFallback', name=f'what {robot} is to do')
+        self._branches(branches, members, add_rule)
+        _add_last_branch(branches, 'no way to the goal is planned from here')
+        done = _add(both, 'ReactiveFallback', name=f'{robot} does it')
+        for action in actions_of(members):
+            if action == WAITS:
+                continue
+            step = _add(done, 'ReactiveSequence')
+            _add(step, 'ScriptCondition', code=f"{chosen} == '{self._name(action)}'")
+            # What it could not do is left to others in the next tick.
+            own = {'last': entry(_LAST_ENTRY, robot), 'again': entry(_AGAIN_ENTRY, robot)}
+            self._action(_add(step, 'ForceSuccess'), action, lost, f'{lost} := true', **own)
+        _add(_add(done, 'KeepRunningUntilFailure', name='others go on'), 'AlwaysSuccess')
+        return tree
+
+    def _name(self, action: int) -> str:
+        return '' if action == WAITS else _quoted(self._domain.actions[action].name)
+
+
+def _add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
+    """Return a new child."""
+    return ElementTree.SubElement(parent, tag, attributes)
+
+
+def _add_last_branch(parent: ElementTree.Element, reason: str, more: str = '') -> None:
+    """Add a last branch, which keeps the reason that an action has left. A script adds ``more`` to the reason."""
+    code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? ('{reason}'{more}) : {FAILURE_ENTRY}"
+    _add(_add(parent, 'ForceFailure', name='gives up'), 'Script', name=reason, code=code)
 
 
 def _given_up(action: int) -> str:
@@ -227,36 +317,19 @@ def _given_up(action: int) -> str:
     return f'plan_given_up_{action}'
 
 
-class _Writer(LeafWriter):
-    def __init__(self, problem: PlanningProblem, policy: Policy) -> None:
-        super().__init__(problem, policy.domain)
-        self._policy = policy
+def _quoted(text: str) -> str:
+    """Return a text within the quotes of a script."""
+    return text.replace("'", '’').replace('\\', '/')
 
-    def tree(self, name: str, members: Sequence[BranchRule | RuleGroup], most: int) -> ElementTree.Element:
-        tree = ElementTree.Element('BehaviorTree', ID=name)
-        top = add(tree, 'Sequence')
-        none_given_up = ''.join(f'; {_given_up(action)} := -1' for action in actions_of(members))
-        add(top, 'Script', code=NOTHING_DONE + none_given_up)
-        ways = add(top, 'Fallback')
-        step = add(add(ways, 'KeepRunningUntilFailure'), 'ReactiveSequence', name='until the goal holds')
-        self.goal(add(step, 'Inverter'), self._policy.goals)
-        actions_left(step, most)
-        branches = add(step, 'ReactiveFallback', name='the cheapest way from here')
-        for member in members:
-            self._member(branches, member)
-        add_last_branch(branches, 'no way to the goal is planned from here')
-        self.goal(ways, self._policy.goals)
-        return tree
 
-    def _member(self, parent: ElementTree.Element, member: BranchRule | RuleGroup) -> None:
-        if isinstance(member, RuleGroup):
-            sequence = add(parent, 'ReactiveSequence')
-            self.conditions(sequence, member.condition)
-            inner = add(sequence, 'ReactiveFallback')
-            for one in member.members:
-                self._member(inner, one)
-            return
-        sequence = add(parent, 'ReactiveSequence', name=f'at cost {member.cost:g}') if member.condition else parent
-        self.conditions(sequence, member.condition)
-        given_up = _given_up(member.action)
-        self.action(sequence, member.action, f'{given_up} == {COUNT_ENTRY}', f'{given_up} := {COUNT_ENTRY}')
+def _reason(name: str, what: str, leaf: Leaf) -> str:
+    times = 'once' if leaf.attempts == 1 else f'{leaf.attempts} times'
+    return f'{_quoted(name)} {what} {times}'
+
+
+def _rows(line: str) -> Iterable[str]:
+    """Return a line of XML; one that is too long has a line for each attribute."""
+    if len(line) <= _LONGEST_LINE:
+        return [line]
+    margin = ' ' * (len(line) - len(line.lstrip(' ')))
+    return _ATTRIBUTE.sub(f'\n{margin}    ', line).splitlines()

@@ -17,7 +17,7 @@ from planning_support import World, action, led_by
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_formal.planning.problem import Action, Condition, PlanningError, PlanningProblem
 from flexbt_formal.planning.team import Team, TeamPlan, plan_team
-from flexbt_formal.planning.team_xml import team_xml
+from flexbt_formal.planning.tree_xml import tree_xml
 
 ROBOTS = ('red', 'blue')
 
@@ -55,7 +55,7 @@ def test_two_robots_divide_what_is_to_be_done_and_are_done_in_half_the_time() ->
     }
     lasts = {one.name: round(one.cost) for one in team.problem.actions}
     world = world_of(team, lasts=lasts.__getitem__)
-    assert world.run(team_xml(found)) is NodeStatus.SUCCESS
+    assert world.run(tree_xml(found)) is NodeStatus.SUCCESS
     assert world.started == sorted(world.started, key=world.done.index)  # nothing was begun twice
     assert len(world.done) == 8
     assert world.ticks <= 30 + 4 + 1  # an action and the next one have a tick in between
@@ -65,14 +65,14 @@ def test_one_goes_on_with_what_it_does_while_the_other_one_is_done_first() -> No
     team = fetching()
     found = plan_team(team)
     world = world_of(team, lasts=lambda name: 1 if name.startswith('red') else 20)
-    assert world.run(team_xml(found)) is NodeStatus.SUCCESS
+    assert world.run(tree_xml(found)) is NodeStatus.SUCCESS
     assert len(world.started) == len(set(world.started)) == 8
 
 
 def test_what_a_robot_cannot_do_the_other_one_does_in_its_place() -> None:
     team = fetching()
     world = world_of(team, fails=lambda name: name.startswith('red goes'))
-    assert world.run(team_xml(plan_team(team))) is NodeStatus.SUCCESS
+    assert world.run(tree_xml(plan_team(team))) is NodeStatus.SUCCESS
     assert {name.split()[0] for name in world.done} == {'blue'}
     assert len([name for name in world.started if name.startswith('red')]) == 2  # as often as it may be tried
 
@@ -80,7 +80,7 @@ def test_what_a_robot_cannot_do_the_other_one_does_in_its_place() -> None:
 def test_a_robot_whose_action_has_no_effects_is_lost_too() -> None:
     team = fetching()
     world = world_of(team, idle=lambda name: name.startswith('red goes'))
-    assert world.run(team_xml(plan_team(team))) is NodeStatus.SUCCESS
+    assert world.run(tree_xml(plan_team(team))) is NodeStatus.SUCCESS
     assert len([name for name in world.done if name.startswith('red')]) == 2
 
 
@@ -92,7 +92,7 @@ def test_nobody_waits_for_a_robot_longer_than_until_the_deadline_of_its_action()
     found = plan_team(team)
     assert found.unlimited == ()
     world = world_of(team, lasts=lambda name: 1000 if name.startswith('red') else 2)
-    assert world.run(team_xml(found)) is NodeStatus.SUCCESS
+    assert world.run(tree_xml(found)) is NodeStatus.SUCCESS
     assert {name.split()[0] for name in world.done} == {'blue'}
     assert len([name for name in world.started if name.startswith('red')]) == 2
 
@@ -102,7 +102,7 @@ def test_where_the_lost_robot_has_what_is_needed_the_trees_say_why_they_give_up(
     found = plan_team(team)
     assert any('red takes' in way[-2] and way[-1] == 'red is lost' for way in found.hopeless)
     world = world_of(team, fails=lambda name: 'returns' in name and name.startswith('red'))
-    assert world.run(team_xml(found)) is NodeStatus.FAILURE
+    assert world.run(tree_xml(found)) is NodeStatus.FAILURE
     assert str(world.reason).startswith('red returns with ')
 
 
@@ -178,7 +178,7 @@ def test_they_reach_the_goal_whoever_is_done_first_and_whatever_happens_once(
             world.true = (world.true - chosen.deletes) | chosen.adds
 
     # A robot can be lost from the second tick on: the first one says that none is.
-    status = world.run(team_xml(found), disturb if when else lambda tick: None)
+    status = world.run(tree_xml(found), disturb if when else lambda tick: None)
     reached = any(goal <= world.true for goal in team.problem.goal)
     assert (status is NodeStatus.SUCCESS) is reached
     assert reached or least_cost(team, frozenset(world.true), lost) == math.inf

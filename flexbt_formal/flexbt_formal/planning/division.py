@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Policies of teams: the division of tasks, the order of actions, and the action of each robot in each state."""
+"""The division of a plan among the robots of a team, the order of their actions, and its branches."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
-from .coverage import fault
-from .policy import Branch, chosen, compact
+from .policy import WAITS, Branch
 from .problem import Domain, PlanningError
 from .relaxation import Reachability
 from .search import SearchOutcome, SearchProgress, SearchResult, search
@@ -198,63 +197,8 @@ class Divider:
 MOST_ORDERS: Final = 2000
 """Maximum number of orders of one division (what was done until a moment). Beyond it only the plan's order is kept."""
 
-WAITS: Final = -1
-"""In the place of an action: others go on from here."""
 
-
-class TeamBranch(NamedTuple):
-    """A rule: where ``condition`` (a bit set) holds, ``actions`` lead towards the goal: by the number of a robot its
-    action, or WAITS. ``left`` are the time, the cost and the number of actions to the goal."""
-
-    condition: int
-    actions: tuple[int, ...]
-    left: tuple[float, float, int]
-
-
-class TeamPolicy:
-    """The branches of a team, in the order of the time, the cost and the number of actions that are left."""
-
-    def __init__(
-        self, domain: Domain, goals: Iterable[int], robots: Sequence[str], branches: Iterable[TeamBranch]
-    ) -> None:
-        self.domain: Final = domain
-        self.goals: Final = tuple(goals)
-        self.robots: Final = tuple(robots)
-        self.branches: Final[list[TeamBranch]] = []
-        earlier = list(self.goals)
-        for branch in sorted(branches, key=lambda one: one.left):
-            # What an earlier one covers is never come to.
-            if not any(not other & ~branch.condition for other in earlier):
-                earlier.append(branch.condition)
-                self.branches.append(branch)
-        self.members: Final = tuple(
-            compact([Branch(one.condition, one.actions[robot], one.left[1]) for one in self.branches])
-            for robot in range(len(self.robots))
-        )
-        """Compacted branches of each robot, by its number; where the others continue, its action is WAITS."""
-
-    def is_reached(self, state: int) -> bool:
-        """Return whether one of the goals holds."""
-        return any(not goal & ~state for goal in self.goals)
-
-    def choose(self, state: int) -> TeamBranch | None:
-        """Return the branch that a tick comes to; None where none holds."""
-        return next((branch for branch in self.branches if not branch.condition & ~state), None)
-
-    def actions(self, state: int) -> tuple[int, ...]:
-        """Return what the trees of the robots do in a state; nothing where no branch holds.
-
-        Raises:
-            PlanningError: they do something else than the branches say. That is a fault of the planner.
-        """
-        branch = self.choose(state)
-        found = tuple(chosen(members, state) for members in self.members)
-        if found != ((None,) * len(self.robots) if branch is None else branch.actions):
-            raise PlanningError(fault(self.domain, state, 'its compacted trees choose something else'))
-        return tuple(action for action in found if action is not None and action >= 0)
-
-
-def branches_of(domain: Domain, division: Division, robots: Sequence[str], doers: Sequence[str]) -> list[TeamBranch]:
+def branches_of(domain: Domain, division: Division, robots: Sequence[str], doers: Sequence[str]) -> list[Branch]:
     """Return the branches of a division: one for each part of it that may be done at a moment."""
     plan, before = division.plan, division.before
     whole = (1 << len(plan)) - 1
@@ -283,7 +227,7 @@ def branches_of(domain: Domain, division: Division, robots: Sequence[str], doers
             done = (1 << place) - 1
             moments[done] = [one if one == place else WAITS for one in nexts(done)]
     conditions = {whole: division.goal}
-    found: list[TeamBranch] = []
+    found: list[Branch] = []
     for done in sorted(moments, key=int.bit_count, reverse=True):
         if done == whole:
             continue
@@ -294,7 +238,7 @@ def branches_of(domain: Domain, division: Division, robots: Sequence[str], doers
         conditions[done] = domain.needs[action] | after & ~domain.adds[action]
         left = [one for number, one in enumerate(plan) if not done >> number & 1]
         found.append(
-            TeamBranch(
+            Branch(
                 conditions[done],
                 tuple(plan[one] if one >= 0 else WAITS for one in moments[done]),
                 (max(ends(domain, plan, before, done)), sum(domain.costs[one] for one in left), len(left)),
