@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from flexbt_console.errors import NotShownError, RefusedError
 from flexbt_console.mirror.records import (
@@ -45,8 +46,8 @@ class CommandBuilder:
             raise RefusedError(self._why)
         return self.operator
 
-    def command(self, view: View, kind: CommandKind) -> OperatorCommand:
-        """Return a new command for the run that is shown, with nothing filled in that only some kinds have.
+    def command(self, view: View, kind: CommandKind, **fields: Any) -> OperatorCommand:
+        """Return a new command for the run that is shown, with the fields that are given.
 
         A STOP is for whichever executive is there: the one that is shown may not be it.
 
@@ -54,13 +55,14 @@ class CommandBuilder:
             RefusedError: an observer gives no commands.
         """
         snapshot = view.snapshot
-        return OperatorCommand(
+        command = OperatorCommand(
             id=os.urandom(16).hex(),
             kind=kind,
             operator=self.require_operator(),
             executive_id=snapshot.executive_id if snapshot and kind is not CommandKind.STOP else '',
             run_id=snapshot.run_id if snapshot else '',
         )
+        return replace(command, **fields)
 
     def start(
         self,
@@ -82,8 +84,9 @@ class CommandBuilder:
         """
         _check_behavior(view, name, arguments, unseen)
         shown = view.snapshot.autonomy if view.snapshot else AutonomyLevel.LOW
-        return replace(
-            self.command(view, CommandKind.START),
+        return self.command(
+            view,
+            CommandKind.START,
             run_id='',
             behavior=name,
             arguments=tuple(arguments),
@@ -101,7 +104,7 @@ class CommandBuilder:
             RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
         """
         _check_behavior(view, name, arguments, unseen)
-        return replace(self.command(view, CommandKind.SWITCH), behavior=name, arguments=tuple(arguments))
+        return self.command(view, CommandKind.SWITCH, behavior=name, arguments=tuple(arguments))
 
     def autonomy(self, view: View, level: AutonomyLevel, path: str = '') -> OperatorCommand:
         """Set the level of autonomy, of the run, of a sub-tree of it, or for the next run.
@@ -109,13 +112,9 @@ class CommandBuilder:
         Raises:
             RefusedError: there is no such state.
         """
-        command = self.command(view, CommandKind.AUTONOMY)
-        return replace(
-            command,
-            run_id=command.run_id if view.running else '',
-            autonomy=int(level),
-            path=_known_path(view, path) if path else '',
-        )
+        command = self.command(view, CommandKind.AUTONOMY, autonomy=int(level))
+        path = _known_path(view, path) if path else ''
+        return replace(command, run_id=command.run_id if view.running else '', path=path)
 
     def resume(self, view: View) -> OperatorCommand:
         """Go on with a paused run, or with one that the end of the executive interrupted."""
@@ -129,7 +128,7 @@ class CommandBuilder:
             RefusedError: which state is meant is not clear, or it is not active.
         """
         path = _active_path(view, path) if path else _waiting_path(view)
-        return replace(self.command(view, CommandKind.REPEAT), path=path)
+        return self.command(view, CommandKind.REPEAT, path=path)
 
     def at_path(self, kind: CommandKind, view: View, path: str) -> OperatorCommand:
         """Return a command for a state or container, active or not: lock or unlock it, set or clear a breakpoint.
@@ -137,7 +136,7 @@ class CommandBuilder:
         Raises:
             RefusedError: there is no such state.
         """
-        return replace(self.command(view, kind), path=_known_path(view, path))
+        return self.command(view, kind, path=_known_path(view, path))
 
     def confirm(self, view: View, decision_id: str = '', *, unseen: bool = False) -> OperatorCommand:
         """Confirm a transition, or the suggestion of a choice. Without an identifier: of the only decision.
@@ -159,7 +158,7 @@ class CommandBuilder:
                 )
             _check_shown(view, decision, unseen)
             decision_id = decision.id
-        return replace(self.command(view, CommandKind.CONFIRM), decision_id=decision_id)
+        return self.command(view, CommandKind.CONFIRM, decision_id=decision_id)
 
     def choose(self, view: View, decision: Decision, outcome: str, *, unseen: bool = False) -> OperatorCommand:
         """Answer a decision by one of its outcomes: confirm the one that is wanted, force another.
@@ -174,10 +173,8 @@ class CommandBuilder:
             )
         _check_shown(view, decision, unseen)
         if outcome == decision.outcome:
-            return replace(self.command(view, CommandKind.CONFIRM), decision_id=decision.id)
-        return replace(
-            self.command(view, CommandKind.FORCE), decision_id=decision.id, path=decision.path, outcome=outcome
-        )
+            return self.command(view, CommandKind.CONFIRM, decision_id=decision.id)
+        return self.command(view, CommandKind.FORCE, decision_id=decision.id, path=decision.path, outcome=outcome)
 
     def force(
         self, view: View, path: str, outcome: str, decision_id: str = '', *, unseen: bool = False
@@ -205,7 +202,7 @@ class CommandBuilder:
             )
         if (decision := view.pending(decision_id)) is not None:
             _check_shown(view, decision, unseen)
-        return replace(self.command(view, CommandKind.FORCE), path=path, outcome=outcome, decision_id=decision_id)
+        return self.command(view, CommandKind.FORCE, path=path, outcome=outcome, decision_id=decision_id)
 
     def answer(self, view: View, decision_id: str, text: str, *, unseen: bool = False) -> OperatorCommand:
         """Answer an input request by a value; without an identifier, the only one.
@@ -216,8 +213,9 @@ class CommandBuilder:
         """
         decision = _input_request(view, decision_id)
         _check_shown(view, decision, unseen)
-        return replace(
-            self.command(view, CommandKind.ANSWER),
+        return self.command(
+            view,
+            CommandKind.ANSWER,
             decision_id=decision.id,
             inputs=(answer(decision, text, view.places),),
         )
@@ -228,7 +226,7 @@ class CommandBuilder:
         Raises: RefusedError: the request does not exist.
         """
         decision = _input_request(view, decision_id)
-        return replace(self.command(view, CommandKind.DECLINE), decision_id=decision.id)
+        return self.command(view, CommandKind.DECLINE, decision_id=decision.id)
 
     def to_requester(self, kind: CommandKind, view: View, operator: str = '') -> OperatorCommand:
         """Return a command about another operator, by default the one who requests the authority: hand it over, or
@@ -241,7 +239,7 @@ class CommandBuilder:
         if not operator and len(asking) != 1:
             who = f'requested by {", ".join(asking)}' if asking else 'nobody requests the authority'
             raise RefusedError(f'name the operator; {who}')
-        return replace(self.command(view, kind), grantee=operator or asking[0])
+        return self.command(view, kind, grantee=operator or asking[0])
 
 
 def _check_shown(view: View, decision: Decision, unseen: bool) -> None:
@@ -298,10 +296,7 @@ def _waiting_path(view: View) -> str:
 
 def _active_path(view: View, text: str) -> str:
     levels = view.active_levels
-    if text in levels:
-        return text
-    suffix = '/' + text.strip('/')
-    matches = [path for path in levels if path.endswith(suffix)]
+    matches = _ending(levels, text)
     if len(matches) == 1:
         return matches[0]
     if not matches and view.structure is not None:
@@ -317,16 +312,20 @@ def _active_path(view: View, text: str) -> str:
 def _known_path(view: View, text: str) -> str:
     """Return the path of a state or container of the run, active or not, from the path or its last labels."""
     known = [state.path for state in view.structure.states] if view.structure else list(view.active_levels)
-    if text in known or not known:
+    if not known:
         return text
-    suffix = '/' + text.strip('/')
-    matches = [path for path in known if path.endswith(suffix)]
+    matches = _ending(known, text)
     if len(matches) == 1:
         return matches[0]
     if matches:
         raise RefusedError(f'{short_repr(text)} is not unique: {", ".join(matches)}')
-    remedy = did_you_mean(suffix, known, '; see "structure"')
+    remedy = did_you_mean(f'/{text.strip("/")}', known, '; see "structure"')
     raise RefusedError(f'there is no state {short_repr(text)}{remedy}')
+
+
+def _ending(paths: Sequence[str], text: str) -> list[str]:
+    """Return the path that this is, or else those that end with these labels."""
+    return [text] if text in paths else [path for path in paths if path.endswith(f'/{text.strip("/")}')]
 
 
 def find_behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -150,7 +149,7 @@ DECLINE: Final = Send(
 RESUME: Final = Send((CommandKind.RESUME, CommandKind.RESUME_RUN), lambda line, view, builder: builder.resume(view))
 REPEAT: Final = Send((CommandKind.REPEAT,), lambda line, view, builder: builder.repeat(view, line.first_word))
 NOTE: Final = Send(
-    (CommandKind.NOTE,), lambda line, view, builder: replace(builder.command(view, CommandKind.NOTE), text=line.text)
+    (CommandKind.NOTE,), lambda line, view, builder: builder.command(view, CommandKind.NOTE, text=line.text)
 )
 
 

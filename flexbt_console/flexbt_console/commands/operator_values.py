@@ -3,17 +3,17 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.records import (
-    LIVENESS,
     AutonomyLevel,
     BehaviorParameter,
     Decision,
@@ -106,33 +106,31 @@ def _number(text: str, kind: type[int] | type[float]) -> float:
         return math.nan
 
 
-def line_count(text: str) -> int:
-    """Read a number of lines.
-
-    Raises:
-        UsageError: it is not a number above 0.
-    """
-    if not text.isascii() or not text.isdigit() or int(text) == 0:
-        raise UsageError(f'{short_repr(text)}: expected a number of lines above 0')
+def whole_number(text: str, *, least: int, most: float = math.inf) -> int:
+    """Read a whole number within these limits. Raises UsageError if it is not one."""
+    if not text.isascii() or not text.isdigit() or len(text) > 9 or not least <= int(text) <= most:
+        limits = f'from {least} to {most}' if most < math.inf else f'of at least {least}'
+        raise UsageError(f'{short_repr(text)}: expected a whole number {limits}')
     return int(text)
 
 
-_MOST_RETRIES: Final = 1000
+line_count: Final = functools.partial(whole_number, least=1)
+retry_count: Final = functools.partial(whole_number, least=0, most=1000)
+port_number: Final = functools.partial(whole_number, least=0, most=65535)
+
+
+def one_of(choices: Sequence[str]) -> Callable[[str], str]:
+    """Return a reader of one of these words. It raises UsageError for another one."""
+
+    def read(text: str) -> str:
+        if text not in choices:
+            raise UsageError(f'{short_repr(text)}: expected {" or ".join(choices)}')
+        return text
+
+    return read
+
+
 _CAPABILITIES: Final = 1_000_000
-
-
-def liveness(text: str) -> str:
-    """Read what is assumed about failures. Raises UsageError when it is none of LIVENESS."""
-    if text not in LIVENESS:
-        raise UsageError(f'{short_repr(text)}: expected {", ".join(LIVENESS)}')
-    return text
-
-
-def retry_count(text: str) -> int:
-    """Read how often a state is repeated. Raises UsageError if it is not a number from 0 to 1000."""
-    if not text.isascii() or not text.isdigit() or len(text) > 9 or int(text) > _MOST_RETRIES:
-        raise UsageError(f'{short_repr(text)}: expected a number from 0 to {_MOST_RETRIES}')
-    return int(text)
 
 
 def capability_text(file: str) -> str:
@@ -144,17 +142,6 @@ def capability_text(file: str) -> str:
     if not text.strip():
         raise UsageError(f'{file}: empty; this is no capability file')
     return text
-
-
-def port_number(text: str) -> int:
-    """Read the number of a port; 0 stands for one that is free.
-
-    Raises:
-        UsageError: it is not a number up to 65535.
-    """
-    if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
-        raise UsageError(f'{short_repr(text)}: expected the number of a port, 0 to 65535')
-    return int(text)
 
 
 def full_namespace(text: str) -> str:
@@ -305,14 +292,3 @@ def map_size(text: str) -> tuple[int, int]:
     raise UsageError(
         f'{short_repr(text)}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_COLUMNS}x{MOST_COLUMNS}'
     )
-
-
-def shell_name(text: str) -> str:
-    """Read the name of a shell.
-
-    Raises:
-        UsageError: it is another one.
-    """
-    if text not in SHELLS:
-        raise UsageError(f'{short_repr(text)}: expected {" or ".join(SHELLS)}')
-    return text

@@ -8,7 +8,7 @@ effect in the engine; ``docs/tools/make_console.py`` writes its documentation.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import LIVENESS, NOTE_LENGTH, SYNTHESIS_SECONDS, CommandKind, OperatorCommand
@@ -21,46 +21,26 @@ from .operator_values import (
     assignment,
     autonomy_level,
     line_count,
-    liveness,
     map_size,
+    one_of,
     port_number,
     retry_count,
-    shell_name,
 )
-from .spec import DECISION, UNSEEN, Argument, Ask, CommandLine, CommandSpec, LinkNeed, Mode, Option, Send, Show, seconds
-
-# Checks that the data of a command have arrived.
-
-
-def _behaviors_known(view: View) -> bool:
-    return view.behaviors is not None
-
-
-def _places_known(view: View) -> bool:
-    return view.has_places
-
-
-def _subjects_known(view: View) -> bool:
-    return not any(view.lacks(decision) for decision in view.decisions)
-
-
-def _all_to_force_known(view: View) -> bool:
-    return _structure_known(view) and _subjects_known(view)
-
-
-def _all_to_answer_known(view: View) -> bool:
-    return _places_known(view) and _subjects_known(view)
-
-
-def _all_for_a_start_known(view: View) -> bool:
-    return _behaviors_known(view) and _places_known(view)
-
-
-def _structure_known(view: View) -> bool:
-    return view.structure is not None or view.snapshot is None or not view.snapshot.run_id
-
-
-# The commands
+from .spec import (
+    DECISION,
+    UNSEEN,
+    Argument,
+    Ask,
+    CommandLine,
+    CommandSpec,
+    LinkNeed,
+    Mode,
+    Option,
+    Part,
+    Send,
+    Show,
+    seconds,
+)
 
 _REASON = Option('--reason', 'why, for the event log', 'TEXT')
 _DECISION = Option(DECISION, 'decision to answer; refused if it is no longer pending', 'ID', values=spec.decisions)
@@ -99,13 +79,26 @@ _VALUE_DETAILS: Final = (
     'which means now. Put words that begin with "-" and are not numbers after "--".',
 )
 
+
+def _sent(
+    name: str,
+    summary: str,
+    action: Send,
+    arguments: tuple[Argument, ...] = (),
+    options: tuple[Option, ...] = (),
+    **more: Any,
+) -> CommandSpec:
+    """Return a command that is sent, for a reason that may be given."""
+    return CommandSpec(name, summary, action, arguments, (*options, _REASON), **more)
+
+
 COMMANDS: Final = (
     CommandSpec(
         'status',
         'show what runs, which decisions are pending, and how old that information is',
         Show(effects.status),
         link=LinkNeed.HEARD,
-        has_arrived=_subjects_known,
+        needs=(Part.SUBJECTS,),
     ),
     CommandSpec(
         'watch',
@@ -116,7 +109,6 @@ COMMANDS: Final = (
             'structure, behaviors, log or link.',
         ),
         options=(Option('--jsonl', 'print JSON, one object per line, as --json'),),
-        link=LinkNeed.NONE,
     ),
     CommandSpec(
         'behaviors',
@@ -124,13 +116,13 @@ COMMANDS: Final = (
         Show(effects.behaviors),
         (Argument('NAME', required=False, spaced=True, values=spec.behaviors),),
         details=('With NAME, also show the machine if it was synthesized. JSON includes all machines.',),
-        has_arrived=_behaviors_known,
+        needs=(Part.BEHAVIORS,),
     ),
     CommandSpec(
         'structure',
         'show the state machine that runs: states, outcomes, targets, required autonomy',
         Show(effects.structure),
-        has_arrived=_structure_known,
+        needs=(Part.STRUCTURE,),
     ),
     CommandSpec(
         'tree',
@@ -176,7 +168,7 @@ COMMANDS: Final = (
         (Argument('COUNT', required=False, read=line_count),),
         details=(f'At most COUNT of them (default {effects.LOG_COUNT}).',),
     ),
-    CommandSpec(
+    _sent(
         'start',
         'start a behavior',
         effects.START,
@@ -194,7 +186,6 @@ COMMANDS: Final = (
             ),
             Option('--input', 'input userdata of the behavior', 'KEY=TYPE:VALUE', repeated=True),
             _UNSEEN_MACHINE,
-            _REASON,
             _WAIT,
             _WAIT_TIMEOUT,
         ),
@@ -203,16 +194,16 @@ COMMANDS: Final = (
             'With --wait the exit code is 0 if the run ended with one of its outcomes, and 3 if it was stopped or '
             'failed.',
         ),
-        has_arrived=_all_for_a_start_known,
+        needs=(Part.BEHAVIORS, Part.PLACES),
     ),
-    CommandSpec(
+    _sent(
         'stop',
         'stop the run and the robot',
         effects.alone(CommandKind.STOP),
-        options=(_REASON, _WAIT, _WAIT_TIMEOUT),
+        options=(_WAIT, _WAIT_TIMEOUT),
         link=LinkNeed.HEARD,
     ),
-    CommandSpec(
+    _sent(
         'autonomy',
         'set how much the robot decides by itself',
         effects.AUTONOMY,
@@ -220,35 +211,37 @@ COMMANDS: Final = (
             Argument('LEVEL', values=spec.levels, read=autonomy_level),
             Argument('PATH', required=False, values=spec.states),
         ),
-        (_REASON,),
         details=(
             'PATH is a state or container: the level holds for it and what is in it. Without PATH: for everything.',
             'LEVEL is off, low, high, full or 0 to 3. A transition happens without the operator when it requires '
             'less than LEVEL.',
         ),
-        has_arrived=_structure_known,
+        needs=(Part.STRUCTURE,),
     ),
-    CommandSpec(
+    _sent(
         'confirm',
         'confirm the pending transition',
         effects.CONFIRM,
         (Argument('ID', required=False, values=spec.decisions),),
-        (_UNSEEN, _REASON),
+        (_UNSEEN,),
         details=('Without ID: the only pending decision. If there are several, they are listed.',),
-        has_arrived=_subjects_known,
+        needs=(Part.SUBJECTS,),
     ),
-    CommandSpec(
+    _sent(
         'force',
         "leave a state by an outcome of the operator's choice",
         effects.FORCE,
         (Argument('PATH', required=False, values=spec.active_states), Argument('OUTCOME', values=spec.outcomes)),
-        (_DECISION, _UNSEEN, _REASON),
+        (
+            _DECISION,
+            _UNSEEN,
+        ),
         details=(
             f'{_PATH_DETAILS} Without PATH: the state that waits for the operator, or else the only active state.',
         ),
-        has_arrived=_all_to_force_known,
+        needs=(Part.STRUCTURE, Part.SUBJECTS),
     ),
-    CommandSpec(
+    _sent(
         'input',
         'answer an input request with a value',
         effects.INPUT,
@@ -256,84 +249,79 @@ COMMANDS: Final = (
             Argument('ID', required=False, values=spec.input_requests),
             Argument('VALUE', required=False, repeated=True, values=spec.short_answers),
         ),
-        (_DECISION, Option('--decline', 'decline to answer'), _UNSEEN, _REASON),
+        (
+            _DECISION,
+            Option('--decline', 'decline to answer'),
+            _UNSEEN,
+        ),
         details=('Without ID: the only pending input request.', *_VALUE_DETAILS),
-        has_arrived=_all_to_answer_known,
+        needs=(Part.PLACES, Part.SUBJECTS),
         check=effects.check_input,
     ),
-    CommandSpec(
+    _sent(
         'decline',
         'decline to answer an input request',
         effects.DECLINE,
         (Argument('ID', required=False, values=spec.input_requests),),
-        (_REASON,),
     ),
-    CommandSpec(
+    _sent(
         'pause',
         'pause the run',
         effects.alone(CommandKind.PAUSE),
-        options=(_REASON,),
         details=('Until "resume", no state runs or is left, and their time stands still. "stop" still works.',),
     ),
-    CommandSpec(
+    _sent(
         'resume',
         'resume a paused run, or one that was interrupted when the executive ended',
         effects.RESUME,
-        options=(_REASON,),
         details=(
             'After a crash of the executive, the states that were active are entered again. "abort" drops the run.',
         ),
     ),
-    CommandSpec(
+    _sent(
         'abort',
         'drop a run that was interrupted when the executive ended',
         effects.alone(CommandKind.ABORT_RUN),
-        options=(_REASON,),
     ),
-    CommandSpec(
+    _sent(
         'repeat',
         'leave a state and enter it again',
         effects.REPEAT,
         (Argument('PATH', required=False, values=spec.active_states),),
-        (_REASON,),
         details=('Without PATH: the state that waits for the operator, or else the only active state.',),
-        has_arrived=_structure_known,
+        needs=(Part.STRUCTURE,),
     ),
-    CommandSpec(
+    _sent(
         'lock',
         'prevent a state or container from being left',
         effects.at_path(CommandKind.LOCK),
         (Argument('PATH', values=spec.states),),
-        (_REASON,),
         details=(_PATH_DETAILS,),
-        has_arrived=_structure_known,
+        needs=(Part.STRUCTURE,),
     ),
-    CommandSpec(
+    _sent(
         'unlock',
         'undo lock',
         effects.at_path(CommandKind.UNLOCK),
         (Argument('PATH', values=spec.locked),),
-        (_REASON,),
-        has_arrived=_structure_known,
+        needs=(Part.STRUCTURE,),
     ),
-    CommandSpec(
+    _sent(
         'breakpoint',
         'hold every transition out of a state for the operator, at any level of autonomy',
         effects.at_path(CommandKind.BREAKPOINT),
         (Argument('PATH', values=spec.states),),
-        (_REASON,),
         details=(_PATH_DETAILS,),
-        has_arrived=_structure_known,
+        needs=(Part.STRUCTURE,),
     ),
-    CommandSpec(
+    _sent(
         'clear',
         'clear a breakpoint',
         effects.at_path(CommandKind.CLEAR_BREAKPOINT),
         (Argument('PATH', values=spec.breakpoints),),
-        (_REASON,),
-        has_arrived=_structure_known,
+        needs=(Part.STRUCTURE,),
     ),
-    CommandSpec(
+    _sent(
         'switch',
         'switch to another behavior, keeping the active states',
         effects.SWITCH,
@@ -341,9 +329,9 @@ COMMANDS: Final = (
             Argument('NAME', spaced=True, values=spec.behaviors),
             Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
         ),
-        (_UNSEEN_MACHINE, _REASON),
+        (_UNSEEN_MACHINE,),
         details=('The other behavior must have the active states at the same paths. A refusal lists those it lacks.',),
-        has_arrived=_behaviors_known,
+        needs=(Part.BEHAVIORS,),
     ),
     CommandSpec(
         'synthesize',
@@ -360,7 +348,7 @@ COMMANDS: Final = (
                 'fair, adversarial or fair-outcomes: assumption about failures (default fair)',
                 'WHAT',
                 values=lambda typed: LIVENESS,
-                read=liveness,
+                read=one_of(LIVENESS),
             ),
             Option('--name', "name of the behavior (default: the system's)", 'NAME'),
             Option('--spec', 'file on the robot with more variables and formulas', 'FILE'),
@@ -382,37 +370,33 @@ COMMANDS: Final = (
         ),
         check=effects.check_synthesis,
     ),
-    CommandSpec(
+    _sent(
         'claim',
         'claim the authority to command',
         effects.alone(CommandKind.CLAIM_AUTHORITY),
-        options=(_REASON,),
         details=(
             'While nobody has the authority, every operator may command. If another operator has it, this requests it. '
             '"status" shows the holder. A holder that is gone for the time set by the executive loses it. "stop" needs '
             'no authority.',
         ),
     ),
-    CommandSpec(
+    _sent(
         'release',
         'release the authority, or withdraw a request for it',
         effects.alone(CommandKind.RELEASE_AUTHORITY),
-        options=(_REASON,),
     ),
-    CommandSpec(
+    _sent(
         'handover',
         'hand over the authority to another operator',
         effects.to_requester(CommandKind.HAND_OVER_AUTHORITY),
         (Argument('OPERATOR', required=False, values=spec.requesters),),
-        (_REASON,),
         details=('Without OPERATOR: to the only one who requests it.',),
     ),
-    CommandSpec(
+    _sent(
         'refuse',
         'refuse a request for the authority',
         effects.to_requester(CommandKind.REFUSE_AUTHORITY),
         (Argument('OPERATOR', required=False, values=spec.requesters),),
-        (_REASON,),
         details=('Without OPERATOR: the only request. The operator may request again.',),
     ),
     CommandSpec(
@@ -431,20 +415,18 @@ COMMANDS: Final = (
         'list the named places: those of the robot, and those of --places',
         Show(effects.places),
         link=LinkNeed.NONE,
-        has_arrived=_places_known,
+        needs=(Part.PLACES,),
     ),
     CommandSpec(
         'robots',
         'list the robots of the domain, the most urgent first, and how long each has waited',
         Mode.ROBOTS,
-        link=LinkNeed.NONE,
     ),
     CommandSpec(
         'screen',
         'full screen (default without a command): machine, trees, map, decisions and log; a key for each command',
         Mode.SCREEN,
         options=(_LEAVING, _PAGE, _SCAN_PERIOD, _SLOW_LINK),
-        link=LinkNeed.NONE,
     ),
     CommandSpec(
         'web',
@@ -458,34 +440,30 @@ COMMANDS: Final = (
             'FLEXBT_WEB_TOKEN sets the token, which is then required on this computer, too. Nothing is encrypted: on '
             'an open network, use a tunnel (ssh -L 8465:localhost:8465 STATION).',
         ),
-        link=LinkNeed.NONE,
     ),
     CommandSpec(
         'replay',
         'show a recording on the screen, with time line, steps, search and speed',
         Mode.REPLAY,
         (Argument('FILE'),),
-        link=LinkNeed.NONE,
         details=('Nothing is published; the executable `replay` publishes a recording for other consoles.',),
     ),
     CommandSpec(
         'completion',
         'print the completion script for a shell',
         Mode.COMPLETION,
-        (Argument('SHELL', values=lambda typed: SHELLS, read=shell_name),),
+        (Argument('SHELL', values=lambda typed: SHELLS, read=one_of(SHELLS)),),
         (Option('--line', 'print the completions of the last word of this line (for the script)', 'TEXT'),),
         details=(
             'In bash: . <(console completion bash); in zsh: . <(console completion zsh); in ~/.bashrc or ~/.zshrc for '
             'every shell. Names of behaviors, states, decisions and robots come from the robot, within 1.5 s.',
         ),
-        link=LinkNeed.NONE,
     ),
     CommandSpec(
         'prompt',
         'interactive prompt (default without a command if the terminal cannot show the screen or Textual is missing)',
         Mode.PROMPT,
         options=(_LEAVING, _PAGE),
-        link=LinkNeed.NONE,
     ),
 )
 

@@ -87,6 +87,15 @@ class LinkNeed(Enum):
     LIVE = 'live'
 
 
+class Part(Enum):
+    """A part of the picture that arrives beside the status, from which a line is checked, or which it shows."""
+
+    BEHAVIORS = 'behaviors'
+    PLACES = 'places'
+    STRUCTURE = 'structure'
+    SUBJECTS = 'subjects'
+
+
 class Answers(NamedTuple):
     """A command's way to answer a decision of one of the ``kinds``.
 
@@ -170,7 +179,7 @@ class CommandSpec:
 
     How it is written: ``name``, ``arguments``, ``options``, and ``check``, which finds what is wrong with a line beyond
     its single words (UsageError). Its effect: ``action``. ``details`` are paragraphs of help. ``link`` is what it needs
-    of the link, and ``has_arrived`` tells whether what it is checked against, or shows, is part of the view.
+    of the link; a mode sees to that itself. ``needs`` are the parts of the picture that it checks or shows.
     """
 
     name: str
@@ -180,8 +189,18 @@ class CommandSpec:
     options: tuple[Option, ...] = ()
     details: tuple[str, ...] = ()
     link: LinkNeed = LinkNeed.LIVE
-    has_arrived: Callable[[View], bool] | None = None
+    needs: tuple[Part, ...] = ()
     check: Callable[[CommandLine], None] | None = None
+
+    def has_arrived(self, view: View) -> bool:
+        """Return whether all that it needs is part of the view."""
+        is_known = {
+            Part.BEHAVIORS: view.behaviors is not None,
+            Part.PLACES: view.has_places,
+            Part.STRUCTURE: view.structure is not None or view.snapshot is None or not view.snapshot.run_id,
+            Part.SUBJECTS: not any(view.lacks(decision) for decision in view.decisions),
+        }
+        return all(is_known[part] for part in self.needs)
 
     @property
     def in_prompt(self) -> bool:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import compress, pairwise
+from itertools import compress, pairwise, zip_longest
 from typing import Final
 
 from flexbt_core.values.text import one_line
@@ -310,6 +310,15 @@ class ExecutiveSnapshot:
 
 
 @dataclass(frozen=True, slots=True)
+class Transition:
+    """An outcome of a state with its target, '' if that is not known, and the autonomy that it requires, or -1."""
+
+    outcome: str
+    target: str
+    autonomy: int
+
+
+@dataclass(frozen=True, slots=True)
 class StateStructure:
     """One state or container; ``targets`` and ``autonomy`` belong to ``outcomes``, one each."""
 
@@ -320,6 +329,12 @@ class StateStructure:
     outcomes: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
     autonomy: tuple[int, ...] = ()
+
+    @property
+    def transitions(self) -> list[Transition]:
+        """Its transitions, in the order of the outcomes."""
+        rows = zip_longest(self.outcomes, self.targets[: len(self.outcomes)], self.autonomy[: len(self.outcomes)])
+        return [Transition(outcome, target or '', -1 if level is None else level) for outcome, target, level in rows]
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,12 +23,16 @@ def encode_json(value: Any) -> str:
     return json.dumps(_plain(value), allow_nan=False)
 
 
+def fields_of(record: Any, *left_out: str) -> dict[str, Any]:
+    """Return the fields of a record by their names, without these."""
+    names = (field.name for field in dataclasses.fields(record))
+    return {name: getattr(record, name) for name in names if name not in left_out}
+
+
 def status_json(view: View) -> dict[str, Any]:
     """Return the picture and how old it is. ``link`` is live, stale or lost; everything else is only as good as
     that."""
-    snapshot = view.snapshot
-    shown = (field.name for field in dataclasses.fields(snapshot) if field.name != 'results') if snapshot else ()
-    known = {name: getattr(snapshot, name) for name in shown}
+    known = fields_of(view.snapshot, 'results') if view.snapshot else {}
     link = {'link': view.link.value, 'age': view.age, 'problem': view.problem}
     return {**link, 'unwanted_motion': view.unwanted_motion, 'guard': view.guard, **known}
 
@@ -42,23 +46,11 @@ def robots_json(robots: Sequence[RobotOverview]) -> list[dict[str, Any]]:
 
 def structure_json(known: Structure) -> dict[str, Any]:
     """Return the state machine of a run; transitions as objects."""
-    return {
-        'run_id': known.run_id,
-        'behavior': known.behavior,
-        'states': [
-            {
-                'path': state.path,
-                'kind': state.kind,
-                'type': state.type,
-                'children': state.children,
-                'transitions': [
-                    {'outcome': outcome, 'target': target, 'autonomy': autonomy}
-                    for outcome, target, autonomy in zip(state.outcomes, state.targets, state.autonomy, strict=False)
-                ],
-            }
-            for state in known.states
-        ],
-    }
+    states = [
+        {**fields_of(state, 'outcomes', 'targets', 'autonomy'), 'transitions': state.transitions}
+        for state in known.states
+    ]
+    return {**fields_of(known), 'states': states}
 
 
 def tree_json(run: MirroredTree, failures: Sequence[Sequence[MirroredNode]]) -> dict[str, Any]:
@@ -74,7 +66,7 @@ def tree_json(run: MirroredTree, failures: Sequence[Sequence[MirroredNode]]) -> 
         'paused': run.paused,
         'nodes': [
             {
-                **{name: getattr(node, name) for name in ('uid', 'parent', 'path', 'name', 'registration', 'kind')},
+                **fields_of(node),
                 'status': run.status(node.uid),
                 'last': run.last_end(node.uid),
                 'seconds': run.seconds(node.uid),
@@ -89,9 +81,8 @@ def tree_json(run: MirroredTree, failures: Sequence[Sequence[MirroredNode]]) -> 
 def map_json(view: View) -> dict[str, Any]:
     """Return what is around the robot, m. It does not include the cells of the map."""
     around = view.drawn
-    names = ('width', 'height', 'resolution', 'x', 'y')
     return {
-        'map': {name: getattr(around.map, name) for name in names} if around.map is not None else None,
+        'map': fields_of(around.map, 'cells') if around.map is not None else None,
         'robot': view.snapshot.robot_pose if view.snapshot else None,
         'goal': around.goal,
         'lacks': view.lacks(view.decision) if view.decision is not None else '',
@@ -126,7 +117,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {name: _plain(item) for name, item in fields_of(value).items()}
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -361,9 +361,9 @@ def structure_lines(known: Structure, view: View) -> list[str]:
         mark = '>' if state.path in active else ' '
         kind = '' if state.kind is StateKind.STATE else f' {state.kind.name.lower()}'
         shown.append(f'{mark} {"  " * depth}{one_line(label)}  ({one_line(state.type)}{kind})')
-        for outcome, target, level in zip(state.outcomes, state.targets, state.autonomy, strict=False):
-            arrow = f'{one_line(outcome)} -> {one_line(target)}' if target else one_line(outcome)
-            needed = f'  requires {autonomy_text(level)}' if level >= 0 else ''
+        for one in state.transitions:
+            arrow = f'{one_line(one.outcome)} -> {one_line(one.target)}' if one.target else one_line(one.outcome)
+            needed = f'  requires {autonomy_text(one.autonomy)}' if one.autonomy >= 0 else ''
             shown.append(f'  {"  " * depth}    {arrow}{needed}')
     return shown
 

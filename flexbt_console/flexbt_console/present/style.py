@@ -5,12 +5,9 @@ from __future__ import annotations
 
 import locale
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final, TextIO
-
-from flexbt_console.mirror.trees import MirroredStatus
 
 
 class Tone(Enum):
@@ -59,11 +56,11 @@ def has_colours(stream: TextIO) -> bool:
 
 @dataclass(frozen=True)
 class Glyphs:
-    """``status`` of a node of a tree, ``active`` and ``waits`` of a state; ``robot`` by heading, eight from east on,
-    against the clock; ``ellipsis``, of one cell, stands for what is cut. Without ``has_braille``, maps are drawn by one
-    character a cell."""
+    """``status`` of a node of a tree, by its number; ``active`` and ``waits`` of a state; ``robot`` by heading, eight
+    from east on, against the clock; ``ellipsis``, of one cell, stands for what is cut. Without ``has_braille``, maps
+    are drawn by one character a cell."""
 
-    status: Mapping[MirroredStatus, str]
+    status: str
     active: str
     waits: str
     locked: str
@@ -79,13 +76,7 @@ class Glyphs:
 
 
 UNICODE: Final = Glyphs(
-    status={
-        MirroredStatus.IDLE: '·',
-        MirroredStatus.RUNNING: '▶',
-        MirroredStatus.SUCCESS: '✓',
-        MirroredStatus.FAILURE: '✗',
-        MirroredStatus.SKIPPED: '↷',
-    },
+    status='·▶✓✗↷',
     active='▶',
     waits='?',
     locked='■',
@@ -101,13 +92,7 @@ UNICODE: Final = Glyphs(
 )
 
 ASCII: Final = Glyphs(
-    status={
-        MirroredStatus.IDLE: '.',
-        MirroredStatus.RUNNING: '>',
-        MirroredStatus.SUCCESS: '+',
-        MirroredStatus.FAILURE: 'x',
-        MirroredStatus.SKIPPED: '~',
-    },
+    status='.>+x~',
     active='>',
     waits='?',
     locked='#',

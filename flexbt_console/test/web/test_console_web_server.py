@@ -15,6 +15,7 @@ import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSCloseCode, WSMsgType, WSServerHandshakeError
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
+from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_console.errors import NoAnswerError, UsageError
 from flexbt_console.mirror.records import (
     CommandKind,
@@ -32,7 +33,7 @@ from flexbt_console.ui.web import server as web_run
 from flexbt_console.ui.web.access import GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
-from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
+from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, RATE
 from flexbt_console.ui.web.server import GREETING_OF_SOURCE, MOST_CONNECTIONS, MOST_GREETING, MOST_PAGES
 from flexbt_testing.waiting import DEADLINE
 
@@ -388,7 +389,7 @@ def test_large_messages_floods_and_bytes_end_the_connection_and_nothing_else() -
             assert await large.closed() in (1009, 1006)
             await binary.socket.send_bytes(b'stop')
             assert await binary.closed() == 1003
-            for _ in range(int(BURST) + 50):
+            for _ in range(BURST + 50):
                 await flood.socket.send_str('{"complete": "s"}')
             assert await flood.closed() == 1008
             await calm.until(lambda: 'link' in calm.parts)
@@ -402,13 +403,13 @@ def test_large_messages_floods_and_bytes_end_the_connection_and_nothing_else() -
 
 def test_the_allowance_fills_with_time() -> None:
     now = 0.0
-    allowance = Allowance(lambda: now)
+    allowance = SenderRates(RATE, BURST, lambda: now)
     taken = 0
-    while allowance.take():
+    while allowance.allows(b'page'):
         taken += 1
     assert taken == BURST
     now = 1.0
-    assert allowance.take()
+    assert allowance.allows(b'page')
 
 
 def test_pages_of_other_sites_and_other_names_are_refused() -> None:

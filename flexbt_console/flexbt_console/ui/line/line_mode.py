@@ -91,11 +91,10 @@ class LineMode:
                 view, is_heard = self._mirror.view(), False
                 if view.snapshot is None or spec.link is LinkNeed.LIVE:
                     raise
-        has_arrived = spec.has_arrived
-        if has_arrived is not None:
+        if spec.needs:
             timeout = LATCHED_SECONDS if is_command else self._station.timeout
             with self._waiting_for(lambda: f'what {spec.name} needs to know of the robot'):
-                view = self._link.wait_for(lambda now: now if has_arrived(now) else None, timeout) or view
+                view = self._link.wait_for(lambda now: now if spec.has_arrived(now) else None, timeout) or view
         if isinstance(action, Show) and action.history is not None:
             self._settle(action.history)
         return view, is_heard

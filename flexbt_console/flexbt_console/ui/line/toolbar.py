@@ -36,15 +36,6 @@ MOST_ROWS: Final = 2
 REASON_ROWS: Final = 3
 """Rows of why the state wants what it wants."""
 
-STYLES: Final = {
-    Tone.PLAIN: '',
-    Tone.GOOD: 'class:good',
-    Tone.WARNING: 'class:warning',
-    Tone.ERROR: 'class:error',
-    Tone.DECISION: 'class:decision',
-    Tone.DIM: 'class:dim',
-}
-
 
 def toolbar(view: View, width: int, height: int) -> list[tuple[str, str]]:
     """Style class and text of each line, at most ``height`` of at most ``width`` cells.
@@ -56,7 +47,7 @@ def toolbar(view: View, width: int, height: int) -> list[tuple[str, str]]:
     decision = _decision(view, width)[: max(0, height - 1)]
     head = head[: max(0, height - 1 - len(decision))]
     rest = _rest(view, width, height - 1 - len(head) - len(decision))
-    return [(STYLES[tone_of(line)], cut(line, width)) for line in (first, *head, *rest, *decision)]
+    return [(f'class:{tone_of(line).name.lower()}', cut(line, width)) for line in (first, *head, *rest, *decision)]
 
 
 def _head(view: View, width: int) -> list[str]:

@@ -210,11 +210,11 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
 
 def choice_texts(decision: Decision, state: StateStructure | None, signs: Glyphs) -> list[str]:
     """Return each choice with its number and what it leads to; what is wanted has a star."""
-    texts = []
-    for number, choice in enumerate(decision.choices, 1):
-        leads = leads_text(state, state.outcomes.index(choice), signs) if state and choice in state.outcomes else ''
-        texts.append(f'{number} {one_line(choice)}{"*" if choice == decision.outcome else ""}{leads}')
-    return texts
+    ways = {one.outcome: one for one in state.transitions} if state else {}
+    return [
+        f'{number} {one_line(choice)}{"*" * (choice == decision.outcome)}{leads_text(ways.get(choice), signs)}'
+        for number, choice in enumerate(decision.choices, 1)
+    ]
 
 
 def waiting_texts(view: View) -> list[str]:

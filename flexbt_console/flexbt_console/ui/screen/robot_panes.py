@@ -24,6 +24,7 @@ from flexbt_console.mirror.records import (
     ExecutiveSnapshot,
     StateKind,
     StateStructure,
+    Transition,
 )
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, cut_middle, fold
@@ -157,17 +158,15 @@ def _state(
 def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
     """Return each outcome with what it leads to, and the level of autonomy that it requires."""
     texts = []
-    for number, outcome in enumerate(state.outcomes):
-        level = state.autonomy[number] if number < len(state.autonomy) else -1
-        needs = f'  ({autonomy_needed(level)})' if level >= 0 else ''
-        texts.append(f'{one_line(outcome)}{leads_text(state, number, signs)}{needs}')
+    for one in state.transitions:
+        needs = f'  ({autonomy_needed(one.autonomy)})' if one.autonomy >= 0 else ''
+        texts.append(f'{one_line(one.outcome)}{leads_text(one, signs)}{needs}')
     return texts
 
 
-def leads_text(state: StateStructure, number: int, signs: Glyphs) -> str:
-    """Return what an outcome leads to, by its number from 0 on; '' where that is not known."""
-    target = state.targets[number] if number < len(state.targets) else ''
-    return f' {signs.arrow} {one_line(target.rpartition("/")[2] or target)}' if target else ''
+def leads_text(one: Transition | None, signs: Glyphs) -> str:
+    """Return what a transition leads to; '' where that is not known."""
+    return f' {signs.arrow} {one_line(one.target.rpartition("/")[2] or one.target)}' if one and one.target else ''
 
 
 def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> list[_Ranked]:

@@ -15,7 +15,8 @@ from flexbt_common.pictures.machine_picture import DrawnState, machine_as_dot, m
 from flexbt_common.pictures.markup import LAYOUT_SECONDS, finished, graphviz_command
 from flexbt_common.pictures.tree_picture import DrawnNode, NodeShape, trees_as_dot
 from flexbt_console.mirror.records import Structure
-from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredTree
+from flexbt_console.mirror.trees import MirroredNode, MirroredTree
+from flexbt_console.present.json_form import fields_of
 
 REMEMBERED: Final = 64
 NO_DRAWING: Final = ''
@@ -77,18 +78,7 @@ def machine_drawing(structure: Structure) -> Drawing:
 
 @functools.lru_cache(maxsize=REMEMBERED)
 def _machine_drawing(structure: Structure) -> Drawing:
-    states = [
-        DrawnState(
-            state.path,
-            state.kind.name.lower(),
-            state.type,
-            state.children,
-            state.outcomes,
-            state.targets,
-            state.autonomy,
-        )
-        for state in structure.states
-    ]
+    states = [DrawnState(**{**fields_of(state), 'kind': state.kind.name.lower()}) for state in structure.states]
     return _drawing(machine_as_dot(machine_graph(states), structure.behavior), has_legend=True)
 
 
@@ -106,21 +96,11 @@ def _tree_drawing(tree: str, nodes: tuple[MirroredNode, ...]) -> Drawing:
             node.registration,
             '' if node.name == node.registration else node.name,
             node.parent - 1 if 0 < node.parent < node.uid else None,
-            _SHAPES[node.kind],
+            NodeShape[node.kind.name],
         )
         for node in nodes
     ]
     return _drawing(trees_as_dot([(tree, drawn)]), has_legend=False)
-
-
-_SHAPES: Final = {
-    MirroredNodeKind.UNKNOWN: NodeShape.UNKNOWN,
-    MirroredNodeKind.ACTION: NodeShape.ACTION,
-    MirroredNodeKind.CONDITION: NodeShape.CONDITION,
-    MirroredNodeKind.CONTROL: NodeShape.CONTROL,
-    MirroredNodeKind.DECORATOR: NodeShape.DECORATOR,
-    MirroredNodeKind.SUBTREE: NodeShape.SUBTREE,
-}
 
 
 def _drawing(lines: Iterable[str], *, has_legend: bool) -> Drawing:

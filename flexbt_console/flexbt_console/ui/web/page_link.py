@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 import traceback
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +15,7 @@ from typing import Any, Final
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common.errors import ResourceError
+from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror.fleet import RobotOverview
 from flexbt_console.mirror.records import OperatorCommand
@@ -26,7 +28,7 @@ from flexbt_core.values.text import escape_lines, one_line
 from .access import Access, WrongTokens
 from .drawings import NO_DRAWING, Drawings
 from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
-from .requests import Allowance, PageRequest, Told, answered, read
+from .requests import BURST, RATE, PageRequest, Told, answered, read
 
 PULSE: Final = 1.0
 """Seconds after which a page gets a message in any case: without it, it takes the server for lost."""
@@ -169,12 +171,12 @@ class PageLink:
     # Messages of the page
 
     async def _hear(self) -> None:
-        allowance = Allowance()
+        rates = SenderRates(RATE, BURST, time.monotonic)
         async for message in self._socket:
             if message.type is not WSMsgType.TEXT:
                 await self._socket.close(code=WSCloseCode.UNSUPPORTED_DATA, message=b'messages are text')
                 return
-            if not allowance.take():
+            if not rates.allows(b'page'):
                 await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'too many messages')
                 return
             self._begin(self._answer(message.data))

@@ -8,6 +8,7 @@ import struct
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from typing import Any, Final, NamedTuple, TypeVar
 
 from flexbt_console.commands.registry import COMMANDS
@@ -17,7 +18,7 @@ from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.records import OCCUPIED, Decision, GridMap, LogLine
 from flexbt_console.mirror.trees import MirroredNode, MirroredTree
 from flexbt_console.mirror.view import View
-from flexbt_console.present.json_form import encode_json
+from flexbt_console.present.json_form import encode_json, fields_of
 from flexbt_console.present.rendering import (
     BOOLEANS,
     age_text,
@@ -168,7 +169,7 @@ def _active(view: View) -> dict[str, Any]:
 def _decision(decision: Decision, view: View) -> dict[str, Any]:
     assert view.snapshot is not None
     state = view.state(decision.path)
-    leads = dict(zip(state.outcomes, state.targets, strict=False)) if state is not None else {}
+    leads = {one.outcome: one.target for one in state.transitions} if state is not None else {}
     around = view.drawn_for(decision)
     drawn = {'plan': [[round(x, 3), round(y, 3)] for x, y in around.plan], 'goal': around.goal}
     return {
@@ -247,9 +248,7 @@ def left_out_lines(view: View) -> list[str]:
 
 def _pose(view: View) -> dict[str, Any] | None:
     pose = view.snapshot.robot_pose if view.snapshot else None
-    if pose is None:
-        return None
-    return {'x': pose.x, 'y': pose.y, 'yaw': pose.yaw, 'text': pose_text(pose)}
+    return {**fields_of(pose), 'text': pose_text(pose)} if pose is not None else None
 
 
 def _where(view: View) -> str:
@@ -259,30 +258,23 @@ def _where(view: View) -> str:
 def _behaviors(view: View) -> list[dict[str, Any]]:
     return [
         {
-            'name': behavior.name,
+            **fields_of(behavior, 'author', 'package'),
             'description': one_line(behavior.description),
             'error': one_line(behavior.error),
             'machine': '\n'.join(machine_text_lines(behavior)),
             'lacks_machine': behavior.lacks_machine,
             'parameters': [
                 {
-                    'name': parameter.name,
-                    'label': parameter.label,
-                    'default': parameter.default,
+                    **fields_of(parameter, 'description', 'unit'),
                     'choices': parameter.choices or BOOLEANS * (parameter.type == 'bool'),
                     'help': parameter_text(parameter),
-                    'type': parameter.type,
-                    'minimum': parameter.minimum,
-                    'maximum': parameter.maximum,
                 }
                 for parameter in behavior.parameters
             ],
             'inputs': [
                 {
-                    'key': known.key,
-                    'type': known.type,
+                    **fields_of(known, 'description'),
                     'help': one_line(f'{known.type or "TYPE:VALUE"}  {known.description}'),
-                    'needed': known.needed,
                 }
                 for known in behavior.inputs
             ],
@@ -458,8 +450,8 @@ def map_part(map: GridMap) -> tuple[dict[str, Any], bytes]:
         pairs = [_united(a, b) for a, b in zip(rows[::2], [*rows[1::2], rows[-1]], strict=False)]
         cells = b''.join(_united(row[::2], row[1::2].ljust(-(-width // 2), b'\0')) for row in pairs)
         width, height, factor = -(-width // 2), len(pairs), factor * 2
-    head = {'width': width, 'height': height, 'resolution': map.resolution * factor, 'x': map.x, 'y': map.y}
-    return head, cells.translate(bytes([0, 2, 1, 1]) + bytes(252))
+    head = replace(map, width=width, height=height, resolution=map.resolution * factor)
+    return fields_of(head, 'cells'), cells.translate(bytes([0, 2, 1, 1]) + bytes(252))
 
 
 def _united(one: bytes, other: bytes) -> bytes:

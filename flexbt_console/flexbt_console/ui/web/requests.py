@@ -3,11 +3,8 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
@@ -30,26 +27,7 @@ MESSAGE_BYTES: Final = 65_536
 RATE: Final = 20.0
 """Messages a second that a page may send for long; BURST at once."""
 
-BURST: Final = 60.0
-
-
-@dataclass
-class Allowance:
-    """The messages that a page may still send: a bucket that fills with time."""
-
-    now: Callable[[], float] = time.monotonic
-    left: float = BURST
-    at: float = field(default=-math.inf)
-
-    def take(self) -> bool:
-        """One message; False when it is one too many."""
-        now = self.now()
-        self.left = min(BURST, self.left + RATE * max(0.0, now - self.at)) - 1.0
-        self.at = now
-        if self.left < 0.0:
-            self.left = 0.0
-            return False
-        return True
+BURST: Final = 60
 
 
 def read(text: str) -> dict[str, Any]:
