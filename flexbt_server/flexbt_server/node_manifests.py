@@ -35,10 +35,11 @@ from ament_index_python.resources import get_resource, get_resources
 
 from flexbt_common.errors import UnknownTypeError
 from flexbt_common.values.fields import Field, interface_class
+from flexbt_common.values.templates import Expression, Source, embedded, is_expression
 from flexbt_common.values.value_types import FieldError, slot_value
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import port_name_problem
-from flexbt_core.behavior_tree.model.errors import ConversionError, ElementError, RegistrationError
+from flexbt_core.behavior_tree.model.errors import ConversionError, ElementError, RegistrationError, ScriptError
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, input_port, pointer_key
 from flexbt_core.errors import FlexbtError
 from flexbt_core.skills.literals import SkillError
@@ -47,16 +48,7 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_core.values.yaml_data import YamlParts
 
 from .leaves.call_leaves import CallAction, CallService, CheckTopic, Publish, ReadTopic
-from .leaves.message_ports import (
-    Expression,
-    MessageLeaf,
-    Source,
-    embedded,
-    expression_type,
-    is_expression,
-    type_by_name,
-    type_of_field,
-)
+from .leaves.message_ports import Fields, MessageLeaf, expression_type, type_by_name, type_of_field
 
 RESOURCE: Final = 'flexbt_nodes'
 """Type of the ament resource by which a package lists its manifests."""
@@ -158,7 +150,7 @@ class _Reader(YamlParts):
             return None
         before = len(self.problems)
         fields, ports = self._fields(id, base, interface, entries)
-        attributes: dict[str, Any] = {}
+        attributes: dict[str, Any] = {'is_declared': True}
         condition = entries.get(base.condition) if base.condition else None
         if condition is not None:
             attributes['verdict'] = self._condition(id, condition, base, interface)
@@ -217,12 +209,12 @@ class _Reader(YamlParts):
 
     def _fields(
         self, id: str, base: type[MessageLeaf], interface: type[Any], entries: Mapping[str, yaml.Node]
-    ) -> tuple[dict[str, tuple[Field, Source]], dict[str, Port]]:
-        fields: dict[str, tuple[Field, Source]] = {}
+    ) -> tuple[Fields, dict[str, Port]]:
+        fields: Fields = {}
         ports: dict[str, Port] = {}
         known = self.mapping(entries.get('ports'), f'ports of {id}')
         for path, node in self.mapping(entries.get('fields'), f'fields of {id}').items():
-            prefix = path.partition('.')[0]
+            prefix, _, inner = path.partition('.')
             if prefix not in base.parts:
                 near = did_you_mean(prefix, base.parts, '')
                 self.problem(node, f'node {id}: [{path}] begins with none of {", ".join(base.parts)}{near}')
@@ -230,12 +222,12 @@ class _Reader(YamlParts):
             try:
                 field = base.field(interface, path)
                 source = self._source(path, node, field, is_input=base.parts[prefix].is_input)
-            except (FieldError, ConversionError) as error:
+            except (FieldError, ConversionError, ScriptError) as error:
                 self.problem(node, f'node {id}: [{path}]: {error}')
                 continue
-            fields[path] = field, source
-            if source.port:
-                self._add_port(id, node, source.port, base.port_of(path, field), ports)
+            fields[prefix, inner] = field, source
+            if source.name:
+                self._add_port(id, node, source.name, base.port_of(path, field), ports)
         for name, node in known.items():
             self._describe(id, name, node, ports)
         return fields, ports

@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
+from flexbt_common.values.templates import Expression
 from flexbt_core.behavior_tree.engine.leaf import StatefulAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, ElementError, PortError
@@ -28,7 +29,7 @@ from flexbt_core.values.yaml_data import YamlError, load_yaml
 
 from .action_leaf import ACTION_PORTS, BASE, ActionLeaf
 from .leaf_services import LeafServices
-from .message_ports import Expression, MessageLeaf, Part, expression_type
+from .message_ports import MessageLeaf, Part, expression_type
 from .service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf
 from .topic_cache import SubscribedTopic, TopicCache
 from .topic_leaf import TopicCondition
@@ -477,11 +478,11 @@ class CheckParameter(ServiceCondition):
         condition: Expression = self.get_input('check')
         values = {_VALUE: found[0]}
         try:
-            if condition.holds(self, {}, values):
+            if condition.holds(self.context.scripts, self.blackboard, {}, values):
                 return NodeStatus.SUCCESS
         except (BehaviorTreeError, ValueError) as error:
             return self.fail(f'check: {error}')
-        return self.fail(f'not true: {condition.described(self, {}, values)}')
+        return self.fail(f'not true: {condition.described(self.blackboard, {}, values)}')
 
 
 NODES: Final = (CallAction, CallService, Publish, ReadTopic, CheckTopic, SetParameter, CheckParameter)

@@ -8,17 +8,15 @@ message in the entry ``pose``.
 
 from __future__ import annotations
 
-import copy
-import re
 import typing
 from abc import ABCMeta
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, ClassVar, Final, NamedTuple
 
 from flexbt_common.errors import UnknownTypeError
 from flexbt_common.values.fields import Field, constants_of, interface_class
+from flexbt_common.values.templates import Expression, MessageTemplate, Source, embedded, is_expression
 from flexbt_common.values.value_types import (
     FieldError,
     ValueType,
@@ -28,11 +26,8 @@ from flexbt_common.values.value_types import (
     resolve_type,
 )
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
-from flexbt_core.behavior_tree.engine.node import TreeNode
-from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, ConversionError, ElementError, ScriptError
 from flexbt_core.behavior_tree.model.ports import (
-    ANY,
     BOOL,
     DOUBLE,
     FLOAT,
@@ -54,8 +49,7 @@ from flexbt_core.behavior_tree.model.ports import (
     pointer_key,
 )
 from flexbt_core.behavior_tree.model.status import NodeStatus
-from flexbt_core.behavior_tree.script.parser import parse_script
-from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text import did_you_mean
 from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, message_type
 
 _TYPES: Final = {
@@ -64,14 +58,6 @@ _TYPES: Final = {
     'geometry_msgs/msg/PoseStamped': POSE_STAMPED, 'geometry_msgs/msg/PoseStamped[]': POSES, 'nav_msgs/msg/Path': PATH,
 }  # fmt: skip
 """Port types of fields by the names of their types; those of other messages are made."""
-_SCALARS: Final = frozenset(name for name in _TYPES if '/' not in name)
-_NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
-_VALUE: Final = '_value'
-"""Name by which an expression keeps its value on its own blackboard."""
-_NAMES: Final = re.compile(r'(?<![\w.])@?[A-Za-z_]\w*')
-_PRIVATE: Final = re.compile(r"(?<![\w.'])_\w+")
-_PARTS: Final = re.compile(r"'[^']*'|(?<![\w.])(@?[A-Za-z_]\w*)((?:\.\w+)+)")
-"""A text of a script, or a name with the path of a field."""
 
 
 def type_of_field(field: Field) -> PortType:
@@ -131,95 +117,7 @@ def _reader(resolved: ValueType) -> Callable[[str], Any]:
     return from_text
 
 
-# Expressions.
-
-
-class Expression:
-    """An expression in the language of scripts that also reads fields of messages, as ``name.field``.
-
-    Names are entries of the blackboard. A name with a field is a message in an entry, unless it is one of ``roots``:
-    the messages that a leaf has received, by what they are called in its expressions.
-    """
-
-    def __init__(self, text: str, roots: Mapping[str, type[Any]]) -> None:
-        """Raise ScriptError or FieldError if this is no expression, or reads a field that a root does not have."""
-        self.text = text
-        self._roots = roots
-        self._constants: dict[str, Any] = {}
-        self._fields: dict[str, tuple[str, str, Field | None]] = {}
-        """By placeholder in the script: name and path, and the field of a root."""
-        self._placeholders: dict[str, str] = {}
-        self.script = _PARTS.sub(self._placeholder, text)
-        if len(parse_script(self.script)) != 1:
-            raise ScriptError(text, 0, 'expected one expression')
-        self.names = frozenset(_NAMES.findall(re.sub(r"'[^']*'", '', text)))
-        """Names in the text: entries, ports, roots."""
-        self._private = [name for name in _PRIVATE.findall(self.script) if name not in self._placeholders.values()]
-
-    def _placeholder(self, match: re.Match[str]) -> str:
-        whole, name, path = match[0], match[1], match[2]
-        if name is None:
-            return whole
-        known = self._placeholders.get(whole)
-        if known is not None:
-            return known
-        placeholder = self._placeholders[whole] = f'_field{len(self._placeholders)}'
-        path = path[1:]
-        root = self._roots.get(name)
-        if root is not None and path in constants_of(root):
-            self._constants[placeholder] = getattr(root, path)
-            return placeholder
-        field = None if root is None else Field(root, path)
-        if field is not None and (field.slot is None or field.type_name not in _SCALARS):
-            raise FieldError(whole, f'it is a {field.type_name}; an expression reads numbers, bools and texts')
-        self._fields[placeholder] = name, path, field
-        return placeholder
-
-    def value(self, node: TreeNode, values: Mapping[str, Any] = _NOTHING) -> Any:
-        """Return the value, on the blackboard of a node; ``values`` are named values in front of the blackboard.
-
-        Raises:
-            ValueError, BlackboardError: an entry is missing, or has no such field.
-            ScriptError: the values cannot be combined so.
-        """
-        board = self._board(node, {}, values)
-        board.declare(_VALUE, ANY)
-        node.context.scripts.script(f'{_VALUE} := ({self.script})').bind(board).run()
-        return board.get(_VALUE)
-
-    def holds(self, node: TreeNode, messages: Mapping[str, Any], values: Mapping[str, Any] = _NOTHING) -> bool:
-        """Return whether the condition is true of these messages and named values. Raises as :meth:`value`."""
-        board = self._board(node, messages, values)
-        return bool(node.context.scripts.script(self.script).bind(board, condition=True).run())
-
-    def described(self, node: TreeNode, messages: Mapping[str, Any], values: Mapping[str, Any] = _NOTHING) -> str:
-        """Return the expression and the values of the fields that it reads, for a person."""
-        shown = [f'{name} = {short_repr(value)}' for name, value in values.items()]
-        for name, path, field in self._fields.values():
-            shown.append(f'{name}.{path} = {short_repr(_read(node, name, path, field, messages, values))}')
-        return f'{self.text} ({", ".join(shown)})' if shown else self.text
-
-    def _board(self, node: TreeNode, messages: Mapping[str, Any], values: Mapping[str, Any]) -> Blackboard:
-        board = Blackboard(node.blackboard)
-        board.enable_autoremap()
-        for name in self._private:
-            board.remap(name, name)
-        for name, value in (*self._constants.items(), *values.items()):
-            board.put(name, value, None)
-        for placeholder, (name, path, field) in self._fields.items():
-            board.put(placeholder, _read(node, name, path, field, messages, values), None)
-        return board
-
-
-def _read(
-    node: TreeNode, name: str, path: str, field: Field | None, messages: Mapping[str, Any], values: Mapping[str, Any]
-) -> Any:
-    if field is not None:
-        return field.get(messages[name])
-    message = values[name] if name in values else node.blackboard.get(name)
-    if not hasattr(type(message), 'get_fields_and_field_types'):
-        raise ValueError(f'the entry [{name}] holds no message with a field {path!r}, but {short_repr(message)}')
-    return Field(type(message), path).get(message)
+# Expressions in ports.
 
 
 def expression_type(name: str, roots: Mapping[str, type[Any]]) -> PortType:
@@ -234,20 +132,21 @@ def expression_type(name: str, roots: Mapping[str, type[Any]]) -> PortType:
     return PortType(name, Expression, 'object', from_text, immutable=True)
 
 
-def is_expression(text: object) -> bool:
-    """Return whether the value of a field is written as ``${expression}``."""
-    return isinstance(text, str) and text.strip().startswith('${') and text.rstrip().endswith('}')
+def _embedded(text: str) -> Expression:
+    try:
+        return embedded(text)
+    except ScriptError as error:
+        raise ConversionError(error.reason) from error
 
 
-def embedded(text: str) -> Expression:
-    """Return the expression of ``${expression}``. Raises ConversionError."""
-    return expression_type('expression', {}).parse(text.strip()[2:-1])
-
-
-_EMBEDDED: Final = PortType('expression', Expression, 'object', embedded, immutable=True)
+_EMBEDDED: Final = PortType('expression', Expression, 'object', _embedded, immutable=True)
 
 
 # Leaves whose ports are the fields that their element gives.
+
+
+Fields = dict[tuple[str, str], tuple[Field, Source]]
+"""Fields of the messages of an interface, by part and path."""
 
 
 class Part(NamedTuple):
@@ -260,13 +159,6 @@ class Part(NamedTuple):
     def of(self, interface: type[Any]) -> type[Any]:
         message: type[Any] = getattr(interface, self.attribute) if self.attribute else interface
         return message
-
-
-class Source(NamedTuple):
-    """Where the value of a field comes from or goes to: a port, or else a constant or an expression."""
-
-    port: str
-    value: Any = None
 
 
 class MessageLeaf(LeafNode):
@@ -287,12 +179,12 @@ class MessageLeaf(LeafNode):
     """Messages of the interface, by what attributes begin with."""
     condition: ClassVar[str] = ''
     """Port with a condition on the messages that the leaf receives."""
-    fields: ClassVar[Mapping[str, tuple[Field, Source]]] = {}
-    """The fields that are sent or received, by path."""
+    templates: ClassVar[Mapping[str, MessageTemplate]] = {}
+    """The fields that are sent or received, by part."""
     verdict: ClassVar[Expression | None] = None
     """Condition of a class from a manifest, which has no port for it."""
-    is_complete: ClassVar[bool] = False
-    """True if the class has its interface."""
+    is_declared: ClassVar[bool] = False
+    """True if a manifest declares the class; it has all that an element would give."""
 
     @classmethod
     def for_element(cls, attributes: Mapping[str, str]) -> type[MessageLeaf]:
@@ -302,13 +194,13 @@ class MessageLeaf(LeafNode):
             ElementError: the type is unknown, or its messages have no such fields.
         """
         name = attributes.get('type')
-        if cls.is_complete or name is None:
+        if cls.is_declared or name is None:
             return cls  # in the second case the port is missing, which is reported
         try:
             interface = interface_class(name, cls.interface_kind)
         except UnknownTypeError as error:
             raise ElementError([('type', str(error))]) from error
-        fields: dict[str, tuple[Field, Source]] = {}
+        fields: Fields = {}
         ports = dict(cls.ports)
         problems: list[tuple[str, str]] = []
         for attribute, text in attributes.items():
@@ -322,7 +214,7 @@ class MessageLeaf(LeafNode):
             except FieldError as error:
                 problems.append((attribute, str(error)))
                 continue
-            fields[attribute] = field, Source(attribute)
+            fields[prefix, path] = field, Source(attribute)
             port = cls.port_of(attribute, field)
             ports[attribute] = replace(port, literal=_EMBEDDED) if is_expression(text) else port
         if cls.condition:
@@ -362,20 +254,19 @@ class MessageLeaf(LeafNode):
 
     @classmethod
     def derived(
-        cls,
-        name: str,
-        interface: type[Any],
-        fields: Mapping[str, tuple[Field, Source]],
-        ports: Mapping[str, Port],
-        options: Mapping[str, Any],
+        cls, name: str, interface: type[Any], fields: Fields, ports: Mapping[str, Port], options: Mapping[str, Any]
     ) -> type[MessageLeaf]:
         """Return a class for an interface, with these fields and ports, and these further attributes."""
+        of_parts: dict[str, dict[str, tuple[Field, Source]]] = {prefix: {} for prefix in cls.parts}
+        for (prefix, path), field in fields.items():
+            of_parts[prefix][path] = field
         attributes: dict[str, Any] = {
             '__slots__': (),
             '__doc__': cls.__doc__,
             '__module__': cls.__module__,
-            'is_complete': True,
-            'fields': fields,
+            'templates': {
+                prefix: MessageTemplate(cls.parts[prefix].of(interface), given) for prefix, given in of_parts.items()
+            },
             'ports': ports,
             cls.type_attribute: interface,
         }
@@ -396,37 +287,20 @@ class MessageLeaf(LeafNode):
         Raises:
             ValueError, PortError: a value is missing, or does not fit.
         """
-        given = {path: source for path, source in self.fields.items() if path.partition('.')[0] == prefix}
-        message: Any = None
-        if prefix in given:
-            _, whole = given.pop(prefix)
-            message = copy.deepcopy(self._value(prefix, whole)) if given else self._value(prefix, whole)
-        if message is None:
-            message = self.parts[prefix].of(getattr(self, self.type_attribute))()
-        for path, (field, source) in sorted(given.items(), key=lambda one: one[1][0].steps):
-            value = self._value(path, source)
-            if value is None:  # a port that may be left out
-                continue
-            if any(other.startswith(f'{path}.') for other in given):  # it is changed, and belongs to the blackboard
-                value = copy.deepcopy(value)
-            try:
-                field.set(message, value)
-            except FieldError as error:
-                raise ValueError(f'[{path}]: {error.reason}') from error
-        return message
+        return self.templates[prefix].make(self._named, self._evaluated)
 
-    def _value(self, path: str, source: Source) -> Any:
-        value = self.get_input_or(source.port, None) if source.port else source.value
-        if value is None and source.port in self.port_values:
-            value = self.get_input(source.port)  # raises the reason
-        if not isinstance(value, Expression):
-            return value
-        kind = type_of_field(self.fields[path][0])
-        ports = {name: self.get_input(name) for name in self.ports if not source.port and name in value.names}
+    def _named(self, port: str) -> Any:
+        value = self.get_input_or(port, None)
+        if value is None and port in self.port_values:
+            return self.get_input(port)  # raises the reason
+        return value
+
+    def _evaluated(self, field: Field, expression: Expression) -> Any:
+        ports = {name: self.get_input(name) for name in self.ports if self.is_declared and name in expression.names}
         try:
-            return cast(value.value(self, ports), kind)
-        except (BehaviorTreeError, ValueError) as error:
-            raise ValueError(f'[{path}]: {error}') from error
+            return cast(expression.value(self.context.scripts, self.blackboard, ports), type_of_field(field))
+        except BehaviorTreeError as error:
+            raise ValueError(str(error)) from error
 
     def take(self, prefix: str, message: Any) -> None:
         """Write the ports of an output part.
@@ -434,19 +308,19 @@ class MessageLeaf(LeafNode):
         Raises:
             ValueError, PortError: the message has no such element, or the entry another type.
         """
-        for path, (field, source) in self.fields.items():
-            if path.partition('.')[0] == prefix and self.port_key(source.port) is not None:
+        for path, (field, source) in self.templates[prefix].fields.items():
+            if self.port_key(source.name) is not None:
                 try:
-                    self.set_output(source.port, field.get(message))
+                    self.set_output(source.name, field.get(message))
                 except FieldError as error:
-                    raise ValueError(f'[{path}]: {error}') from error
+                    raise ValueError(f'[{path or prefix}]: {error}') from error
 
     def judge(self, messages: Mapping[str, Any]) -> NodeStatus:
         """Return SUCCESS, or FAILURE with the reason if there is a condition that is not true of the messages."""
         condition = self.get_input_or(self.condition, None) if self.condition in self.ports else self.verdict
         try:
-            if condition is None or condition.holds(self, messages):
+            if condition is None or condition.holds(self.context.scripts, self.blackboard, messages):
                 return NodeStatus.SUCCESS
-            return self.fail(f'{self.condition}: not true: {condition.described(self, messages)}')
+            return self.fail(f'{self.condition}: not true: {condition.described(self.blackboard, messages)}')
         except (BehaviorTreeError, ValueError) as error:
             return self.fail(f'{self.condition}: {error}')
