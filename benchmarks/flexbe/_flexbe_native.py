@@ -8,13 +8,14 @@ from typing import Final
 from _flexbe_stamp import entered
 from nav2_msgs.action import Wait
 
+from flexbt_common.calls.action_call import GoalOutcome
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, OperatorDecisionState
-from flexbt_states.goal_call import GoalCall, GoalState
+from flexbt_states.goal_call import GoalState
 
 ACTION: Final = 'flexbe_benchmark/wait'
 TREE: Final = 'flexbe_probe_behaviors/config/probe.xml'
@@ -31,17 +32,13 @@ class Call(GoalState):
     """Sends a goal, and ends when there is a result."""
 
     def __init__(self) -> None:
-        super().__init__(outcomes=['done', 'failed'], desired_rate=None)
-        self._goal = GoalCall(self, Wait, ACTION)
+        super().__init__(Wait, ACTION, outcomes=['done', 'failed'])
 
-    def on_enter(self, userdata: UserData) -> None:
+    def _make_goal(self, userdata: UserData) -> Wait.Goal:
         entered('Call')
-        self._goal.send(Wait.Goal())
+        return Wait.Goal()
 
-    def execute(self, userdata: UserData) -> str | None:
-        ended = self._goal.poll()
-        if ended is None:
-            return None
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
         return 'done' if ended.status.name == 'SUCCEEDED' else 'failed'
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalOutcome
@@ -14,8 +15,8 @@ from flexbt_msgs.action import BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BtLoadReport
 
 from .errors import StateParameterError
-from .goal_call import BtUse, GoalCall, GoalState, read_values, state_outcome
-from .parameter_checks import checked_file, checked_timeout, checked_topic, checked_types
+from .goal_call import BtUse, GoalState, read_values, state_outcome
+from .parameter_checks import checked_file, checked_types
 
 
 class BtLoaderState(GoalState):
@@ -38,32 +39,29 @@ class BtLoaderState(GoalState):
         timeout: float | None = 5.0,
         xml: str = '',
     ) -> None:
-        super().__init__(outcomes=['done', 'failed'], desired_rate=None)
+        super().__init__(BtLoad, bt_topic, timeout, parameter='bt_topic', outcomes=['done', 'failed'])
         if isinstance(filepaths, str):
             raise StateParameterError(self, 'filepaths', f'{filepaths!r} is a string, not a list of files')
         if not filepaths and not xml:
             raise StateParameterError(self, 'filepaths', 'the list is empty; name at least one XML file')
         self._files = [checked_file(self, 'filepaths', name) for name in filepaths]
         self._xml = xml
-        self._timeout = checked_timeout(self, 'timeout', timeout)
-        self.skill = self.skill.within(self._timeout)
-        self._goal = GoalCall(self, BtLoad, checked_topic(self, 'bt_topic', bt_topic))
 
     @property
     def bt_use(self) -> BtUse:
         return BtUse(files=tuple(self._files), xml=self._xml)
 
-    def on_enter(self, userdata: UserData) -> None:
-        self._goal.send(BtLoad.Goal(files=self._files, xml=self._xml), timeout=self._timeout)
+    def _make_goal(self, userdata: UserData) -> Any:
+        return BtLoad.Goal(files=self._files, xml=self._xml)
 
-    def execute(self, userdata: UserData) -> str | None:
-        outcome = self._goal.poll()
-        if outcome is None:
-            return None
-        answer, reason = state_outcome(outcome, f'loading {", ".join(self._files) or "XML text"}')
+    def _what(self) -> str:
+        return f'loading {", ".join(self._files) or "XML text"}'
+
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
+        answer, reason = state_outcome(ended, self._what())
         if answer == 'done':
             return 'done'
-        self.log_error('\n'.join([reason, *_refusals(outcome)]))
+        self.log_error('\n'.join([reason, *_refusals(ended)]))
         return 'failed'
 
 
@@ -78,7 +76,7 @@ def _refusals(outcome: GoalOutcome) -> list[str]:
     ]
 
 
-# State that reads from the blackboard of the BT server.
+# States that read from the blackboard of the BT server, or write to it.
 
 
 class BtGetDataState(GoalState):
@@ -119,28 +117,27 @@ class BtGetDataState(GoalState):
             self._userdata_keys[request_id] = 'data'
         if not self._types:
             raise StateParameterError(self, 'request_id', 'no key to read; give request_id or outputs')
-        super().__init__(outcomes=['done', 'failed'], output_keys=list(self._userdata_keys.values()), desired_rate=None)
+        keys = list(self._userdata_keys.values())
+        super().__init__(
+            BtGetData, bt_topic, timeout, parameter='bt_topic', outcomes=['done', 'failed'], output_keys=keys
+        )
         self._blackboard = blackboard
-        self._timeout = checked_timeout(self, 'timeout', timeout)
-        self.skill = self.skill.within(self._timeout)
-        self._goal = GoalCall(self, BtGetData, checked_topic(self, 'bt_topic', bt_topic))
 
     @property
     def bt_use(self) -> BtUse:
         return BtUse(blackboard=self._blackboard, reads=self._types)
 
-    def on_enter(self, userdata: UserData) -> None:
-        goal = BtGetData.Goal(blackboard=self._blackboard, keys=list(self._types), encoding=BtGetData.Goal.BINARY)
-        self._goal.send(goal, timeout=self._timeout)
+    def _make_goal(self, userdata: UserData) -> Any:
+        return BtGetData.Goal(blackboard=self._blackboard, keys=list(self._types), encoding=BtGetData.Goal.BINARY)
 
-    def execute(self, userdata: UserData) -> str | None:
-        outcome = self._goal.poll()
-        if outcome is None:
-            return None
-        answer, reason = state_outcome(outcome, f'reading {", ".join(map(repr, self._types))}')
-        if answer == 'done' and outcome.result is not None:
+    def _what(self) -> str:
+        return f'reading {", ".join(map(repr, self._types))}'
+
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
+        answer, reason = state_outcome(ended, self._what())
+        if answer == 'done' and ended.result is not None:
             try:
-                values = read_values(outcome.result.entries, self._types)
+                values = read_values(ended.result.entries, self._types)
             except FlexbtError as error:
                 reason = str(error)
             else:
@@ -149,9 +146,6 @@ class BtGetDataState(GoalState):
                 return 'done'
         self.log_error(reason)
         return 'failed'
-
-
-# State that writes to the blackboard of the BT server.
 
 
 class BtSetDataState(GoalState):
@@ -190,36 +184,26 @@ class BtSetDataState(GoalState):
             self._userdata_keys[goal_id] = 'goal'
         if not self._types:
             raise StateParameterError(self, 'goal_id', 'no key to write; give goal_id or inputs')
-        super().__init__(outcomes=['done', 'failed'], input_keys=list(self._userdata_keys.values()), desired_rate=None)
+        keys = list(self._userdata_keys.values())
+        super().__init__(
+            BtSetData, bt_topic, timeout, parameter='bt_topic', outcomes=['done', 'failed'], input_keys=keys
+        )
         self._blackboard = blackboard
-        self._timeout = checked_timeout(self, 'timeout', timeout)
-        self.skill = self.skill.within(self._timeout)
-        self._refusal = ''
-        self._goal = GoalCall(self, BtSetData, checked_topic(self, 'bt_topic', bt_topic))
 
     @property
     def bt_use(self) -> BtUse:
         return BtUse(blackboard=self._blackboard, writes=self._types)
 
-    def on_enter(self, userdata: UserData) -> None:
-        self._refusal = ''
-        try:
-            entries = [to_entry(key, userdata[self._userdata_keys[key]], type) for key, type in self._types.items()]
-        except FlexbtError as error:
-            self._refusal = str(error)
-            return
-        self._goal.send(BtSetData.Goal(blackboard=self._blackboard, entries=entries), timeout=self._timeout)
+    def _make_goal(self, userdata: UserData) -> Any:
+        entries = [to_entry(key, userdata[self._userdata_keys[key]], type) for key, type in self._types.items()]
+        return BtSetData.Goal(blackboard=self._blackboard, entries=entries)
 
-    def execute(self, userdata: UserData) -> str | None:
-        what = f'writing {", ".join(map(repr, self._types))}'
-        if self._refusal:
-            self.log_error(f'{what}: {self._refusal}')
+    def _what(self) -> str:
+        return f'writing {", ".join(map(repr, self._types))}'
+
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
+        answer, reason = state_outcome(ended, self._what())
+        if answer != 'done':
+            self.log_error(reason)
             return 'failed'
-        outcome = self._goal.poll()
-        if outcome is None:
-            return None
-        answer, reason = state_outcome(outcome, what)
-        if answer == 'done':
-            return 'done'
-        self.log_error(reason)
-        return 'failed'
+        return 'done'

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from flexbt_common import names
+from flexbt_common.calls.action_call import GoalOutcome
 from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceOutcome
 from flexbt_common.values.entries import check_value, to_entry
 from flexbt_core.errors import FlexbtError
@@ -16,15 +17,15 @@ from flexbt_core.state_machine.model.state_host import Progress, Severity
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
-from flexbt_onboard.behaviors.run_context import state_services
+from flexbt_onboard.behaviors.run_context import StateServices
 
 from .errors import StateParameterError
-from .goal_call import BtUse, GoalCall, GoalState, read_values, state_outcome
-from .parameter_checks import checked_timeout, checked_topic, checked_tree, checked_types
+from .goal_call import BtUse, GoalState, read_values, state_outcome
+from .parameter_checks import checked_tree, checked_types
 
 
 class TreeState(GoalState):
-    """The base of states that run a tree on the BT server until it ends; a derived state calls :meth:`_run_tree`.
+    """The base of states that run a tree on the BT server until it ends.
 
     ``inputs`` and ``outputs`` are blackboard keys with their types, ``writes`` all that is written before the first
     tick. ``userdata_keys`` are the userdata keys of those outputs that have another name there.
@@ -46,66 +47,56 @@ class TreeState(GoalState):
         self._inputs = inputs
         self._userdata_keys = {key: key for key in outputs} | dict(userdata_keys or {})
         super().__init__(
+            BtExecute,
+            bt_topic,
+            timeout,
+            parameter='bt_topic',
+            not_paused=self._not_paused,
             outcomes=['done', 'canceled', 'failed'],
             input_keys=[*input_keys, *inputs],
             output_keys=list(self._userdata_keys.values()),
-            desired_rate=None,
         )
-        self._topic = checked_topic(self, 'bt_topic', bt_topic)
         self.bt_use = BtUse(
             tree=checked_tree(self, 'bt_file', bt_file),
             blackboard=blackboard,
             writes=inputs if writes is None else writes,
             reads=outputs,
         )
-        self._timeout = checked_timeout(self, 'timeout', timeout)
-        self.skill = self.skill.within(self._timeout)
         prefix, slash, _ = self._topic.rpartition('/')
         self._control_topic = f'{prefix}{slash}{names.CONTROL_TREE}'
         self._control: ServiceLink | None = None
         self._pause: TreePause | None = None
-        self._goal = GoalCall(self, BtExecute, self._topic, self._not_paused)
         self._activity: Sequence[str] = ()
         self._not_ended: Sequence[str] = ()
         self._progress = Progress()
-        self._refusal = ''
-        self._changed: Callable[[], None] | None = None
 
     def on_start(self) -> None:
         super().on_start()
         self._control_link()
 
-    def _run_tree(
-        self, userdata: UserData, goals: Sequence[Any] = (), goal_input: tuple[str, Any, str] | None = None
-    ) -> None:
-        """Send the goal with goal poses and, beside the inputs, an input that is a goal (key, value, type).
+    def _goals(self, userdata: UserData) -> tuple[Sequence[Any], Sequence[tuple[str, Any, str]]]:
+        """Return the goal poses, and further inputs: key, value and type."""
+        return (), ()
 
-        Time counts on the state's clock.
-        """
+    def _make_goal(self, userdata: UserData) -> Any:
+        poses, more = self._goals(userdata)
         inputs = [(key, userdata[key], type) for key, type in self._inputs.items()]
-        if goal_input is not None:
-            inputs.append(goal_input)
-        self._activity = self._not_ended = ()
-        self._progress = Progress()
-        self._refusal = ''
-        try:
-            entries = [to_entry(key, value, type) for key, value, type in inputs]
-        except FlexbtError as error:
-            self._refusal = str(error)
-            return
-        services = state_services(self)
-        self._changed = services.changed
-        goal = BtExecute.Goal(
+        return BtExecute.Goal(
             behavior_tree=self.bt_use.tree,
-            goals=list(goals),
-            inputs=entries,
+            goals=list(poses),
+            inputs=[to_entry(key, value, type) for key, value, type in (*inputs, *more)],
             outputs=list(self.bt_use.reads),
             output_encoding=BtExecute.Goal.BINARY,
             blackboard=self.bt_use.blackboard,
-            owner=services.node_name,
+            owner=self._goal.services.node_name,
         )
+
+    def _send(self, goal: Any) -> None:
+        """Send the goal. Time counts on the state's clock."""
+        self._activity = self._not_ended = ()
+        self._progress = Progress()
         self._goal.send(goal, timeout=self._timeout, clock=self.clock, on_feedback=self._on_feedback)
-        self._pause = TreePause(self, self._control_link(), self._goal.goal_id)
+        self._pause = TreePause(self, self._goal.services, self._control_link(), self._goal.goal_id)
 
     def on_pause(self) -> None:
         if self._pause is not None:
@@ -115,16 +106,12 @@ class TreeState(GoalState):
         if self._pause is not None:
             self._pause.set(False)
 
-    def execute(self, userdata: UserData) -> str | None:
-        what = f'behavior tree {self.bt_use.tree!r}' if self.bt_use.tree else 'the default behavior tree'
-        if self._refusal:
-            self.log_error(f'{what}: {self._refusal}')
-            return 'failed'
-        ended = self._goal.poll()
-        if ended is None:
-            return None
+    def _what(self) -> str:
+        return f'behavior tree {self.bt_use.tree!r}' if self.bt_use.tree else 'the default behavior tree'
+
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
+        what, result = self._what(), ended.result
         answer, reason = state_outcome(ended, what)
-        result = ended.result
         if answer != 'done':
             if result is not None and result.failed_node:
                 reason += f' (node {result.failed_node})'
@@ -168,15 +155,17 @@ class TreeState(GoalState):
 
     def _control_link(self) -> ServiceLink:
         if self._control is None:
-            self._control = state_services(self).services.link(ControlTree, self._control_topic)
+            self._control = self._goal.services.services.link(ControlTree, self._control_topic)
         return self._control
 
     def _not_paused(self) -> Sequence[str]:
         return () if self._pause is None else (*self._not_ended, *self._pause.not_paused())
 
     def _warn_of(self, not_ended: Sequence[str]) -> None:
-        for line in state_services(self).goals.untold(self._topic, not_ended):
-            self.log_warn(line)
+        host = self.bound_to  # none when the run has ended, on its thread
+        if host is not None:
+            for line in self._goal.services.goals.untold(self._topic, not_ended):
+                host.log(Severity.WARN, line)
 
     def _on_feedback(self, feedback: Any) -> None:
         if (pause := self._pause) is not None:
@@ -196,8 +185,7 @@ class TreeState(GoalState):
             self._warn_of(not_ended)
         if (nodes, not_ended) != (self._activity, self._not_ended):
             self._activity, self._not_ended = nodes, not_ended
-            if self._changed is not None:
-                self._changed()
+            self._goal.services.changed()
 
 
 # State that runs a behavior tree.
@@ -236,9 +224,6 @@ class BtExecuteState(TreeState):
     ) -> None:
         written, read = checked_types(self, 'inputs', inputs), checked_types(self, 'outputs', outputs)
         super().__init__(bt_topic, bt_file, written, read, blackboard, timeout)
-
-    def on_enter(self, userdata: UserData) -> None:
-        self._run_tree(userdata)
 
 
 # State that runs a behavior tree with a goal from the userdata.
@@ -318,23 +303,16 @@ class BtExecuteGoalState(TreeState):
             userdata_keys={request_id: 'data'} if request_id else {},
         )
 
-    def on_enter(self, userdata: UserData) -> None:
+    def _goals(self, userdata: UserData) -> tuple[Sequence[Any], Sequence[tuple[str, Any, str]]]:
         goal = userdata['goal']
         if self._goal_type.removesuffix('[]') != _POSE:
-            self._run_tree(userdata, goal_input=(self._goal_id, goal, self._goal_type))
-            return
-        is_list = isinstance(goal, list | tuple) or self._goal_id == 'goals' or self._goal_type.endswith('[]')
-        try:
-            poses = _poses(goal)
-        except FlexbtError as error:
-            self._refusal = str(error)
-            return
+            return (), [(self._goal_id, goal, self._goal_type)]
+        poses = _poses(goal)
         if self._goal_id == 'goal':
-            self._run_tree(userdata, poses)
-        elif is_list:
-            self._run_tree(userdata, goal_input=(self._goal_id, poses, f'{_POSE}[]'))
-        else:
-            self._run_tree(userdata, goal_input=(self._goal_id, poses[0], _POSE))
+            return poses, ()
+        if isinstance(goal, list | tuple) or self._goal_id == 'goals' or self._goal_type.endswith('[]'):
+            return (), [(self._goal_id, poses, f'{_POSE}[]')]
+        return (), [(self._goal_id, poses[0], _POSE)]
 
     def _refuse_reserved(self, parameter: str, keys: Mapping[str, str], name: str) -> None:
         if name in keys:
@@ -366,9 +344,9 @@ class TreePause:
     :meth:`not_paused` returns the leaves that the server reports as still working.
     """
 
-    def __init__(self, state: EventState, link: ServiceLink, run_id: str) -> None:
+    def __init__(self, state: EventState, services: StateServices, link: ServiceLink, run_id: str) -> None:
         self._state = state
-        self._services = state_services(state)
+        self._services = services
         self._link = link
         self._run_id = run_id
         self._lock = threading.Lock()

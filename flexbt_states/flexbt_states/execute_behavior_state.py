@@ -3,21 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from flexbt_common import names
-from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.values.entries import to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument
-from flexbt_onboard.behaviors.run_context import state_services
 
-from .goal_call import GoalCall, GoalState, read_values
-from .parameter_checks import checked_outcomes, checked_timeout, checked_topic, checked_types
+from .goal_call import GoalState, read_values
+from .parameter_checks import checked_outcomes, checked_types
 
 
 class ExecuteBehaviorState(GoalState):
@@ -55,53 +54,37 @@ class ExecuteBehaviorState(GoalState):
         self._inputs = checked_types(self, 'inputs', inputs)
         self._outputs = checked_types(self, 'outputs', outputs)
         super().__init__(
+            ExecuteBehavior,
+            topic,
+            timeout,
+            not_paused=lambda: ('pause it at its own executive',),
             outcomes=list(dict.fromkeys([*checked_outcomes(self, 'outcomes', outcomes), 'canceled', 'failed'])),
             input_keys=list(self._inputs),
             output_keys=list(self._outputs),
-            desired_rate=None,
         )
         self._behavior = behavior
         self._arguments = [BehaviorArgument(name=name, value=value) for name, value in (arguments or {}).items()]
         self._autonomy = int(autonomy)
-        self._timeout = checked_timeout(self, 'timeout', timeout)
-        self.skill = self.skill.within(self._timeout)
-        self._goal = GoalCall(
-            self,
-            ExecuteBehavior,
-            checked_topic(self, 'topic', topic),
-            lambda: ('pause it at its own executive',),
-        )
         self._activity: Sequence[str] = ()
-        self._refusal = ''
-        self._changed: Callable[[], None] | None = None
 
-    def on_enter(self, userdata: UserData) -> None:
-        self._activity = ()
-        self._refusal = ''
-        self._changed = state_services(self).changed
-        try:
-            inputs = [to_entry(key, userdata[key], type) for key, type in self._inputs.items()]
-        except FlexbtError as error:
-            self._refusal = str(error)
-            return
-        goal = ExecuteBehavior.Goal(
+    def _make_goal(self, userdata: UserData) -> Any:
+        return ExecuteBehavior.Goal(
             behavior=self._behavior,
             arguments=self._arguments,
-            inputs=inputs,
+            inputs=[to_entry(key, userdata[key], type) for key, type in self._inputs.items()],
             autonomy=self._autonomy,
             output_encoding=BtExecute.Goal.BINARY,
         )
+
+    def _send(self, goal: Any) -> None:
+        self._activity = ()
         self._goal.send(goal, timeout=self._timeout, clock=self.clock, on_feedback=self._on_feedback)
 
-    def execute(self, userdata: UserData) -> str | None:
-        what = f'behavior {self._behavior!r}'
-        if self._refusal:
-            self.log_error(f'{what}: {self._refusal}')
-            return 'failed'
-        ended = self._goal.poll()
-        if ended is None:
-            return None
-        result = ended.result
+    def _what(self) -> str:
+        return f'behavior {self._behavior!r}'
+
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
+        what, result = self._what(), ended.result
         if result is not None and result.code == ExecuteBehavior.Result.CANCELED:
             self.log_warn(f'{what}: canceled: {result.message}')
             return 'canceled'
@@ -126,5 +109,4 @@ class ExecuteBehaviorState(GoalState):
 
     def _on_feedback(self, feedback: Any) -> None:
         self._activity = tuple(feedback.active_states)
-        if self._changed is not None:
-            self._changed()
+        self._goal.services.changed()

@@ -14,9 +14,9 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_msgs.action import BtExecute
-from flexbt_onboard.behaviors.run_context import READY_SECONDS, state_services
+from flexbt_onboard.behaviors.run_context import READY_SECONDS, StateServices, state_services
 
-from .parameter_checks import checked_type
+from .parameter_checks import checked_timeout, checked_topic, checked_type
 
 SERVER_SECONDS: Final = 1.0
 """Time to wait for a server when all nodes that are alive are ready, s of wall time."""
@@ -32,8 +32,11 @@ class GoalCall:
 
     The state is woken when the goal is done or its time is up. A goal that is still active when the state is left is
     canceled, and the state has not halted before that is confirmed, or the server is gone. ``not_paused`` says why the
-    goal goes on while the state is paused, or what of it does; nothing if it does not.
+    goal goes on while the state is paused, or what of it does; nothing if it does not. ``services`` are those of the
+    run, from :meth:`prepare` on: feedback may come when the run has ended, and the state is part of none.
     """
+
+    services: StateServices
 
     def __init__(
         self,
@@ -76,7 +79,8 @@ class GoalCall:
     def prepare(self) -> None:
         """Look for the server already: called when the run starts, so that discovery is over when the goal is sent."""
         if self._link is None:
-            self._link = state_services(self._state).actions.link(self._action_type, self._topic)
+            self.services = state_services(self._state)
+            self._link = self.services.actions.link(self._action_type, self._topic)
 
     def send(
         self,
@@ -92,16 +96,15 @@ class GoalCall:
         self._outcome = None
         self._timeout = timeout
         if timeout is not None:
-            self._clock = clock or state_services(self._state).runtime.steady
+            self._clock = clock or self.services.runtime.steady
             self._deadline = self._clock.now() + timeout
             self._timer = self._clock.call_at(self._deadline, self._state.wake)
-        services = state_services(self._state)
         # A server of a node that is about to be ready will be there.
-        patience = READY_SECONDS if services.unready() else SERVER_SECONDS
+        patience = READY_SECONDS if self.services.unready() else SERVER_SECONDS
         self._call = self._last = ActionCall(
             self._link, goal, on_done=self._on_done, on_feedback=on_feedback, server_timeout=patience
         )
-        services.goals.add(self._state, self._topic, self._call, self._not_paused)
+        self.services.goals.add(self._state, self._topic, self._call, self._not_paused)
 
     def poll(self) -> GoalOutcome | None:
         """Return the outcome, or None while the goal is worked on. When its time is up the goal is canceled."""
@@ -144,9 +147,59 @@ class GoalCall:
 
 
 class GoalState(EventState):
-    """A state that works on one action goal, which it makes as ``_goal`` and sends when it is entered."""
+    """A state that sends one action goal when it is entered, and is left when that has ended.
 
-    _goal: GoalCall
+    A derived state makes the goal, and says what its end means. The goal has to end within ``timeout`` seconds.
+    """
+
+    def __init__(
+        self,
+        action_type: type[Any],
+        topic: str,
+        timeout: float | None = None,
+        *,
+        parameter: str = 'topic',
+        not_paused: Callable[[], Sequence[str]] = lambda: ('its action has no pause',),
+        **interface: Any,
+    ) -> None:
+        """``parameter``: name of the state's parameter for the topic; ``interface``: outcomes and keys."""
+        super().__init__(desired_rate=None, **interface)
+        self._topic = checked_topic(self, parameter, topic)
+        self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
+        self._goal = GoalCall(self, action_type, self._topic, not_paused)
+        self._refusal = ''
+
+    def _make_goal(self, userdata: UserData) -> Any:
+        """Return the goal. Raises FlexbtError if the userdata has no value for it: the state is left as failed."""
+        raise NotImplementedError
+
+    def _send(self, goal: Any) -> None:
+        self._goal.send(goal, timeout=self._timeout)
+
+    def _what(self) -> str:
+        """Return what the goal is for, as the begin of a message."""
+        raise NotImplementedError
+
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
+        """Return the outcome of the state by that of the goal."""
+        raise NotImplementedError
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._refusal = ''
+        try:
+            goal = self._make_goal(userdata)
+        except FlexbtError as error:
+            self._refusal = str(error)
+        else:
+            self._send(goal)
+
+    def execute(self, userdata: UserData) -> str | None:
+        if self._refusal:
+            self.log_error(f'{self._what()}: {self._refusal}')
+            return 'failed'
+        ended = self._goal.poll()
+        return None if ended is None else self._end(ended, userdata)
 
     def _checked_type(self, parameter: str, name: str, package: str = '') -> str:
         """Return the type that a parameter names; see :func:`checked_type`."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
@@ -16,8 +17,8 @@ from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_msgs.action import OperatorInput
 
 from .errors import StateParameterError
-from .goal_call import GoalCall, GoalState
-from .parameter_checks import checked_keys, checked_outcomes, checked_timeout, checked_topic, checked_type
+from .goal_call import GoalState
+from .parameter_checks import checked_keys, checked_outcomes, checked_type
 
 
 class OperatorDecisionState(EventState):
@@ -87,10 +88,13 @@ class OperatorInputState(GoalState):
         shows: Iterable[str] = (),
     ) -> None:
         super().__init__(
+            OperatorInput,
+            topic,
+            timeout,
+            not_paused=tuple,  # a question stays open while the state is paused: nothing moves by it
             outcomes=['received', 'declined', 'failed'],
             input_keys=checked_keys(self, 'shows', shows),
             output_keys=['data'],
-            desired_rate=None,
         )
         self._prompt = prompt
         self._type = checked_type(self, 'type', type)
@@ -102,42 +106,34 @@ class OperatorInputState(GoalState):
                 text_to_value(text, self._type)
             except FlexbtError as error:
                 raise StateParameterError(self, 'choices', str(error)) from None
-        self._timeout = checked_timeout(self, 'timeout', timeout)
-        self.skill = self.skill.within(self._timeout)
-        # A question stays open while the state is paused: nothing moves by it.
-        self._goal = GoalCall(self, OperatorInput, checked_topic(self, 'topic', topic), not_paused=tuple)
 
-    def on_enter(self, userdata: UserData) -> None:
+    def _make_goal(self, userdata: UserData) -> Any:
         shown = {key: userdata[key] for key in self.input_keys if key in userdata}
         missing = [key for key in self.input_keys if key not in shown]
-        goal = OperatorInput.Goal(
+        return OperatorInput.Goal(
             prompt=self._prompt,
             type=self._type,
             choices=self._choices,
             asker=self.path,
             subject=subject_message('', 0, shown, missing),
         )
-        self._goal.send(goal, timeout=self._timeout)
 
-    def execute(self, userdata: UserData) -> str | None:
-        outcome = self._goal.poll()
-        if outcome is None:
-            return None
-        result = outcome.result
+    def _what(self) -> str:
+        return f'no answer to {self._prompt!r}'
+
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
+        result = ended.result
         code = result.code if result is not None else OperatorInput.Result.UNKNOWN
-        if code == OperatorInput.Result.DECLINED and outcome.status in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
+        if code == OperatorInput.Result.DECLINED and ended.status in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
             return 'declined'
-        if outcome.status is GoalStatus.SUCCEEDED and code == OperatorInput.Result.SUCCESS and result is not None:
+        if ended.status is GoalStatus.SUCCEEDED and code == OperatorInput.Result.SUCCESS and result is not None:
             try:
                 userdata['data'] = check_value(from_entry(result.value), self._type)
             except FlexbtError as error:
                 self.log_error(f'the answer to {self._prompt!r} cannot be used: {error}')
                 return 'failed'
             return 'received'
-        self.log_error(f'no answer to {self._prompt!r}: {_reason(outcome)}')
+        message = result.message if result is not None else ''
+        why = message or ended.reason or 'the executive did not fill in the result'
+        self.log_error(f'{self._what()}: {why}')
         return 'failed'
-
-
-def _reason(outcome: GoalOutcome) -> str:
-    message = outcome.result.message if outcome.result is not None else ''
-    return message or outcome.reason or 'the executive did not fill in the result'

@@ -248,6 +248,27 @@ def test_a_server_that_refuses_to_cancel_holds_the_run_until_that_is_given_up(be
     assert run.message == 'test; enough, while /State: goal of bt_executor not confirmed canceled'
 
 
+def test_feedback_that_comes_when_the_run_has_ended_is_no_fault(bench: StateBench) -> None:
+    faults: list[BaseException] = []
+    bench.runtime.on_fault(faults.append)
+    server = hanging(bench, on_cancel=lambda _goal_handle: CancelResponse.REJECT)
+    run = bench.run_state(execute)
+    wait_until(lambda: server.running, 'goal active')
+    run.behavior_run.stop('test')
+    wait_until(lambda: 'goal of bt_executor not confirmed canceled' in run.errors(), 'the reason')
+    run.behavior_run.abort('enough')
+    assert run.wait() == 'error'
+    assert run.behavior_run.join(DEADLINE)  # the state is part of no run
+    heard: list[Any] = []
+    link = bench.services.actions.link(BtExecute, 'bt_executor')
+    ActionCall(link, BtExecute.Goal(), on_done=lambda _outcome: None, on_feedback=heard.append)
+    wait_until(lambda: len(server.running) == 2, 'another goal')
+    for goal in (0, 1):  # what comes for the second goal comes after what came for the first one
+        server.feedback(goal, BtExecute.Feedback(run_id='tree', active_nodes=['Root'], not_ended=['Root goes on']))
+    wait_until(lambda: heard, 'feedback')
+    assert faults == [] and 'Root goes on' not in run.errors()
+
+
 def test_the_running_nodes_are_the_activity_of_the_state(bench: StateBench) -> None:
     async def script(goal_handle: Any) -> Any:
         goal_handle.publish_feedback(

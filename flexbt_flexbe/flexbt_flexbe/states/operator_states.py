@@ -15,7 +15,7 @@ from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_flexbe.api.event_state import RosAccess
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
-from flexbt_states.goal_call import GoalCall, GoalState
+from flexbt_states.goal_call import GoalState
 
 _TYPES: Final = {
     0: ('int64', None),
@@ -39,13 +39,13 @@ class _OperatorInputState(RosAccess, GoalState):
 
     def __init__(self, message: str, input_keys: Sequence[str], topic: str | None) -> None:
         super().__init__(
+            OperatorInput,
+            topic or names.OPERATOR_INPUT,
             outcomes=['received', 'aborted', 'no_connection', 'data_error'],
             input_keys=input_keys,
             output_keys=['data'],
-            desired_rate=None,
         )
         self._message = message
-        self._goal = GoalCall(self, OperatorInput, topic or names.OPERATOR_INPUT)
 
     def ask_for(self, type_name: str, choices: Sequence[str]) -> None:
         """Send the request to the operator."""
