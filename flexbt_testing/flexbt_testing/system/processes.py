@@ -10,7 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -18,7 +18,7 @@ from typing import Final
 
 from ament_index_python.packages import get_package_prefix
 
-from flexbt_testing.waiting import contended_time, uncontended_time
+from flexbt_testing.waiting import contended_time, uncontended_time, wait_until
 
 from . import fork_server
 from .networks import NetworkNamespace
@@ -54,6 +54,13 @@ LOADED: Final = (
 """Modules and functions that the process from which they are all forked has loaded: most of it is the same for each."""
 
 LAST_CHARACTERS: Final = 3000
+
+
+def _thread_states(process: int) -> Iterator[str]:
+    """Yield the state of each thread of a process, as in ``/proc``: 'T' for one that was stopped."""
+    for thread in Path(f'/proc/{process}/task').iterdir():
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            yield (thread / 'stat').read_text().rpartition(')')[2].split()[0]
 
 
 def executable(name: str) -> str:
@@ -181,8 +188,14 @@ class Stack:
         return killed
 
     def send_signal(self, name: str, number: signal.Signals) -> float:
-        """Send a signal, as SIGSTOP and SIGCONT, by which a process hangs and goes on; the uncontended time when."""
-        self._processes[name].send_signal(number)
+        """Send a signal, as SIGSTOP and SIGCONT, by which a process hangs and goes on; the uncontended time when.
+
+        With SIGSTOP, wait until every thread has stopped: on a busy computer they work on for up to 0.1 s.
+        """
+        process = self._processes[name]
+        process.send_signal(number)
+        if number == signal.SIGSTOP:
+            wait_until(lambda: set(_thread_states(process.pid)) <= {'T'}, f'{name} has stopped')
         return uncontended_time()
 
     def hold_up(self, name: str, method: str, seconds: float) -> float:
