@@ -13,34 +13,15 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from .configuration import Configuration
 from .explorer import ANSWERS_OF_A_STEP, ExplorationLimits, OnProgress, unreported
 from .model import TIMER, EnvironmentChoices, Label, System
-from .virtual_time import VirtualClock
 
 _DIGITS: Final = 6
 """Number of decimal digits of seconds that are compared."""
 _UNNAMED: Final = re.compile(r'::\d+$')
-
-
-class Described(System, Protocol):
-    """A system that is compared."""
-
-    clock: VirtualClock
-
-    def paths(self) -> Sequence[str]:
-        """Return what labels and lines name, in the order in which it stands in the file."""
-
-    def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """Return what has begun to work in the last step, or was done at once: its path, and its type and inputs."""
-
-    def asked(self) -> Mapping[str, tuple[str, ...]]:
-        """Return what has looked at the robot in the last step without any work: by its path, its type and inputs."""
-
-    def handed_over(self) -> Mapping[str, str]:
-        """Plain values that others find on the blackboard when it has ended by itself, by their keys."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +62,8 @@ class Comparison:
 
 
 def compare(
-    before: Callable[[], Described],
-    now: Callable[[], Described],
+    before: Callable[[], System],
+    now: Callable[[], System],
     limits: ExplorationLimits | None = None,
     on_progress: OnProgress = unreported,
     *,
@@ -179,7 +160,7 @@ class _Seen(NamedTuple):
 class _Version:
     """One of both, in names that they share."""
 
-    def __init__(self, system: Described) -> None:
+    def __init__(self, system: System) -> None:
         self.system = system
         self.first = system.capture()
         self._paths = frozenset(system.paths())

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
 from itertools import combinations
 
 from flexbt_core.monitors.properties import Property, Violation
@@ -120,24 +120,33 @@ class ConfigurationGraph:
 
     def round(self) -> tuple[Move, ...] | None:
         """Return the shortest way to, and once along, a round of such steps; None when there is none."""
-        rounds = {key: number for number, keys in enumerate(_rounds(self._turns)) for key in keys}
-        if not rounds:
-            return None
-        first = min(rounds, key=self._depths.__getitem__)
+        # Those to which no such step leads are on no round, so neither are those to which only these lead.
+        leading = Counter(key for keys in self._turns.values() for key in keys)
+        ahead = [key for key in self._turns if not leading[key]]
+        while ahead:
+            for key in self._turns.get(ahead.pop(), ()):
+                leading[key] -= 1
+                if not leading[key]:
+                    ahead.append(key)
+        rounds = ((key, self._way_back(key)) for key in self._turns if leading[key])
+        return next(((*self.way_to(key), *moves) for key, moves in rounds if moves), None)
+
+    def _way_back(self, first: bytes) -> list[Move]:
+        """Return the shortest way from a configuration back to itself; empty when there is none."""
         before: dict[bytes, tuple[bytes, Move]] = {}
         ahead = deque([first])
-        while first not in before:  # it leads back to itself
+        while ahead and first not in before:
             source = ahead.popleft()
-            for key, move in self._turns[source].items():
-                if rounds.get(key) == rounds[first] and key not in before:
+            for key, move in self._turns.get(source, {}).items():
+                if key not in before:
                     before[key] = (source, move)
                     ahead.append(key)
         moves: list[Move] = []
         key = first
-        while not moves or key != first:
+        while first in before and (not moves or key != first):
             key, move = before[key]
             moves.append(move)
-        return (*self.way_to(first), *reversed(moves))
+        return moves[::-1]
 
     def comes_about(self, event: str, source: bytes) -> None:
         """Note that a step from there, which is not a stop, causes an event that has to stay possible."""
@@ -230,42 +239,6 @@ class ConfigurationGraph:
             return way.server != silent and not (way.is_success and way.server in gone)
 
         return _sources(ends | self.asking if is_caused else ends, before, is_way)
-
-
-def _rounds(steps: Mapping[bytes, Collection[bytes]]) -> Iterator[list[bytes]]:
-    """Yield the strongly connected components in which a step leads back (R. Tarjan, 1972), without recursion."""
-    numbers: dict[bytes, int] = {}
-    lowest: dict[bytes, int] = {}
-    open_ones: list[bytes] = []
-    is_open: set[bytes] = set()
-
-    def enter(key: bytes) -> tuple[bytes, Iterator[bytes]]:
-        numbers[key] = lowest[key] = len(numbers)
-        open_ones.append(key)
-        is_open.add(key)
-        return key, iter(steps.get(key, ()))
-
-    for start in steps:
-        ahead = [] if start in numbers else [enter(start)]
-        while ahead:
-            source, following = ahead[-1]
-            for key in following:
-                if key not in numbers:
-                    ahead.append(enter(key))
-                    break
-                if key in is_open:
-                    lowest[source] = min(lowest[source], numbers[key])
-            else:
-                ahead.pop()
-                if ahead:
-                    lowest[ahead[-1][0]] = min(lowest[ahead[-1][0]], lowest[source])
-                if lowest[source] == numbers[source]:
-                    found = [open_ones.pop()]
-                    while found[-1] != source:
-                        found.append(open_ones.pop())
-                    is_open.difference_update(found)
-                    if len(found) > 1 or source in steps.get(source, ()):
-                        yield found
 
 
 def _sources(targets: set[bytes], before: _Before, is_way: Callable[[LabelEffect | None], bool]) -> set[bytes]:

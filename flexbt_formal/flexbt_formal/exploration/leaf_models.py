@@ -119,14 +119,16 @@ class Environment:
     with what the tree waits for.
     ``answers`` were given in the step that is under way, in which the leaves ``begun`` began, and conditions and
     decorators that look at the robot were ``asked``, each with what ``described`` returned then. ``due`` is when an
-    attempt has to be given up, by its skill.
+    attempt has to be given up, by its skill. ``events`` are what has happened in the step, for people.
     """
 
-    def __init__(self, values: Mapping[str, tuple[Any, ...]], found: Callable[[Violation], None]) -> None:
+    def __init__(
+        self, values: Mapping[str, tuple[Any, ...]], found: Callable[[Violation], None], events: list[str]
+    ) -> None:
         self.open: dict[str, ModelAction] = {}
         self.canceling: dict[str, UnfinishedWork | None] = {}
         self.choices = EnvironmentChoices()
-        self.events: list[str] = []
+        self.events = events
         self.begun: list[tuple[str, tuple[str, ...]]] = []
         self.asked: dict[str, tuple[str, ...]] = {}
         self.described: Callable[[TreeNode], tuple[str, ...]] = lambda node: (node.id,)
@@ -138,7 +140,7 @@ class Environment:
 
     def asks(self) -> None:
         """Begin a step: nothing was answered in it, and what was measured before may have changed."""
-        self.events = []
+        self.events.clear()
         self.begun = []
         self.asked = {}
         self.answers = {}

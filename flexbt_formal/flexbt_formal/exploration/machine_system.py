@@ -26,7 +26,7 @@ from flexbt_core.state_machine.model.userdata import Scope, UserData
 from flexbt_core.values.text import pluralize
 
 from .configuration import Configuration, Layout, StateSnapshotter
-from .model import START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, servers_gone
+from .model import START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System, servers_gone
 from .state_models import (
     MachineEnvironment,
     ModelState,
@@ -132,7 +132,7 @@ class _Counted:
         self.faults = 0
 
 
-class MachineSystem(RunReader):
+class MachineSystem(System, RunReader):
     """A machine with its own clock. ``models`` returns the model of a state; ``requirements`` are checked, too.
 
     With ``reduces``, situations after a stop differ only in what has not halted yet, and of children of a container
@@ -149,10 +149,9 @@ class MachineSystem(RunReader):
         *,
         reduces: bool = True,
     ) -> None:
-        self.clock = VirtualClock()
+        super().__init__()
         self._bounds = bounds or MachineBounds()
         self._reduces = reduces
-        self._found: list[Violation] = []
         self._environment = MachineEnvironment(self._note)
         self._written = [one for one in requirements if isinstance(one, Written)]
         defaults = dict.fromkeys((key for one in self._written for key in one.keys), _DEFAULT)
@@ -170,11 +169,10 @@ class MachineSystem(RunReader):
         self._wake_event = WakeEvent()
         self._counted = _Counted()
         self._taken: set[str] = set()
-        self._events: list[str] = []
         self._writes = _shared_writes(self._definition)
         given = {key: f'given:{key}' for key in definition.read_inputs}
         self.given = tuple(sorted(given))
-        self._run = MachineRun(
+        self.run = MachineRun(
             self._definition,
             self.clock,
             [self],
@@ -183,8 +181,9 @@ class MachineSystem(RunReader):
             limits=RunLimits(transitions=_TRANSITIONS),
             wake_event=self._wake_event,
         )
-        self._monitor = MachineMonitor(self._run, self._note, requirements)
-        self._run.add_reader(self._monitor)
+        self._monitor = MachineMonitor(self.run, self._note, requirements)
+        self.requirements = self._monitor.requirements
+        self.run.add_reader(self._monitor)
         self._at_work: set[str] = set()
         self._layout = Layout(
             constant=_CONSTANT,
@@ -192,35 +191,30 @@ class MachineSystem(RunReader):
             views=_VIEWS,
             idle={LeafRun: self._idle_leaf, ContainerRun: self._idle_container},
         )
-        roots = (self._counted, self._run, self.clock, self._environment, self._monitor)
-        self._classes = {type(leaf.state.unwrapped) for leaf in self._run.root.leaves()}
+        roots = (self._counted, self.run, self.clock, self._environment, self._monitor)
+        self._classes = {type(leaf.state.unwrapped) for leaf in self.run.root.leaves()}
         self._memory = StateSnapshotter(roots, self.clock, self._layout, self._classes)
         self._alike = interchangeable(self._definition) if reduces and not requirements else []
         self._is_starting = False
         self._moved = ''
         """Cause of the current step: the subject of its label."""
 
-    @property
-    def run(self) -> MachineRun:
-        """The run, for code that shows it."""
-        return self._run
-
     # -- what an exploration needs -----------------------------------------------------------------------------------
 
     def capture(self) -> Configuration:
         self._note_work()
-        configuration = self._memory.capture()
-        is_over = self._run.outcome is not None or (self._reduces and self._counted.is_stopped)
+        configuration = super().capture()
+        is_over = self.run.outcome is not None or (self._reduces and self._counted.is_stopped)
         return configuration.known_by(self._rest()) if is_over else configuration
 
     def _note_work(self) -> None:
-        self._at_work = {'/', *(node.path for node in self._run.root.active()), *self._environment.ending}
-        self._at_work.update(one.coming.path for one in self._run.regions() if one.coming is not None)
+        self._at_work = {'/', *(node.path for node in self.run.root.active()), *self._environment.ending}
+        self._at_work.update(one.coming.path for one in self.run.regions() if one.coming is not None)
 
     def _rest(self) -> Any:
         """Return what tells apart how it goes on once it was stopped, or has ended. Nothing is entered any more: what
         was left halts, or is given up, and then it is told what is wrong with the end."""
-        run, environment, clock = self._run, self._environment, self.clock
+        run, environment, clock = self.run, self._environment, self.clock
         if run.outcome is not None:
             return run.outcome, sorted(environment.ending)
         waits = sorted(timer.when - clock.now() for timer in clock.timers if timer.callback is not None)
@@ -228,35 +222,24 @@ class MachineSystem(RunReader):
         return halting, sorted(environment.active), sorted(self._monitor.not_left)
 
     @property
-    def requirements(self) -> Requirements:
-        return self._monitor.requirements
-
-    def restore(self, configuration: Configuration) -> None:
-        self._memory.restore(configuration)
-
-    @property
     def ended(self) -> str | None:
-        return self._run.outcome
+        return self.run.outcome
 
     @property
     def is_over(self) -> bool:
-        return self._run.is_ending
-
-    @property
-    def written(self) -> frozenset[str]:
-        return frozenset()
+        return self.run.is_ending
 
     @property
     def waits(self) -> str:
-        asked = ', '.join(decision.path for decision in self._run.decisions)
-        return asked or ('the operator, who has paused it' if self._run.is_paused else '')
+        asked = ', '.join(decision.path for decision in self.run.decisions)
+        return asked or ('the operator, who has paused it' if self.run.is_paused else '')
 
     @property
     def is_asking(self) -> bool:
-        return bool(self._run.decisions)
+        return bool(self.run.decisions)
 
     def labels(self) -> Sequence[Label]:
-        run, counted, environment, bounds = self._run, self._counted, self._environment, self._bounds
+        run, counted, environment, bounds = self.run, self._counted, self._environment, self._bounds
         if not counted.is_started:
             return [Label(START)]
         if run.outcome is not None:
@@ -291,7 +274,7 @@ class MachineSystem(RunReader):
         ending = self._environment.ending
         regions = {
             region.path: region
-            for region in reversed(list(self._run.regions()))  # that of a machine has its path, too, and comes after
+            for region in reversed(list(self.run.regions()))  # that of a machine has its path, too, and comes after
             if not any(is_inside(path, region.path) for path in ending)
         }
         for group in self._alike:
@@ -325,11 +308,8 @@ class MachineSystem(RunReader):
             return None
         return LabelEffect(model.server, label.value in model.successes, is_caused)
 
-    def is_due(self, label: Label) -> bool:
-        return label.kind == TIMER and self.clock.is_due(self._next_due())
-
     def _commands(self) -> list[Label]:
-        run, bounds = self._run, self._bounds
+        run, bounds = self.run, self._bounds
         labels = []
         if not run.is_paused:
             for decision in run.decisions:
@@ -348,12 +328,12 @@ class MachineSystem(RunReader):
         return labels
 
     def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:
-        run, environment = self._run, self._environment
+        run, environment = self.run, self._environment
         environment.choices = choices
         environment.answers = {}
         environment.begun = []
         self._found = []
-        self._events = []
+        self._events.clear()
         self._moved = label.subject
         self._is_starting = label.kind == START
         self._happen(label)
@@ -373,7 +353,7 @@ class MachineSystem(RunReader):
         return self._found
 
     def _happen(self, label: Label) -> None:
-        run, environment, counted = self._run, self._environment, self._counted
+        run, environment, counted = self.run, self._environment, self._counted
         kind, path, value = label
         if kind == START:
             counted.is_started = True
@@ -407,15 +387,12 @@ class MachineSystem(RunReader):
             run.command('', resume)
 
     def position(self) -> str:
-        run = self._run
+        run = self.run
         if run.outcome is not None:
             return f'the machine has ended: {run.outcome}'
         active = ', '.join(state.path for state in run.active_states()) or 'nothing is active'
         asked = ', '.join(f'{one.path} > {one.outcome or "?"}' for one in run.decisions)
         return f'active: {active}{f"; the operator is asked: {asked}" if asked else ""}'
-
-    def happened(self) -> Sequence[str]:
-        return [*self._events, self.position()]
 
     def paths(self) -> Sequence[str]:
         return [node.path for node in self._definition.nodes()]
@@ -427,9 +404,6 @@ class MachineSystem(RunReader):
     def asked(self) -> Mapping[str, tuple[str, ...]]:
         """Return when it begins, the userdata that machines are given."""
         return self._given_userdata if self._is_starting else {}
-
-    def handed_over(self) -> Mapping[str, str]:
-        return {}
 
     def _described(self, leaf: StateDefinition) -> tuple[str, ...]:
         keys = (*leaf.state.input_keys, *leaf.state.output_keys)
@@ -448,9 +422,6 @@ class MachineSystem(RunReader):
             return frozenset()
         return frozenset((*(f'/ > {outcome}' for outcome in self._definition.outcomes), *self._states))
 
-    def idle(self) -> Sequence[Violation]:
-        return ()
-
     # -- what is idle -----------------------------------------------------------------------------------------------
 
     def _idle_leaf(self, leaf: LeafRun) -> list[Any] | None:
@@ -463,11 +434,11 @@ class MachineSystem(RunReader):
     # -- the host ----------------------------------------------------------------------------------------------------
 
     def _next_due(self) -> float | None:
-        times = [time for time in (self._run.next_wake, self.clock.next_timer()) if time is not None]
+        times = [time for time in (self.run.next_wake, self.clock.next_timer()) if time is not None]
         return min(times, default=None)
 
     def _check(self) -> None:
-        run, environment, found = self._run, self._environment, self._found
+        run, environment, found = self.run, self._environment, self._found
         if run.outcome is None:
             at_work = [path for path in environment.active if not run.pausing.holds(path)]
             found += shared_keys((path, self._writes[path]) for path in at_work)
@@ -508,12 +479,8 @@ class MachineSystem(RunReader):
             if one.event in (target, f'{path} > {outcome}'):
                 self._check_written(one)
 
-    def _note(self, violation: Violation) -> None:
-        if violation not in self._found:
-            self._found.append(violation)
-
     def _check_written(self, required: Written) -> None:
-        scope = self._run.scope
+        scope = self.run.scope
         for key in required.keys:
             if key not in scope or scope.get(key) == _DEFAULT:
                 self._note(

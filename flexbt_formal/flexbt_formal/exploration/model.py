@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.monitors.requirements import Requirements
 from flexbt_core.values.text import pluralize
 
-from .configuration import Configuration
+from .configuration import Configuration, StateSnapshotter
+from .virtual_time import VirtualClock
 
 
 class EnvironmentChoice(NamedTuple):
@@ -123,18 +125,33 @@ def servers_gone(number: int) -> str:
     return f'at most {pluralize(number, "server")} gone for good'
 
 
-class System(Protocol):
-    """A system to explore: engines with an environment. A step is deterministic but for the choices."""
+class System(ABC):
+    """A system to explore: engines with an environment, and a clock of their own. A step is deterministic but for the
+    choices."""
+
+    requirements: Requirements
+    """Requirements of the mission, and their events in the last step."""
+
+    _memory: StateSnapshotter
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock()
+        self._events: list[str] = []
+        self._found: list[Violation] = []
 
     def capture(self) -> Configuration:
         """Return what it is in now."""
+        return self._memory.capture()
 
     def restore(self, configuration: Configuration) -> None:
         """Be in that again."""
+        self._memory.restore(configuration)
 
+    @abstractmethod
     def labels(self) -> Sequence[Label]:
         """Return what can happen now; none when it has ended."""
 
+    @abstractmethod
     def answer(self, label: Label) -> LabelEffect | None:
         """Return what a label that is possible now tells of a server, or of who causes it; None when it tells
         nothing."""
@@ -142,51 +159,87 @@ class System(Protocol):
     def is_due(self, label: Label) -> bool:
         """Return whether a label that is possible now is that of a time that has come already: none goes by, and
         nothing comes from outside."""
+        return label.kind == TIMER and self.clock.is_due(self._next_due())
 
+    @abstractmethod
+    def _next_due(self) -> float | None:
+        """Return the next time for which something waits."""
+
+    @abstractmethod
     def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:
         """Let it happen, with all that follows at once; what is wrong with that."""
 
-    @property
-    def requirements(self) -> Requirements:
-        """Requirements of the mission, and their events in the last step."""
+    def _note(self, violation: Violation) -> None:
+        """Add what is wrong with a step, once."""
+        if violation not in self._found:
+            self._found.append(violation)
 
     @property
+    @abstractmethod
     def ended(self) -> str | None:
         """Outcome; None while it goes on."""
 
     @property
+    @abstractmethod
     def is_over(self) -> bool:
         """True if its end is decided; canceled work may still continue."""
 
     @property
     def written(self) -> frozenset[str]:
         """Keys of the outermost blackboard that it has written for its successors up to now."""
+        return frozenset()
 
     @property
     def waits(self) -> str:
         """Name of the one that it visibly waits for; '' if it waits for none."""
+        return ''
 
     @property
     def is_asking(self) -> bool:
         """True if a person is asked how to continue and can also do something else."""
+        return False
 
+    @abstractmethod
     def position(self) -> str:
         """Return where it is, in words."""
 
     def happened(self) -> Sequence[str]:
         """Return what has happened in the last step, a line each."""
+        return [*self._events, self.position()]
 
+    @abstractmethod
     def covered(self) -> frozenset[str]:
         """Return what was taken up to now of :meth:`coverable`, with all steps that were made on this object."""
 
+    @abstractmethod
     def coverable(self) -> frozenset[str]:
         """Transitions and nodes that there are."""
 
+    @abstractmethod
     def promised(self) -> frozenset[str]:
         """Return what of these is wrong when it can never be taken."""
 
     def idle(self) -> Iterable[Violation]:
         """Return what has never made a difference, with all steps that were made on this object, and should."""
+        return ()
+
+    # -- what two versions of a system are compared by ---------------------------------------------------------------
+
+    @abstractmethod
+    def paths(self) -> Sequence[str]:
+        """Return what labels and lines name, in the order in which it stands in the file."""
+
+    @abstractmethod
+    def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """Return what has begun to work in the last step, or was done at once: its path, and its type and inputs."""
+
+    @abstractmethod
+    def asked(self) -> Mapping[str, tuple[str, ...]]:
+        """Return what has looked at the robot in the last step without any work: by its path, its type and inputs."""
+
+    def handed_over(self) -> Mapping[str, str]:
+        """Plain values that others find on the blackboard when it has ended by itself, by their keys."""
+        return {}
 
 
 def livelock(system: System) -> Violation:

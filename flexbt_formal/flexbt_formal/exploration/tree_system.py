@@ -39,7 +39,7 @@ from .leaf_models import (
     tested_values,
 )
 from .leaf_skills import Facts
-from .model import START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect
+from .model import START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System
 from .virtual_time import VirtualClock
 
 RESULT: Final = 'result'
@@ -151,7 +151,7 @@ def _goes_on_for_ever(node: TreeNode) -> bool:
     return node.id == 'KeepRunningUntilFailure' or (node.id == 'Repeat' and _is_unlimited(node))
 
 
-class TreeSystem:
+class TreeSystem(System):
     """A tree with its own clock.
 
     ``models`` returns the model of a node. ``given`` are keys that are on the blackboard from the beginning; so are
@@ -173,10 +173,10 @@ class TreeSystem:
         reduces: bool = True,
     ) -> None:
         """Raise TreeLoadError or LookupError, as Tree does."""
-        self.clock = VirtualClock()
+        super().__init__()
         self._stops = stops
-        self._found: list[Violation] = []
-        monitor = self._monitor = TreeMonitor(self._found.append, requirements)
+        monitor = self._monitor = TreeMonitor(self._note, requirements)
+        self.requirements = monitor.requirements
         board = self._board = Blackboard()
         scripts = [
             text
@@ -184,11 +184,11 @@ class TreeSystem:
             for tree in document.trees.values()
             for text in _scripts(tree.nodes())
         ]
-        self._environment = Environment(tested_values(scripts), self._found.append)
+        self._environment = Environment(tested_values(scripts), self._note, self._events)
         self._ticked: set[int] = set()
         self._has_succeeded = False
         self._observed = frozenset(observed)
-        self._tree = Tree(
+        self.tree = Tree(
             library,
             key.id,
             file=key.file,
@@ -199,13 +199,13 @@ class TreeSystem:
             on_livelock=lambda message: None,  # the findings report it
             max_rounds=_ROUNDS,
         )
-        self._tree.observe(self._note_status)
-        mark_asked_anew(self._tree.nodes)
-        self._limiters = [node for node in self._tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]
+        self.tree.observe(self._note_status)
+        mark_asked_anew(self.tree.nodes)
+        self._limiters = [node for node in self.tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]
         self._withheld: set[int] = set()
-        self._listeners = [node for node in self._tree.nodes if isinstance(node, ModelInstant) and node.id in LISTENERS]
+        self._listeners = [node for node in self.tree.nodes if isinstance(node, ModelInstant) and node.id in LISTENERS]
         self._heard: set[int] = set()
-        monitor.begins(self._tree)
+        monitor.begins(self.tree)
         self._questions: list[tuple[str, Entry, tuple[Any, ...]]] = []
         self.given = self._give(set(given), scripts)
         self._environment.described = self._described
@@ -215,11 +215,11 @@ class TreeSystem:
         self._memory = StateSnapshotter(
             (
                 self._run,
-                self._tree,
-                *self._tree.nodes,
-                *(subtree.blackboard for subtree in self._tree.subtrees),
-                *(entry for subtree in self._tree.subtrees for entry in subtree.blackboard.entries().values()),
-                self._tree.context,
+                self.tree,
+                *self.tree.nodes,
+                *(subtree.blackboard for subtree in self.tree.subtrees),
+                *(entry for subtree in self.tree.subtrees for entry in subtree.blackboard.entries().values()),
+                self.tree.context,
                 self.clock,
                 self._environment,
                 self._monitor,
@@ -231,15 +231,15 @@ class TreeSystem:
 
     def _unread(self, scripts: list[str]) -> list[Entry]:
         """Return the entries that nothing reads. None, when a node that is not ours may look at any."""
-        known = (isinstance(node, _MODELS) or type(node).__module__.startswith(_OURS) for node in self._tree.nodes)
+        known = (isinstance(node, _MODELS) or type(node).__module__.startswith(_OURS) for node in self.tree.nodes)
         if not all(known):
             return []
         names = self._observed.union(_NAME.findall(' '.join(scripts)))
-        boards = [subtree.blackboard for subtree in self._tree.subtrees]
+        boards = [subtree.blackboard for subtree in self.tree.subtrees]
         entries = [(key, entry) for board in boards for key, entry in board.entries().items()]
         read = {id(entry) for key, entry in entries if key in names} | {
             id(node.blackboard.entry(value.key))
-            for node in self._tree.nodes
+            for node in self.tree.nodes
             for name, value in node.port_values.items()
             if value.key is not None and (name not in node.ports or node.ports[name].readable)
         }
@@ -250,7 +250,7 @@ class TreeSystem:
         name is known may be an input."""
         quiet = set(map(id, unread))
         found = {}
-        for node in self._tree.nodes:
+        for node in self.tree.nodes:
             if isinstance(node, ModelAction):
                 keys = (
                     node.port_values[name].key
@@ -268,14 +268,14 @@ class TreeSystem:
         declared = {key: self._board.declare(key, None) for key in sorted(given)}
         names = self._entry_names = {
             id(entry): key
-            for subtree in reversed(self._tree.subtrees)
+            for subtree in reversed(self.tree.subtrees)
             for key, entry in subtree.blackboard.entries().items()
         }
         read: dict[int, tuple[str, Any]] = {}
         needed: set[int] = set()
         written: set[int] = set()
-        assigned = {name for script in _scripts(self._tree.definitions) for name in _ASSIGNED.findall(script)}
-        for node in self._tree.nodes:
+        assigned = {name for script in _scripts(self.tree.definitions) for name in _ASSIGNED.findall(script)}
+        for node in self.tree.nodes:
             for name, value in node.port_values.items():
                 port = node.ports.get(name)
                 entry = node.blackboard.entry(value.key) if value.key is not None else None
@@ -308,22 +308,17 @@ class TreeSystem:
         """Values that make a difference to scripts, by entries, under any name in a sub-tree."""
         values = tested_values(scripts)
         found: dict[int, tuple[Any, ...]] = {}
-        for subtree in self._tree.subtrees:
+        for subtree in self.tree.subtrees:
             for key in values:
                 entry = subtree.blackboard.entry(key)
                 if entry is not None:
                     found[id(entry)] = found.get(id(entry), ()) + values[key]
         return found
 
-    @property
-    def tree(self) -> Tree:
-        """The tree, for code that shows it."""
-        return self._tree
-
     # -- what an exploration needs -----------------------------------------------------------------------------------
 
     def capture(self) -> Configuration:
-        configuration = self._memory.capture()
+        configuration = super().capture()
         if self._run.result is None:
             return configuration
         # Nothing follows any more, but that what was canceled ends.
@@ -331,20 +326,13 @@ class TreeSystem:
         return configuration.known_by((self._run.result, canceling, written))
 
     @property
-    def requirements(self) -> Requirements:
-        return self._monitor.requirements
-
-    @property
     def vocabulary(self) -> Vocabulary:
         """Names that requirements of this tree can use."""
         return self._monitor.vocabulary
 
-    def restore(self, configuration: Configuration) -> None:
-        self._memory.restore(configuration)
-
     @property
     def ended(self) -> str | None:
-        return self._run.result if self._run.result is not None and not self._tree.unfinished else None
+        return self._run.result if self._run.result is not None and not self.tree.unfinished else None
 
     @property
     def is_over(self) -> bool:
@@ -354,14 +342,6 @@ class TreeSystem:
     def written(self) -> frozenset[str]:
         entries = self._board.entries().items()
         return frozenset(key for key, entry in entries if entry.value is not EMPTY and key not in self.given)
-
-    @property
-    def waits(self) -> str:
-        return ''
-
-    @property
-    def is_asking(self) -> bool:
-        return False
 
     def labels(self) -> Sequence[Label]:
         run, environment = self._run, self._environment
@@ -390,14 +370,11 @@ class TreeSystem:
             return None
         return LabelEffect(self._environment.open[label.subject].server, label.value == SUCCESS.name)
 
-    def is_due(self, label: Label) -> bool:
-        return label.kind == TIMER and self.clock.is_due(self._next_due())
-
     def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:
         run, environment = self._run, self._environment
         environment.choices = choices
         environment.asks()
-        self._found.clear()
+        self._found = []
         if label.kind == STOP:
             self._halt(STOPPED)
         else:
@@ -416,21 +393,18 @@ class TreeSystem:
                     self.clock.go_to(due)
             if run.result is None:
                 self._tick()
-        return list(dict.fromkeys(self._found))
+        return self._found
 
     def position(self) -> str:
         if not self._run.is_started:
             return 'nothing was ticked yet'
         if self._run.result is not None:
             return f'the tree has ended: {self._run.result}'
-        leaves = self._tree.active_nodes(leaves_only=True)
-        return f'RUNNING: {", ".join(leaves) or self._tree.active_nodes()[-1]}'
-
-    def happened(self) -> Sequence[str]:
-        return [*self._environment.events, self.position()]
+        leaves = self.tree.active_nodes(leaves_only=True)
+        return f'RUNNING: {", ".join(leaves) or self.tree.active_nodes()[-1]}'
 
     def paths(self) -> Sequence[str]:
-        return [node.path for node in self._tree.nodes]
+        return [node.path for node in self.tree.nodes]
 
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
         return self._environment.begun
@@ -462,15 +436,15 @@ class TreeSystem:
 
     def covered(self) -> frozenset[str]:
         ended = [SUCCEEDS] if self._has_succeeded else []
-        return frozenset((*(node.path for node in self._tree.nodes if node.uid in self._ticked), *ended))
+        return frozenset((*(node.path for node in self.tree.nodes if node.uid in self._ticked), *ended))
 
     def coverable(self) -> frozenset[str]:
-        return frozenset(node.path for node in self._tree.nodes)
+        return frozenset(node.path for node in self.tree.nodes)
 
     def promised(self) -> frozenset[str]:
         """Return all nodes, and success unless the tree says that it goes on for ever: a node that nothing can ever
         tick is dead. The tree need not be able to fail."""
-        return self.coverable() if any(map(_goes_on_for_ever, self._tree.nodes)) else self.coverable() | {SUCCEEDS}
+        return self.coverable() if any(map(_goes_on_for_ever, self.tree.nodes)) else self.coverable() | {SUCCEEDS}
 
     def idle(self) -> Iterable[Violation]:
         """Yield decorators that never kept their child from beginning, and conditions on changes that are only asked
@@ -495,7 +469,7 @@ class TreeSystem:
     def _next_due(self) -> float | None:
         given = (
             *self._environment.due.values(),
-            self._tree.next_wake,
+            self.tree.next_wake,
             self.clock.next_timer(),
             self.requirements.next_due(),
         )
@@ -503,38 +477,39 @@ class TreeSystem:
         return min(times, default=None)
 
     def _tick(self) -> None:
-        tree, environment = self._tree, self._environment
+        tree, environment = self.tree, self._environment
         working = [path for path, action in environment.open.items() if action.result is None]
         tree.take_wake()
         try:
             status = tree.tick_once()
         except NodeExecutionError as error:
-            self._found.append(_fault(error))
+            self._note(_fault(error))
             self._halt('ERROR')
             return
         if status is RUNNING and tree.wake_pending:
             text = f'the tree wakes itself over and over ({_ROUNDS} ticks in a row) and waits for nothing'
-            self._found.append(Violation(Property.NO_LIVELOCK, tree.key.id, text))
+            self._note(Violation(Property.NO_LIVELOCK, tree.key.id, text))
         self._monitor.ticked(status)
         environment.rests(self.clock.now())
         if len(environment.open) > 1:
-            self._found += shared_keys((path, self._writes[path]) for path in environment.open)
+            for violation in shared_keys((path, self._writes[path]) for path in environment.open):
+                self._note(violation)
         for node in self._limiters:
             if node.status is RUNNING and node.child.status is not RUNNING:
                 self._withheld.add(node.uid)
         if any(path in environment.open for path in working):
             self._heard.update(node.uid for node in self._listeners if node.path in environment.asked)
         if status is not RUNNING:
-            environment.events.append(f'the tree ends: {status.name}')
+            self._events.append(f'the tree ends: {status.name}')
             self._halt(status.name)
 
     def _halt(self, result: str) -> None:
         self._run.result = result
         self._has_succeeded |= result == SUCCESS.name
         try:
-            self._tree.halt()
+            self.tree.halt()
         except NodeExecutionError as error:
-            self._found.append(_fault(error))
+            self._note(_fault(error))
         self._monitor.halted()
 
     def _note_status(self, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:

@@ -40,7 +40,7 @@ class Robot:
         machine = seeded_machine(chance.randrange(1000)).machine
         assert machine is not None
         self.system = MachineSystem(define(machine), _model, MachineBounds(Operator.ALL, forces=2, faults=1))
-        self.run = self.system._run
+        self.run = self.system.run
         clock: Any = SimpleNamespace(now=self.system.clock.now, stamp=lambda: Time(sec=1000))
         self._status = RunStatus(RUN, 'Test', 1, clock, RunGoals())
         self._status.publish(is_announced=True, has_begun=True)
