@@ -12,7 +12,7 @@ from nav2_msgs.srv import Toggle
 from flexbt_common import names
 from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.controller.motion_server import MotionArbiter
 from flexbt_navigation.controller.motions import STOP, Velocity, slowed
 from flexbt_sim.world.plane.geometry import Pose
@@ -23,24 +23,12 @@ POLYGON: Final = 'FootprintApproach'
 
 @dataclass(frozen=True)
 class CollisionMonitorParameters:
-    """Values of the parameters; see :func:`declare_collision_monitor_parameters` for meaning and unit."""
+    """Parameters of the collision monitor."""
 
-    is_on: bool
-    seconds: float
-
-
-def declare_collision_monitor_parameters(declare: ParameterDeclarer) -> CollisionMonitorParameters:
-    """Declare the parameters and read them.
-
-    Raises:
-        UnfitParameterError: a value that cannot work.
-    """
-    return CollisionMonitorParameters(
-        is_on=declare.flag(
-            'collision_monitor', False, 'whether commands are slowed down before collisions, as the service toggles it'
-        ),
-        seconds=declare.real('time_before_collision', 1.2, 0.1, 10.0, 'how far ahead the collision monitor looks, s'),
+    is_on: bool = parameter(
+        'collision_monitor', False, 'whether commands are slowed down before collisions, as the service toggles it'
     )
+    seconds: float = parameter('time_before_collision', 1.2, 'how far ahead the collision monitor looks, s', 0.1, 10.0)
 
 
 class CollisionMonitor:

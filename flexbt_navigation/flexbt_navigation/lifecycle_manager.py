@@ -27,6 +27,7 @@ from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_sim.errors import SimulationError
 
 T = TypeVar('T')
@@ -89,31 +90,20 @@ COMMANDS: Final[Mapping[int, _Command]] = {
 
 @dataclass(frozen=True)
 class ManagerParameters:
-    """Values of the parameters; see :func:`declare_manager_parameters` for meaning and unit."""
+    """Parameters of the manager."""
 
-    node_names: tuple[str, ...]
-    autostart: bool
-    service_timeout: float
+    node_names: tuple[str, ...] = parameter(
+        'node_names', DEFAULT_NODES, 'the managed nodes, in the order of their start-up'
+    )
+    autostart: bool = parameter('autostart', False, 'whether they are brought up at the start')
+    service_timeout: float = parameter(
+        'service_timeout', 5.0, 'wait for a node, its answer and the end of a transition, s of wall time', 0.1, 3600.0
+    )
 
 
 def declare_manager_parameters(node: Node) -> ManagerParameters:
-    """Declare the parameters on ``node`` and read them.
-
-    Raises:
-        UnfitParameterError: a value that cannot work.
-    """
-    declare = ParameterDeclarer(node)
-    return ManagerParameters(
-        node_names=declare.texts('node_names', DEFAULT_NODES, 'the managed nodes, in the order of their start-up'),
-        autostart=declare.flag('autostart', False, 'whether they are brought up at the start'),
-        service_timeout=declare.real(
-            'service_timeout',
-            5.0,
-            0.1,
-            3600.0,
-            'wait for a node, its answer and the end of a transition, s of wall time',
-        ),
-    )
+    """Declare the parameters on ``node`` and read them. Raises UnfitParameterError."""
+    return ParameterDeclarer(node).fields(ManagerParameters())
 
 
 class LifecycleManager:

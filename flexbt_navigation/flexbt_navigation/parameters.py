@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rclpy.node import Node
@@ -11,37 +11,45 @@ from rclpy.node import Node
 from flexbt_common import names
 from flexbt_common.errors import UnfitParameterError
 from flexbt_common.lifecycle.liveliness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
-from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_common.runtime.parameters import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import did_you_mean
-from flexbt_navigation.common.parameters import RobotParameters, declare_robot_parameters
-from flexbt_navigation.controller.path_follower import FollowerLimits
-from flexbt_navigation.controller.server import MOST_ROBOT_SPEED, ControllerParameters, declare_controller_parameters
+from flexbt_navigation.common.parameters import RobotParameters
+from flexbt_navigation.controller.path_follower import MOST_ROBOT_SPEED, FollowerLimits
+from flexbt_navigation.controller.server import ControllerParameters
 from flexbt_navigation.costmaps.costmap import Inflation
-from flexbt_navigation.costmaps.parameters import CostmapParameters, declare_costmap_parameters
+from flexbt_navigation.costmaps.parameters import CostmapParameters, declare_inflation
 from flexbt_navigation.docking.server import DockingParameters, declare_docking_parameters
-from flexbt_navigation.planner.server import PlannerParameters, declare_planner_parameters
-from flexbt_navigation.routes.parameters import RouteParameters, declare_route_parameters
+from flexbt_navigation.planner.server import PlannerParameters
+from flexbt_navigation.routes.parameters import RouteParameters
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.descriptions.models import RobotModel
 from flexbt_sim.world.descriptions.world_file import WorldFile
 
-from .collision_monitor import CollisionMonitorParameters, declare_collision_monitor_parameters
+from .collision_monitor import CollisionMonitorParameters
 
 
 @dataclass(frozen=True)
 class NavigationParameters:
-    """Values of the parameters; see :func:`declare_navigation_parameters` for meaning and unit."""
+    """Parameters of the node."""
 
-    owner_nodes: tuple[str, ...]
-    robot_nodes: tuple[str, ...]
-    peer_timeout: float
     robot: RobotParameters
     costmaps: CostmapParameters
-    planner: PlannerParameters
     controller: ControllerParameters
-    collision_monitor: CollisionMonitorParameters
     routes: RouteParameters
     docking: DockingParameters
+    planner: PlannerParameters = field(default_factory=PlannerParameters)
+    collision_monitor: CollisionMonitorParameters = field(default_factory=CollisionMonitorParameters)
+    owner_nodes: tuple[str, ...] = parameter(
+        'owner_nodes',
+        (names.BT_SERVER,),
+        'nodes that give the goals: while one is late the robot is held, and when one is gone every goal is ended; '
+        '[""] for none',
+    )
+    robot_nodes: tuple[str, ...] = parameter(
+        'robot_nodes', (names.SIMULATOR,), 'nodes without which there is no robot: when one is gone every goal fails'
+    )
+    peer_timeout: float = parameter('peer_timeout', PEER_TIMEOUT, PEER_TIMEOUT_TEXT, 0.6, 3600.0)
 
 
 def declare_navigation_parameters(node: Node) -> NavigationParameters:
@@ -56,27 +64,21 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         declare.text('robot', '', 'its name there; empty for the last name of the namespace, or the only robot'),
         node.get_namespace().rpartition('/')[2],
     )
-    controller = declare_controller_parameters(declare, limits)
-    routes = declare_route_parameters(declare)
+    controller = declare.fields(ControllerParameters(follower=limits))
+    routes = declare.fields(RouteParameters())
     docking = declare_docking_parameters(declare, controller.follower.turning_radius)
-    return NavigationParameters(
-        owner_nodes=declare.texts(
-            'owner_nodes',
-            [names.BT_SERVER],
-            'nodes that give the goals: while one is late the robot is held, and when one is gone every goal is ended; '
-            '[""] for none',
-        ),
-        robot_nodes=declare.texts(
-            'robot_nodes', [names.SIMULATOR], 'nodes without which there is no robot: when one is gone every goal fails'
-        ),
-        peer_timeout=declare.real('peer_timeout', PEER_TIMEOUT, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
-        robot=declare_robot_parameters(declare, (routes.graph_file, docking.database)),
-        costmaps=declare_costmap_parameters(declare, inflation),
-        planner=declare_planner_parameters(declare),
-        controller=controller,
-        collision_monitor=declare_collision_monitor_parameters(declare),
-        routes=routes,
-        docking=docking,
+    allowed = (
+        *declare.directories('allowed_directories', (), ALLOWED_DIRECTORIES_TEXT),
+        *(Path(file).absolute().parent for file in (routes.graph_file, docking.database) if file),
+    )
+    return declare.fields(
+        NavigationParameters(
+            robot=RobotParameters(allowed_directories=allowed),
+            costmaps=CostmapParameters(declare_inflation(declare, inflation)),
+            controller=controller,
+            routes=routes,
+            docking=docking,
+        )
     )
 
 

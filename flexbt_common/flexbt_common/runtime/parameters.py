@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import array
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -31,6 +32,7 @@ from rclpy.parameter import Parameter
 from flexbt_common.errors import ResourceError, UnfitParameterError
 from flexbt_common.files import with_package_shares
 from flexbt_common.middleware.rclpy_private import given_parameters
+from flexbt_core.values.parameter_fields import ParameterField, parameters_of
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_core.values.yaml_data import YamlError, load_yaml
 
@@ -77,6 +79,9 @@ _OF_QOS: Final = 'qos_overrides.'
 """Prefix of the names of parameters that are declared with a publisher or subscription."""
 
 
+P = TypeVar('P', bound=Any)
+
+
 class ParameterDeclarer:
     """A helper that declares parameters on a node once and returns their values; each has a description and bounds.
 
@@ -96,6 +101,37 @@ class ParameterDeclarer:
         limits. Every program of the domain can call the services that set parameters.
         """
         return ParameterDeclarer(self._node, is_fixed=True)
+
+    def fields(self, defaults: P) -> P:
+        """Return a dataclass with the values of the fields that are parameters, also of dataclasses in it.
+
+        Its own values are the defaults; see :func:`flexbt_core.values.parameter_fields.parameter`.
+        """
+        values: dict[str, Any] = {}
+        parameters = parameters_of(defaults)
+        for one in dataclasses.fields(defaults):
+            default = getattr(defaults, one.name)
+            if one.name in parameters:
+                values[one.name] = self._field(parameters[one.name], default)
+            elif dataclasses.is_dataclass(default):
+                values[one.name] = self.fields(default)
+        return dataclasses.replace(defaults, **values)
+
+    def _field(self, one: ParameterField, default: Any) -> Any:
+        match default:
+            case bool():
+                return self.flag(one.name, default, one.description)
+            case int():
+                return self.integer(one.name, default, one.least, one.most, one.description)
+            case float():
+                return self.real(one.name, default, one.least, one.most, one.description)
+            case str():
+                return self.text(one.name, default, one.description)
+        texts = self.texts(one.name, default, one.description)
+        for text in texts:
+            if one.choices and text not in one.choices:
+                raise UnfitParameterError(one.name, f'there is no {text!r}; known: {", ".join(one.choices)}')
+        return texts
 
     def directories(self, name: str, default: Sequence[str], description: str) -> tuple[Path, ...]:
         """Absolute directories, with ``~`` for the home of the user."""

@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy
 
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.world.descriptions.models import DriveModel
@@ -31,6 +32,9 @@ from .motions import (
     collides,
 )
 from .track import Leg, Track, drivable_legs
+
+MOST_ROBOT_SPEED: Final = 10.0
+"""m/s."""
 
 SEARCH_DISTANCE: Final = 1.5
 """Maximum distance along the path from one step to the next, m; the path may cross itself."""
@@ -86,7 +90,9 @@ class FollowerLimits:
     the radius away. A goal whose heading it does not have there is not reached.
     """
 
-    speed: float = 0.26
+    speed: float = parameter(
+        'desired_linear_vel', 0.26, 'speed on a free and straight way, m/s', 0.01, MOST_ROBOT_SPEED
+    )
     lookahead_min: float = 0.25
     lookahead_max: float = 0.6
     lookahead_time: float = 1.5
@@ -94,19 +100,33 @@ class FollowerLimits:
     approach_speed: float = 0.05
     curvature_radius: float = 0.6
     curve_speed: float = 0.1
-    proximity_distance: float = 0.4
+    proximity_distance: float = parameter(
+        'cost_scaling_dist',
+        0.4,
+        'nearer to an obstacle than this the robot drives slower, in proportion, m',
+        0.01,
+        10.0,
+    )
     rotate_angle: float = 0.785
     angular_speed: float = 1.5
-    xy_tolerance: float = 0.1
-    yaw_tolerance: float = 0.1
-    progress_distance: float = 0.5
-    progress_time: float = 10.0
-    patience: float = 0.3
+    xy_tolerance: float = parameter('xy_goal_tolerance', 0.1, 'm', 0.01, 2.0)
+    yaw_tolerance: float = parameter('yaw_goal_tolerance', 0.1, 'rad', 0.01, 3.2)
+    progress_distance: float = parameter('required_movement_radius', 0.5, 'm', 0.01, 10.0)
+    progress_time: float = parameter('movement_time_allowance', 10.0, 's', 0.1, 1000.0)
+    patience: float = parameter('failure_tolerance', 0.3, 'how long an obstacle is waited for, s', 0.0, 60.0)
     collision_time: float = 1.0
     linear_acceleration: float = 2.5
     angular_acceleration: float = 3.2
-    turning_radius: float = 0.0
-    reverses: bool = True
+    turning_radius: float = parameter(
+        'minimum_turning_radius',
+        0.0,
+        'least radius of a bend of a car-like robot, m; 0 for one that turns on the spot',
+        0.0,
+        100.0,
+    )
+    reverses: bool = parameter(
+        'allow_reversing', True, 'whether a car-like robot is driven backward where its path leads there'
+    )
 
     @property
     def steering(self) -> Steering:

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from dataclasses import dataclass, field
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from nav2_msgs.action import FollowPath
@@ -14,7 +14,7 @@ from nav2_msgs.msg import SpeedLimit
 from flexbt_common import names
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.common.requests import asked_path, check_id
 from flexbt_sim.messages import stamped
 from flexbt_sim.world.plane.geometry import Pose
@@ -22,67 +22,24 @@ from flexbt_sim.world.plane.geometry import Pose
 from .motion_server import MotionArbiter, MotionServer
 from .path_follower import FollowerLimits, PathFollower
 
-MOST_ROBOT_SPEED: Final = 10.0
-"""m/s."""
-
 
 @dataclass
 class ControllerParameters:
-    """Values of the parameters; see :func:`declare_controller_parameters` for meaning and unit.
+    """Parameters of the controller.
 
     While the servers run, ``follower`` may be set to another one, for the goals that come then. On the executor thread.
     """
 
-    controller_ids: tuple[str, ...]
-    goal_checker_ids: tuple[str, ...]
-    progress_checker_ids: tuple[str, ...]
-    follower: FollowerLimits
-
-
-def declare_controller_parameters(declare: ParameterDeclarer, limits: FollowerLimits) -> ControllerParameters:
-    """Declare the parameters and read them. ``limits`` has the defaults for the robot.
-
-    Raises:
-        UnfitParameterError: a value that cannot work.
-    """
-    limits = replace(
-        limits,
-        speed=declare.real(
-            'desired_linear_vel', limits.speed, 0.01, MOST_ROBOT_SPEED, 'speed on a free and straight way, m/s'
-        ),
-        proximity_distance=declare.real(
-            'cost_scaling_dist',
-            limits.proximity_distance,
-            0.01,
-            10.0,
-            'nearer to an obstacle than this the robot drives slower, in proportion, m',
-        ),
-        xy_tolerance=declare.real('xy_goal_tolerance', limits.xy_tolerance, 0.01, 2.0, 'm'),
-        turning_radius=declare.real(
-            'minimum_turning_radius',
-            limits.turning_radius,
-            0.0,
-            100.0,
-            'least radius of a bend of a car-like robot, m; 0 for one that turns on the spot',
-        ),
-        reverses=declare.flag(
-            'allow_reversing', True, 'whether a car-like robot is driven backward where its path leads there'
-        ),
-        yaw_tolerance=declare.real('yaw_goal_tolerance', limits.yaw_tolerance, 0.01, 3.2, 'rad'),
-        progress_distance=declare.real('required_movement_radius', limits.progress_distance, 0.01, 10.0, 'm'),
-        progress_time=declare.real('movement_time_allowance', limits.progress_time, 0.1, 1000.0, 's'),
-        patience=declare.real('failure_tolerance', limits.patience, 0.0, 60.0, 'how long an obstacle is waited for, s'),
+    controller_ids: tuple[str, ...] = parameter(
+        'controller_ids', ('FollowPath',), 'names under which the controller is known'
     )
-    return ControllerParameters(
-        controller_ids=declare.texts('controller_ids', ['FollowPath'], 'names under which the controller is known'),
-        goal_checker_ids=declare.texts(
-            'goal_checker_ids', ['general_goal_checker', 'goal_checker'], 'names under which the goal checker is known'
-        ),
-        progress_checker_ids=declare.texts(
-            'progress_checker_ids', ['progress_checker'], 'names under which the progress checker is known'
-        ),
-        follower=limits,
+    goal_checker_ids: tuple[str, ...] = parameter(
+        'goal_checker_ids', ('general_goal_checker', 'goal_checker'), 'names under which the goal checker is known'
     )
+    progress_checker_ids: tuple[str, ...] = parameter(
+        'progress_checker_ids', ('progress_checker',), 'names under which the progress checker is known'
+    )
+    follower: FollowerLimits = field(default_factory=FollowerLimits)
 
 
 class ControllerServer:

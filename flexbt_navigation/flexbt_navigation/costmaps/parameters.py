@@ -12,6 +12,7 @@ from flexbt_common import names
 from flexbt_common.errors import UnfitParameterError
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_core.values.json_data import load_json
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.plane.geometry import Circle, Polygon
@@ -24,34 +25,30 @@ MOST_RADIUS: Final = 50.0
 
 @dataclass(frozen=True)
 class CostmapParameters:
-    """Values of the parameters; see :func:`declare_costmap_parameters` for meaning and unit."""
+    """Parameters of the costmaps."""
 
     inflation: Inflation
-    filter_info_topic: str
-    scan_topic: str
+    filter_info_topic: str = parameter(
+        'filter_info_topic',
+        names.KEEPOUT_FILTER_INFO,
+        'topic that names the mask of areas to keep out of, nav2_msgs/CostmapFilterInfo',
+    )
+    scan_topic: str = parameter('scan_topic', names.SCAN, 'topic of the lidar, sensor_msgs/LaserScan')
 
 
-def declare_costmap_parameters(declare: ParameterDeclarer, inflation: Inflation) -> CostmapParameters:
-    """Declare the parameters and read them. ``inflation`` has the defaults for the robot.
+def declare_inflation(declare: ParameterDeclarer, inflation: Inflation) -> Inflation:
+    """Declare the parameters of the footprint and the inflation. ``inflation`` has the defaults for the robot.
 
     Raises:
         UnfitParameterError: a value that cannot work.
     """
-    return CostmapParameters(
-        inflation=_inflation(
-            declare.text(
-                'footprint', _written(inflation.corners), 'corners of a robot that is no circle, m: [[x, y], ...]'
-            ),
-            declare.real('robot_radius', inflation.robot_radius, 0.001, MOST_RADIUS, 'radius of the robot, m'),
-            declare.real('inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'),
-            declare.real('cost_scaling_factor', inflation.scaling, 0.1, 100.0, 'how fast costs fall off, 1/m'),
+    return _inflation(
+        declare.text(
+            'footprint', _written(inflation.corners), 'corners of a robot that is no circle, m: [[x, y], ...]'
         ),
-        filter_info_topic=declare.text(
-            'filter_info_topic',
-            names.KEEPOUT_FILTER_INFO,
-            'topic that names the mask of areas to keep out of, nav2_msgs/CostmapFilterInfo',
-        ),
-        scan_topic=declare.text('scan_topic', names.SCAN, 'topic of the lidar, sensor_msgs/LaserScan'),
+        declare.real('robot_radius', inflation.robot_radius, 0.001, MOST_RADIUS, 'radius of the robot, m'),
+        declare.real('inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'),
+        declare.real('cost_scaling_factor', inflation.scaling, 0.1, 100.0, 'how fast costs fall off, 1/m'),
     )
 
 

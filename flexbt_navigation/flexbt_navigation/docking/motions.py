@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.controller.motions import STOP, Motion, TurnLimits, Velocity
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import NavigationError
@@ -103,18 +104,34 @@ class DockingLimits:
     spot: it needs a ``staging_yaw_offset`` of 0.
     """
 
-    staging_offset: float = -0.7
-    staging_yaw_offset: float = 0.0
-    docked_within: float = 0.05
-    prestaging_tolerance: float = 0.5
-    perception_seconds: float = 5.0
-    approach_seconds: float = 30.0
-    charge_seconds: float = 5.0
-    retries: int = 3
-    linear_tolerance: float = 0.05
-    angular_tolerance: float = 0.05
-    projection_seconds: float = 5.0
-    collision_threshold: float = 0.3
+    staging_offset: float = parameter(
+        'staging_x_offset', -0.7, 'from a dock to its staging pose, m', FARTHEST_STAGING, 0.0
+    )
+    staging_yaw_offset: float = parameter('staging_yaw_offset', 0.0, 'the same for the heading, rad', -3.2, 3.2)
+    docked_within: float = parameter(
+        'docking_threshold', 0.05, 'how near to its dock the robot is docked, m', 0.005, 1.0
+    )
+    prestaging_tolerance: float = parameter(
+        'dock_prestaging_tolerance',
+        0.5,
+        'so near to the staging pose nothing is driven to get there, m and rad',
+        0.0,
+        10.0,
+    )
+    perception_seconds: float = parameter(
+        'initial_perception_timeout', 5.0, 'how long a dock is looked for, s', 0.1, 100.0
+    )
+    approach_seconds: float = parameter('dock_approach_timeout', 30.0, 'how long an approach may take, s', 0.1, 1000.0)
+    charge_seconds: float = parameter('wait_charge_timeout', 5.0, 'how long a charge is waited for, s', 0.1, 1000.0)
+    retries: int = parameter('max_retries', 3, 'how often docking is tried again', 0, 100)
+    linear_tolerance: float = parameter(
+        'undock_linear_tolerance', 0.05, 'how near to it a staging pose is reached, m', 0.01, 1.0
+    )
+    angular_tolerance: float = parameter('undock_angular_tolerance', 0.05, 'the same for the heading, rad', 0.01, 3.2)
+    projection_seconds: float = parameter('dock_projection_time', 5.0, 'how far ahead obstacles count, s', 0.0, 30.0)
+    collision_threshold: float = parameter(
+        'dock_collision_threshold', 0.3, 'so near to a dock nothing counts as an obstacle, m', 0.0, 10.0
+    )
     law: ControlLaw = field(default_factory=ControlLaw)
 
     @classmethod

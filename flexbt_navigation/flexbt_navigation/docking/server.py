@@ -10,7 +10,7 @@ The charge of the robot is reported by battery_state; where a dock is seen, when
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -29,6 +29,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_common.values.message_fields import duration_message
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
 from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, end_by, finish
 from flexbt_navigation.common.requests import asked_pose
@@ -44,7 +45,7 @@ from flexbt_sim.messages import stamped
 from flexbt_sim.world.plane.geometry import Pose, wrap
 
 from .dock_database import Dock, DockType, load_docks
-from .motions import FARTHEST_STAGING, DockingLimits, DockMotion, DockState, Senses, StagingMotion, UndockMotion
+from .motions import DockingLimits, DockMotion, DockState, Senses, StagingMotion, UndockMotion
 
 CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
 CHARGING_CURRENT: Final = 0.5
@@ -342,14 +343,26 @@ def _refused(action_type: Any, why: str) -> Any:
 
 @dataclass(frozen=True)
 class DockingParameters:
-    """Values of the parameters; see :func:`declare_docking_parameters` for meaning and unit."""
+    """Parameters of the docking server."""
 
-    database: str
-    charging_types: tuple[str, ...]
-    other_types: tuple[str, ...]
-    uses_detection: bool
-    detection_seconds: float
-    limits: DockingLimits
+    database: str = parameter(
+        'dock_database', '', 'YAML file with docks:, or a world file, whose stations are docks; none if empty'
+    )
+    charging_types: tuple[str, ...] = parameter(
+        'charging_docks',
+        ('simple_charging_dock',),
+        'types of docks that charge; the first one is that of stations',
+    )
+    other_types: tuple[str, ...] = parameter(
+        'non_charging_docks', ('simple_non_charging_dock',), 'types of docks without a charge'
+    )
+    uses_detection: bool = parameter(
+        'use_external_detection_pose', False, 'whether docks are where detected_dock_pose says, not the database'
+    )
+    detection_seconds: float = parameter(
+        'external_detection_timeout', 1.0, 'for how long a detected pose counts, s', 0.01, 60.0
+    )
+    limits: DockingLimits = field(default_factory=DockingLimits)
 
 
 def declare_docking_parameters(declare: ParameterDeclarer, turning_radius: float) -> DockingParameters:
@@ -358,77 +371,7 @@ def declare_docking_parameters(declare: ParameterDeclarer, turning_radius: float
     Raises:
         UnfitParameterError: a value that cannot work.
     """
-    limits = DockingLimits.of(turning_radius)
-    docking = DockingParameters(
-        database=declare.text(
-            'dock_database',
-            '',
-            'YAML file with docks:, or a world file, whose stations are docks; none if empty',
-        ),
-        charging_types=declare.texts(
-            'charging_docks', ['simple_charging_dock'], 'types of docks that charge; the first one is that of stations'
-        ),
-        other_types=declare.texts(
-            'non_charging_docks', ['simple_non_charging_dock'], 'types of docks without a charge'
-        ),
-        uses_detection=declare.flag(
-            'use_external_detection_pose', False, 'whether docks are where detected_dock_pose says, not the database'
-        ),
-        detection_seconds=declare.real(
-            'external_detection_timeout', 1.0, 0.01, 60.0, 'for how long a detected pose counts, s'
-        ),
-        limits=replace(
-            limits,
-            staging_offset=declare.real(
-                'staging_x_offset', limits.staging_offset, FARTHEST_STAGING, 0.0, 'from a dock to its staging pose, m'
-            ),
-            staging_yaw_offset=declare.real('staging_yaw_offset', 0.0, -3.2, 3.2, 'the same for the heading, rad'),
-            docked_within=declare.real(
-                'docking_threshold', limits.docked_within, 0.005, 1.0, 'how near to its dock the robot is docked, m'
-            ),
-            prestaging_tolerance=declare.real(
-                'dock_prestaging_tolerance',
-                limits.prestaging_tolerance,
-                0.0,
-                10.0,
-                'so near to the staging pose nothing is driven to get there, m and rad',
-            ),
-            perception_seconds=declare.real(
-                'initial_perception_timeout', limits.perception_seconds, 0.1, 100.0, 'how long a dock is looked for, s'
-            ),
-            approach_seconds=declare.real(
-                'dock_approach_timeout', limits.approach_seconds, 0.1, 1000.0, 'how long an approach may take, s'
-            ),
-            charge_seconds=declare.real(
-                'wait_charge_timeout', limits.charge_seconds, 0.1, 1000.0, 'how long a charge is waited for, s'
-            ),
-            retries=declare.integer('max_retries', limits.retries, 0, 100, 'how often docking is tried again'),
-            linear_tolerance=declare.real(
-                'undock_linear_tolerance',
-                limits.linear_tolerance,
-                0.01,
-                1.0,
-                'how near to it a staging pose is reached, m',
-            ),
-            angular_tolerance=declare.real(
-                'undock_angular_tolerance', limits.angular_tolerance, 0.01, 3.2, 'the same for the heading, rad'
-            ),
-            projection_seconds=declare.real(
-                'dock_projection_time',
-                limits.projection_seconds,
-                0.0,
-                30.0,
-                'how far ahead obstacles count, s',
-            ),
-            collision_threshold=declare.real(
-                'dock_collision_threshold',
-                limits.collision_threshold,
-                0.0,
-                10.0,
-                'so near to a dock nothing counts as an obstacle, m',
-            ),
-        ),
-    )
+    docking = declare.fields(DockingParameters(limits=DockingLimits.of(turning_radius)))
     if turning_radius and docking.limits.staging_yaw_offset:
         raise UnfitParameterError(
             'staging_yaw_offset',

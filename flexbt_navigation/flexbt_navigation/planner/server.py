@@ -16,10 +16,10 @@ from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import duration_message, poses_of
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.common.goals import SUCCEEDED, Computation, GoalEnd, OnPathEnd, finish
 from flexbt_navigation.common.requests import Asked, asked_path, asked_pose, check_id, set_success
 from flexbt_navigation.controller.server import ControllerParameters
@@ -34,31 +34,15 @@ from .hybrid_planner import planner_for
 
 @dataclass
 class PlannerParameters:
-    """Values of the parameters; see :func:`declare_planner_parameters` for meaning and unit.
+    """Parameters of the planner.
 
     While the servers run, ``tolerance`` may be set to another one, for the paths that are planned then. On the executor
     thread.
     """
 
-    planner_ids: tuple[str, ...]
-    tolerance: float
-
-
-def declare_planner_parameters(declare: ParameterDeclarer) -> PlannerParameters:
-    """Declare the parameters and read them.
-
-    Raises:
-        UnfitParameterError: a value that cannot work.
-    """
-    return PlannerParameters(
-        planner_ids=declare.texts('planner_ids', ['GridBased'], 'names under which the planner is known'),
-        tolerance=declare.real(
-            'tolerance',
-            0.0,
-            0.0,
-            10.0,
-            'how far from a goal that cannot be reached a path may end, m; 0: nowhere else',
-        ),
+    planner_ids: tuple[str, ...] = parameter('planner_ids', ('GridBased',), 'names under which the planner is known')
+    tolerance: float = parameter(
+        'tolerance', 0.0, 'how far from a goal that cannot be reached a path may end, m; 0: nowhere else', 0.0, 10.0
     )
 
 

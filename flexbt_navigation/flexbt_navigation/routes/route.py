@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy
 
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.world.plane.geometry import Point, Pose
 
@@ -83,13 +84,11 @@ def find_route(
 
 @dataclass(frozen=True)
 class PathShape:
-    """``density``: the greatest distance of the poses, m; ``radius`` of rounded corners, m, 0 to leave them sharp.
+    """The shape of paths along routes."""
 
-    These are Nav2's path_density, smoothing_radius and smooth_corners.
-    """
-
-    density: float = 0.05
-    radius: float = 1.0
+    density: float = parameter('path_density', 0.05, "greatest distance of the poses of a route's path, m", 0.01, 10.0)
+    radius: float = parameter('smoothing_radius', 1.0, "radius of the corners of a route's path, m", 0.01, 100.0)
+    is_rounded: bool = parameter('smooth_corners', True, "whether the corners of a route's path are rounded")
 
 
 def route_path(route: Route, shape: PathShape, begin: Point | None = None) -> list[Pose]:
@@ -126,7 +125,7 @@ def _line(start: Point, end: Point, density: float) -> list[Point]:
 def _arc(start: Point, corner: Point, end: Point, shape: PathShape) -> list[Point]:
     """Points of the arc that touches both lines of a corner, or the corner itself."""
     before, after = math.dist(start, corner), math.dist(corner, end)
-    if not (shape.radius and before and after):
+    if not (shape.is_rounded and before and after):
         return [corner]
     ax, ay = (start[0] - corner[0]) / before, (start[1] - corner[1]) / before
     bx, by = (end[0] - corner[0]) / after, (end[1] - corner[1]) / after

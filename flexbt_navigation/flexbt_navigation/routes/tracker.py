@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.costmaps.costmap import INSCRIBED, Costmap
 from flexbt_sim.world.plane.geometry import Pose
 
@@ -18,8 +19,10 @@ from .route import Route
 class AchievedRadii:
     """Within how many m of a node it may be achieved: on the way, and at the ends of the route."""
 
-    node: float = 2.0
-    boundary: float = 1.0
+    node: float = parameter('radius_to_achieve_node', 2.0, 'how near to a node it may be achieved, m', 0.01, 100.0)
+    boundary: float = parameter(
+        'boundary_radius_to_achieve_node', 1.0, 'the same for the first and the last node, m', 0.01, 100.0
+    )
 
 
 class RouteTracker:

@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from flexbt_common import names
 from flexbt_common.runtime.parameters import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.messages import check_fault
 from flexbt_sim.world.descriptions.models import DriveModel, RobotModel
@@ -32,25 +33,46 @@ ROBOT = 'robot'
 
 @dataclass(frozen=True)
 class SimulatorParameters:
-    """Values of the parameters; see :func:`declare_simulator_parameters` for meaning and unit."""
+    """Parameters of the simulator."""
 
     world: Path | None
     map: Path
     initial_pose: Pose
-    seed: int
     robot: RobotModel
-    namespaces: bool
-    initialpose_moves: bool
-    odom_rate: float
-    clock_rate: float
-    stamped_cmd_vel: bool
-    cmd_vel_topic: str
-    map_frame: str
-    odom_frame: str
-    base_frame: str
-    footprint_frame: str
-    scan_frame: str
     allowed_directories: tuple[Path, ...]
+    seed: int = parameter('seed', 0, 'seed of all random numbers; 0 for that of the world file', 0, 2**63 - 1)
+    namespaces: bool = parameter(
+        'robot_namespaces',
+        True,
+        'each robot of a world file is in a namespace of its name; false: its only one is in that of the node',
+    )
+    initialpose_moves: bool = parameter(
+        'initialpose_moves_robot',
+        True,
+        'initialpose puts the robot there, as in nav2_loopback_sim; false: it tells its localization where it is, '
+        'as amcl. By default true where there is no world file',
+    )
+    odom_rate: float = parameter(
+        'odom_rate',
+        33.3,
+        'rate of odometry and transforms, and of the pose of a robot that is driven, Hz of simulated time',
+        1.0,
+        100.0,
+    )
+    clock_rate: float = parameter(
+        'clock_rate',
+        20.0,
+        'least rate of /clock, Hz of simulated time (poses at rest: half); a greater odom_rate holds in a drive',
+        1.0,
+        1000.0,
+    )
+    stamped_cmd_vel: bool = parameter('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist')
+    cmd_vel_topic: str = parameter('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands')
+    map_frame: str = parameter('map_frame', 'map', 'frame of the map')
+    odom_frame: str = parameter('odom_frame', 'odom', 'frame of the odometry')
+    base_frame: str = parameter('base_frame', 'base_link', 'frame of the robot')
+    footprint_frame: str = parameter('footprint_frame', 'base_footprint', 'frame of the robot on the ground')
+    scan_frame: str = parameter('scan_frame', Lidar.frame, 'frame of the lidar')
 
     def frame_of(self, device: Device) -> str:
         """Return the frame of a device."""
@@ -112,48 +134,18 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
     map_file = Path(
         declare.text('map', '', 'YAML file of a ROS map; empty for the one that comes along') or built_in_map()
     )
-    return SimulatorParameters(
-        world=Path(world) if world else None,
-        map=map_file,
-        allowed_directories=(
-            *declare.directories('allowed_directories', (), ALLOWED_DIRECTORIES_TEXT),
-            (Path(world) if world else map_file).absolute().parent,
-        ),
-        initial_pose=Pose(*pose),
-        seed=declare.integer('seed', 0, 0, 2**63 - 1, 'seed of all random numbers; 0 for that of the world file'),
-        robot=_robot(declare),
-        namespaces=declare.flag(
-            'robot_namespaces',
-            True,
-            'each robot of a world file is in a namespace of its name; false: its only one is in that of the node',
-        ),
-        initialpose_moves=declare.flag(
-            'initialpose_moves_robot',
-            not world,
-            'initialpose puts the robot there, as in nav2_loopback_sim; false: it tells its localization where it is, '
-            'as amcl. By default true where there is no world file',
-        ),
-        odom_rate=declare.real(
-            'odom_rate',
-            33.3,
-            1.0,
-            100.0,
-            'rate of odometry and transforms, and of the pose of a robot that is driven, Hz of simulated time',
-        ),
-        clock_rate=declare.real(
-            'clock_rate',
-            20.0,
-            1.0,
-            1000.0,
-            'least rate of /clock, Hz of simulated time (poses at rest: half); a greater odom_rate holds in a drive',
-        ),
-        stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
-        cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),
-        map_frame=declare.text('map_frame', 'map', 'frame of the map'),
-        odom_frame=declare.text('odom_frame', 'odom', 'frame of the odometry'),
-        base_frame=declare.text('base_frame', 'base_link', 'frame of the robot'),
-        footprint_frame=declare.text('footprint_frame', 'base_footprint', 'frame of the robot on the ground'),
-        scan_frame=declare.text('scan_frame', Lidar.frame, 'frame of the lidar'),
+    return declare.fields(
+        SimulatorParameters(
+            world=Path(world) if world else None,
+            map=map_file,
+            initial_pose=Pose(*pose),
+            robot=_robot(declare),
+            allowed_directories=(
+                *declare.directories('allowed_directories', (), ALLOWED_DIRECTORIES_TEXT),
+                (Path(world) if world else map_file).absolute().parent,
+            ),
+            initialpose_moves=not world,
+        )
     )
 
 
