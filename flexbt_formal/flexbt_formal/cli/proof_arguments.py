@@ -80,13 +80,7 @@ def proof_cache(options: argparse.Namespace) -> ProofCache | None:
 
 def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:
     """``options.require`` of ``what`` is proved, ``options.requirements``."""
-    parser.add_argument(
-        '--require',
-        metavar='TEXT',
-        action='append',
-        default=[],
-        help=f'requirement of the {what}, such as "never /Drive > failed"; repeatable',
-    )
+    arguments.add_list(parser, '--require', 'TEXT', f'requirement of the {what}, such as "never /Drive > failed"')
     parser.add_argument(
         '--requirements', metavar='FILE', help='YAML file of requirements, by the names of behaviors and trees'
     )

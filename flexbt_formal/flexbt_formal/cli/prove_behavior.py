@@ -28,29 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
     add_parameters(parser)
     add_tree_files(parser)
-    parser.add_argument(
-        '--given',
-        metavar='KEY',
-        action='append',
-        default=[],
-        help='key that is set on the blackboards from outside; repeatable',
-    )
+    arguments.add_list(parser, '--given', 'KEY', 'key that is set on the blackboards from outside')
     arguments.add_node_types(parser, allow_unknown=False)
-    parser.add_argument(
-        '--operator',
-        choices=[one.value for one in Operator],
-        default=Operator.ANSWERS.value,
-        help='operator: does nothing, answers decisions, or also pauses and forces (default: %(default)s)',
-    )
+    activity = 'operator: does nothing, answers decisions, or also pauses and forces'
+    arguments.add_choice(parser, '--operator', Operator, Operator.ANSWERS.value, activity)
     parser.add_argument(
         '--forces', metavar='N', type=int, choices=range(4), default=0, help='number of forced outcomes, 0 to 3'
     )
-    parser.add_argument(
-        '--autonomy',
-        choices=list(AUTONOMY_NAMES.values()),
-        default=AUTONOMY_NAMES[Autonomy.Low],
-        help='level of autonomy (default: %(default)s)',
-    )
+    levels = list(AUTONOMY_NAMES.values())
+    arguments.add_choice(parser, '--autonomy', levels, AUTONOMY_NAMES[Autonomy.Low], 'level of autonomy')
     proof_arguments.add_faults(parser, 'cancels that are ignored, and servers that are gone for good')
     proof_arguments.add_requirements(parser, 'machine of the behavior')
     parser.add_argument(
@@ -58,13 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='OLD',
         help='previous version, an installed behavior or a file (.yaml): report how the behavior differs from it',
     )
-    parser.add_argument(
-        '--against-trees',
-        metavar='FILE',
-        action='append',
-        default=[],
-        help='--trees of the previous version (default: those of --trees); repeatable',
-    )
+    of_old = '--trees of the previous version (default: those of --trees)'
+    arguments.add_list(parser, '--against-trees', 'FILE', of_old)
     proof_arguments.add_limits(parser)
 
 

@@ -26,19 +26,15 @@ _HEAD = 4096
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('of a model in the format of AS2FM (main.xml)')
-    group.add_argument('--property', metavar='NAME', action='append', default=[], help='only this property; repeatable')
+    arguments.add_list(group, '--property', 'NAME', 'only this property')
     group.add_argument(
         '--method',
         choices=[one.value for one in Method],
         default=Method.AUTO.value,
         help='explore all states (exact), or make random runs (statistical); auto: random runs if states are too many',
     )
-    group.add_argument(
-        '--order',
-        choices=[one.value for one in Order],
-        default=Order.TURNS.value,
-        help='order of automata that can step at the same time (default: %(default)s)',
-    )
+    order = 'order of automata that can step at the same time'
+    arguments.add_choice(group, '--order', Order, Order.TURNS.value, order)
     limits = CheckLimits()
     group.add_argument(
         '--error',

@@ -27,23 +27,12 @@ from . import proof_arguments, prove_model
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_files(parser)
     parser.add_argument('--tree', metavar='ID', help='only this tree (default: all trees that are not sub-trees)')
-    parser.add_argument(
-        '--given',
-        metavar='KEY',
-        action='append',
-        default=[],
-        help='key that is set on the blackboard from outside; repeatable',
-    )
+    arguments.add_list(parser, '--given', 'KEY', 'key that is set on the blackboard from outside')
     arguments.add_node_types(parser, allow_unknown=False)
     proof_arguments.add_faults(parser, 'servers that are gone for good')
     proof_arguments.add_requirements(parser, 'tree')
-    parser.add_argument(
-        '--against',
-        metavar='OLD',
-        action='append',
-        default=[],
-        help='file of the previous version, or - for standard input: report how the trees differ from it; repeatable',
-    )
+    old = 'file of the previous version, or - for standard input: report how the trees differ from it'
+    arguments.add_list(parser, '--against', 'OLD', old)
     proof_arguments.add_limits(parser)
     prove_model.add_arguments(parser)
 

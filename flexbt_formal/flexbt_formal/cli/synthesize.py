@@ -44,29 +44,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help='what the machine has to reach; with several, all of them',
     )
-    asked.add_argument(
-        '--initial', metavar='FORMULA', action='append', default=[], help='what holds at the start; repeatable'
-    )
-    asked.add_argument(
-        '--outcome', metavar='NAME', action='append', default=[], help='outcome of the machine; repeatable'
-    )
+    arguments.add_list(asked, '--initial', 'FORMULA', 'what holds at the start')
+    arguments.add_list(asked, '--outcome', 'NAME', 'outcome of the machine')
     asked.add_argument('--request', metavar='FILE', help='request (YAML) with goals, initial_conditions, sm_outcomes')
     asked.add_argument('--spec', metavar='FILE', help='specification to add: YAML, or structuredslugs')
     world = parser.add_argument_group('states and the world')
     world.add_argument(
         '--mappings', metavar='FILE', action='append', default=[], help='mappings of outcomes (default: the usual ones)'
     )
-    world.add_argument(
-        '--states', metavar='MODULE', action='append', default=[], help='module with more states; repeatable'
-    )
+    arguments.add_list(world, '--states', 'MODULE', 'module with more states')
     world.add_argument('--interfaces', metavar='FILE', help='outcomes and keys (YAML) of states that are not installed')
-    world.add_argument(
-        '--liveness',
-        choices=[one.value for one in Liveness],
-        default=Liveness.FAIR.value,
-        help='fair: a capability that is retried completes at some time; adversarial: failing forever is success; '
-        'fair-outcomes: as in flexbe_synthesis (default: %(default)s)',
+    liveness = (
+        'fair: a capability that is retried completes at some time; adversarial: failing forever is success; '
+        'fair-outcomes: as in flexbe_synthesis'
     )
+    arguments.add_choice(world, '--liveness', Liveness, Liveness.FAIR.value, liveness)
     world.add_argument('--retries', metavar='N', type=int, help='retry a state N times, then give it up')
     world.add_argument('--pending', action='store_true', help="use flexbe_synthesis' flags for pending completions")
     world.add_argument('--parsed', action='store_true', help='use one integer for all activations')
@@ -74,12 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     result.add_argument(
         '-o', '--output', metavar='FILE', help='file to write the machine to (default: standard output)'
     )
-    result.add_argument(
-        '--form',
-        choices=_FORMS,
-        default=_FORMS[0],
-        help='yaml; python: a behavior; flexbe: the fields of StateInstantiation[] as JSON (default: %(default)s)',
-    )
+    forms = 'yaml; python: a behavior; flexbe: the fields of StateInstantiation[] as JSON'
+    arguments.add_choice(result, '--form', _FORMS, _FORMS[0], forms)
     result.add_argument(
         '--draw',
         metavar='FILE',

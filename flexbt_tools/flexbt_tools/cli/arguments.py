@@ -7,6 +7,7 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from enum import Enum
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry, node_skills
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
@@ -31,6 +32,19 @@ def positive(text: str) -> float:
     return value
 
 
+def add_list(parser: argparse._ActionsContainer, flag: str, metavar: str, help: str) -> None:
+    """Add an option that may be given several times: a list of texts, empty without it."""
+    parser.add_argument(flag, metavar=metavar, action='append', default=[], help=f'{help}; repeatable')
+
+
+def add_choice(
+    parser: argparse._ActionsContainer, flag: str, choices: Sequence[str] | type[Enum], default: str, help: str
+) -> None:
+    """Add an option that is one of some texts, or of the values of an enumeration."""
+    values = [one if isinstance(one, str) else one.value for one in choices]
+    parser.add_argument(flag, choices=values, default=default, help=f'{help} (default: %(default)s)')
+
+
 def add_files(parser: argparse.ArgumentParser) -> None:
     """One or several tree files: ``options.files``."""
     parser.add_argument('files', metavar='FILE', nargs='+', help='XML file of trees; - for standard input')
@@ -43,19 +57,14 @@ def add_file(parser: argparse.ArgumentParser) -> None:
 
 def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = True) -> None:
     """Add the options of known node types: ``options.models``, ``options.nav2_branch``, ``options.allow_unknown``."""
-    parser.add_argument(
+    add_list(
+        parser,
         '--models',
-        metavar='FILE',
-        action='append',
-        default=[],
-        help='XML file whose <TreeNodesModel> describes node types that are not installed here; repeatable',
+        'FILE',
+        'XML file whose <TreeNodesModel> describes node types that are not installed here',
     )
-    parser.add_argument(
-        '--nav2-branch',
-        choices=NAV2_BRANCHES,
-        default=NAV2_BRANCHES[0],
-        help='branch of Nav2 that files are for, unless they show it (default: %(default)s)',
-    )
+    which = 'branch of Nav2 that files are for, unless they show it'
+    add_choice(parser, '--nav2-branch', NAV2_BRANCHES, NAV2_BRANCHES[0], which)
     if allow_unknown:
         parser.add_argument('--allow-unknown', action='store_true', help='allow unknown node types')
 
@@ -78,12 +87,7 @@ def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[Tree
 
 def add_ports(parser: argparse.ArgumentParser, default: str) -> None:
     """``options.ports``."""
-    parser.add_argument(
-        '--ports',
-        choices=PORTS,
-        default=default,
-        help='ports to show: those in the file, all, or none (default: %(default)s)',
-    )
+    add_choice(parser, '--ports', PORTS, default, 'ports to show: those in the file, all, or none')
 
 
 def add_json(parser: argparse._ActionsContainer) -> None:
@@ -92,25 +96,13 @@ def add_json(parser: argparse._ActionsContainer) -> None:
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:
-    """Return the keys that others write: ``options.input``."""
-    parser.add_argument(
-        '--input',
-        metavar='KEY',
-        action='append',
-        default=[],
-        help='blackboard key that is written from outside; repeatable',
-    )
+    """Add the keys that others write: ``options.input``."""
+    add_list(parser, '--input', 'KEY', 'blackboard key that is written from outside')
 
 
 def add_skills(parser: argparse.ArgumentParser) -> None:
     """Files of manifests: ``options.skills``."""
-    parser.add_argument(
-        '--skills',
-        metavar='FILE',
-        action='append',
-        default=[],
-        help='YAML file of skills, in addition to those that classes declare; repeatable',
-    )
+    add_list(parser, '--skills', 'FILE', 'YAML file of skills, in addition to those that classes declare')
 
 
 def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:

@@ -68,13 +68,7 @@ def parameters(options: argparse.Namespace) -> list[tuple[str, str]]:
 
 def add_tree_files(parser: argparse.ArgumentParser) -> None:
     """Files that the behavior does not load itself: ``options.trees``."""
-    parser.add_argument(
-        '--trees',
-        metavar='FILE',
-        action='append',
-        default=[],
-        help='tree file that the BT server has already loaded; repeatable',
-    )
+    arguments.add_list(parser, '--trees', 'FILE', 'tree file that the BT server has already loaded')
 
 
 def built(options: argparse.Namespace, name: str) -> BuiltBehavior:
@@ -145,13 +139,8 @@ def run_show(options: argparse.Namespace) -> ExitCode:
 
 def add_skills_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('files', metavar='FILE', nargs='+', help='YAML file of manifests')
-    parser.add_argument(
-        '--start',
-        metavar='LITERAL',
-        action='append',
-        default=[],
-        help='literal that holds at the start, such as "at(kitchen)"; for --capabilities; repeatable',
-    )
+    starts = 'literal that holds at the start, such as "at(kitchen)"; for --capabilities'
+    arguments.add_list(parser, '--start', 'LITERAL', starts)
     add_skill_arguments(parser).add_argument(
         '--capabilities', metavar='NAME', help='print a capability file of this name, for behavior_tool synthesize'
     )

@@ -250,17 +250,12 @@ _EXIT_CODES: Final = {'SUCCESS': ExitCode.OK, 'ERROR': ExitCode.NODE_ERROR, 'TIM
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_files(parser)
     parser.add_argument('--tree', metavar='ID', help='tree to run (default: the main tree of the first file)')
-    parser.add_argument(
-        '--mock',
-        metavar='FILE|NODE=STATUS,...',
-        action='append',
-        default=[],
-        help='what leaves do that need a robot: a YAML file, or what the leaf of this type, name or path gives, '
-        'activation by activation; with * in it, all leaves that need a mock; repeatable',
+    mocks = (
+        'what leaves do that need a robot: a YAML file, or what the leaf of this type, name or path gives, '
+        'activation by activation; with * in it, all leaves that need a mock'
     )
-    parser.add_argument(
-        '--set', metavar='KEY=VALUE', action='append', default=[], help='an entry of the blackboard, YAML; repeatable'
-    )
+    arguments.add_list(parser, '--mock', 'FILE|NODE=STATUS,...', mocks)
+    arguments.add_list(parser, '--set', 'KEY=VALUE', 'an entry of the blackboard, YAML')
     parser.add_argument(
         '--blackboard', metavar='FILE', help='entries of the blackboard, JSON as --save-blackboard writes it'
     )

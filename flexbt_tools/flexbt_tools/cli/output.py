@@ -119,7 +119,7 @@ def _picture(form: str, dot: Callable[[], Iterator[str]], mermaid: Callable[[], 
 
 def add_skill_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
     """``options.skill``, ``options.yaml``, ``options.json``; gives the group of the forms."""
-    parser.add_argument('--skill', metavar='NAME', action='append', default=[], help='only this skill; repeatable')
+    arguments.add_list(parser, '--skill', 'NAME', 'only this skill')
     form = parser.add_mutually_exclusive_group()
     form.add_argument('--yaml', action='store_true', help='print a file of manifests')
     arguments.add_json(form)
