@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_msgs.action import BtExecute
+from flexbt_testing.behavior_trees import faulty_leaves
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.server_world import install_nodes, open_server_world
 
@@ -72,10 +73,10 @@ def test_a_leaf_asks_a_service(monkeypatch: pytest.MonkeyPatch, code: Callable[[
         response.success = True
         return response
 
-    monkeypatch.setattr(server_nodes.Blocks, 'tick', tick)
+    monkeypatch.setattr(faulty_leaves.Blocking, 'tick', tick)
     with NodeRuntime.open('robot') as robot, open_server_world() as world:
         robot.call(lambda: robot.node.create_service(Trigger, 'look', answer))
-        world.client.load_tree('<Blocks/>')
+        world.client.load_tree('<Blocking/>')
         for _ in range(2):
             result = world.client.execute().result
             assert (result.code, result.message) == (BtExecute.Result.SUCCESS, '')

@@ -324,8 +324,8 @@ def test_what_is_installed_while_the_process_runs_is_found(tmp_path: Path, monke
     path = list(sys.path)
     assert 'Meanwhile' not in node_registry(fail)
     (tmp_path / 'installed_meanwhile.py').write_text(
-        'from flexbt_testing.nodes.server_nodes import Raises\n'
-        'def register(registry): registry.register("Meanwhile", Raises)\n'
+        'from flexbt_testing.behavior_trees.faulty_leaves import Fails\n'
+        'def register(registry): registry.register("Meanwhile", Fails)\n'
     )
     install_nodes(tmp_path, 'installed_meanwhile')
     monkeypatch.setattr(sys, 'path', path)  # where Python looks is what it was

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_msgs.action import BtExecute
-from flexbt_testing.behavior_trees.faulty_leaves import NONSENSE, RAISERS
+from flexbt_testing.behavior_trees.faulty_leaves import FAULTS, NONSENSE
 from flexbt_testing.nodes.clients import SentGoal
 
 Result = BtExecute.Result
@@ -31,7 +31,7 @@ def _leaf(chance: random.Random) -> Plan:
     ms = chance.choice([0, 0, 1, 3, 10, 25])
     letter, end = chance.choice([('S', SUCCESS), ('S', SUCCESS), ('S', SUCCESS), ('F', FAILURE)])
     timed = f'ms="{ms}" result="{letter}"'
-    kind = chance.choice(list(RAISERS))
+    kind = chance.choice(list(FAULTS))
     match chance.randrange(16):
         case 0 | 1:
             return Plan(f'<Runs {timed}/>', frozenset({end}))

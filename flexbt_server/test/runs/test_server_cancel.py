@@ -135,7 +135,7 @@ def test_goals_are_canceled_while_trees_are_read_from_a_disk_that_hangs(
 
 
 def test_no_goal_is_taken_over_by_an_older_one(world: ServerWorld) -> None:
-    world.client.load_tree('<Sequence><Runs ms="1"/><Raises/></Sequence>')
+    world.client.load_tree('<Sequence><Runs ms="1"/><RaisesInTick/></Sequence>')
     wait_until(world.client.executor.is_ready)
     for _ in range(40):
         goals = [world.client.execute() for _ in range(5)]

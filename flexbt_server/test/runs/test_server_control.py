@@ -23,6 +23,7 @@ from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
+from flexbt_testing.behavior_trees.faulty_leaves import Held
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.server_world import ServerWorld, install_nodes, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
@@ -177,15 +178,14 @@ def test_time_goes_on_while_a_tree_is_paused(world: ServerWorld, operator: Opera
 
 
 def test_pause_is_answered_when_the_tick_that_is_under_way_is_over(world: ServerWorld, operator: Operator) -> None:
-    server_nodes.Blocks.release.clear()
-    server_nodes.Blocks.entered.clear()
-    world.client.load_tree('<Sequence><Blocks/><Sleep msec="100000"/></Sequence>')
+    Held.reset()
+    world.client.load_tree('<Sequence><HeldInTick/><Sleep msec="100000"/></Sequence>')
     goal = world.client.execute()
-    assert server_nodes.Blocks.entered.wait(DEADLINE)
+    assert Held.entered.wait(DEADLINE)
     pause = operator.send(PAUSE)
     assert world.client.get('nothing').code != 0  # the server does not wait
     assert not pause.done()
-    server_nodes.Blocks.release.set()
+    Held.release.set()
     assert answer(pause) == ''
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.CANCELED
@@ -194,15 +194,14 @@ def test_pause_is_answered_when_the_tick_that_is_under_way_is_over(world: Server
 def test_pause_of_a_tree_that_ends_with_the_tick_that_is_under_way_is_refused(
     world: ServerWorld, operator: Operator
 ) -> None:
-    server_nodes.Blocks.release.clear()
-    server_nodes.Blocks.entered.clear()
-    world.client.load_tree('<Blocks/>')
+    Held.reset()
+    world.client.load_tree('<HeldInTick/>')
     goal = world.client.execute()
-    assert server_nodes.Blocks.entered.wait(DEADLINE)
+    assert Held.entered.wait(DEADLINE)
     pause = operator.send(PAUSE)
     run = world.server_runtime.call(lambda: world.server.goals.running.find('').run)
     wait_until(lambda: run._control.pending, 'the command at the run')
-    server_nodes.Blocks.release.set()
+    Held.release.set()
     assert answer(pause) == 'the run has ended'
     assert goal.result.code == Result.SUCCESS
 
@@ -373,13 +372,13 @@ def test_a_tree_that_is_stopped_in_a_pause_sends_nothing_again(
 
 
 def test_what_goes_on_in_a_pause_is_told(world: ServerWorld, operator: Operator) -> None:
-    world.client.load_tree('<Parallel success_count="2"><Naps seconds="100"/><Sleep msec="100000"/></Parallel>')
+    world.client.load_tree('<Parallel success_count="2"><InThread ms="100000"/><Sleep msec="100000"/></Parallel>')
     goal = world.client.execute()
     wait_until(lambda: goal.feedback and len(goal.feedback[-1].active_nodes) > 2)
     future = operator.send(PAUSE)
     assert answer(future) == ''
     (told,) = future.result().not_paused
-    assert told.startswith('Naps') and told.endswith(': its thread goes on')
+    assert told.startswith('InThread') and told.endswith(': its thread goes on')
     goal.call.cancel(DEADLINE)
     goal.wait()
 

@@ -21,6 +21,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus, TreeStructure
+from flexbt_testing.behavior_trees.faulty_leaves import Held, Work
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.server_world import ServerWorld, document, install_nodes, open_server_world, pose_stamped
@@ -191,13 +192,12 @@ def test_a_leaf_that_does_not_come_to_rest_is_an_error_in_time() -> None:
 
 
 def test_a_leaf_that_needs_several_ticks_to_stop_gets_them(world: ServerWorld) -> None:
-    server_nodes.TidiesUp.tidied.clear()
-    world.client.load_tree('<TidiesUp/>')
+    world.client.load_tree('<SlowToStop ms="100000"/>')
     goal = world.client.execute()
     wait_until(lambda: goal.feedback and goal.feedback[-1].active_nodes, 'the running leaf')
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.CANCELED
-    assert server_nodes.TidiesUp.tidied.is_set()
+    assert not Work.running()
 
 
 def test_a_new_goal_takes_the_running_tree_over(world: ServerWorld) -> None:
@@ -288,21 +288,24 @@ def test_trees_run_at_the_same_time_and_apart(world: ServerWorld) -> None:
 
 
 def test_a_tree_that_blocks_holds_up_nobody_else(world: ServerWorld) -> None:
-    server_nodes.Blocks.release.clear()
-    server_nodes.Blocks.entered.clear()
-    world.client.load_tree('<Blocks/>', 'Blocked')
+    Held.reset()
+    world.client.load_tree('<HeldInTick/>', 'Blocked')
     world.client.load_tree('<AlwaysSuccess/>')
     blocked = world.client.execute('Blocked')
-    assert server_nodes.Blocks.entered.wait(DEADLINE)
+    assert Held.entered.wait(DEADLINE)
     assert world.client.execute().result.code == Result.SUCCESS
     assert world.client.get().code != 0
-    server_nodes.Blocks.release.set()
+    Held.release.set()
     assert blocked.result.code == Result.SUCCESS
 
 
 @pytest.mark.parametrize(
     ('node', 'fragment'),
-    [('Raises', 'scripted fault'), ('Nonsense', "'yes'"), ('Raises text="{no_such_key}"', 'no_such_key')],
+    [
+        ('RaisesInTick', 'scripted fault'),
+        ('Returns what="\'SUCCESS\'"', "'SUCCESS'"),
+        ('RaisesInTick kind="{no_such_key}"', 'no_such_key'),
+    ],
 )
 def test_a_node_that_is_broken_is_an_error_with_its_path(world: ServerWorld, node: str, fragment: str) -> None:
     world.client.load_tree(f'<Sequence><Spin/><{node}/></Sequence>')
@@ -495,7 +498,7 @@ def test_a_failure_and_an_error_carry_the_reasons_up_to_the_root(world: ServerWo
         'in: the tree [Inner] failed',
         'all: Sequence: child 2 of 2 failed',
     ]
-    world.client.load_tree('<Fallback name="all"><AlwaysFailure/><Raises name="bad"/></Fallback>')
+    world.client.load_tree('<Fallback name="all"><AlwaysFailure/><RaisesInTick name="bad"/></Fallback>')
     result = world.client.execute().result
     assert result.code == Result.ERROR
     assert list(result.reasons) == ['bad: RuntimeError: scripted fault', 'all: Fallback: in child 2 of 2']

@@ -225,7 +225,7 @@ def test_the_process_ends_in_time_although_a_leaf_blocks(site: Path, busy: int) 
     assert any(seconds_to_end(site, busy, attempt) < 2.0 for attempt in range(3))
 
 
-@pytest.mark.parametrize('kind', bt_faulty_leaves.RAISERS)
+@pytest.mark.parametrize('kind', bt_faulty_leaves.FAULTS)
 def test_whatever_a_leaf_raises_ends_its_goal_and_names_it(world: ServerWorld, kind: str) -> None:
     world.client.load_tree(f'<RaisesInTick kind="{kind}" name="tick"/>', 'Tick')
     world.client.load_tree(f'<RaisesInThread kind="{kind}" name="thread"/>', 'Thread')

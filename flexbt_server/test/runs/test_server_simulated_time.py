@@ -32,8 +32,8 @@ ENDING = {
     'BySleep': '<Sleep msec="2000"/>',
     'ByDelay': '<Delay delay_msec="2000"><AlwaysSuccess/></Delay>',
     'ByTimeout': f'<Inverter><Timeout msec="2000">{FOREVER}</Timeout></Inverter>',
-    'ByCoroutine': '<Dozes seconds="2.0"/>',
-    'ByThread': '<Naps seconds="2.0"/>',
+    'ByCoroutine': '<InCoroutine ms="2000"/>',
+    'ByThread': '<InThread ms="2000"/>',
 }
 COUNTING = {
     'ByRate': counting('RateController hz="0.5"'),

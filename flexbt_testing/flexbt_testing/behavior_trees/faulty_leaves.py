@@ -8,9 +8,9 @@ import collections
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
-from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, ThreadedAction
+from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, Halted, ThreadedAction
 from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction, SyncAction
 from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.parents import Decorator
@@ -34,30 +34,32 @@ class Rude(BaseException):
     """An error that is not an Exception."""
 
 
-def _recurse() -> None:
-    _recurse()
+def _recurse() -> BaseException:
+    return _recurse()
 
 
-def _raiser(make: Callable[[], BaseException]) -> Callable[[], None]:
-    def raise_it() -> None:
-        raise make()
-
-    return raise_it
-
-
-RAISERS: dict[str, Callable[[], None]] = {
-    'RuntimeError': _raiser(lambda: RuntimeError('scripted fault')),
-    'StopIteration': _raiser(lambda: StopIteration('scripted fault')),
-    'SystemExit': _raiser(lambda: SystemExit(3)),
-    'KeyboardInterrupt': _raiser(KeyboardInterrupt),
-    'GeneratorExit': _raiser(GeneratorExit),
-    'CancelledError': _raiser(asyncio.CancelledError),
-    'Rude': _raiser(lambda: Rude('scripted fault')),
-    'MemoryError': _raiser(MemoryError),
+FAULTS: dict[str, Callable[[], BaseException]] = {
+    'RuntimeError': lambda: RuntimeError('scripted fault'),
+    'StopIteration': lambda: StopIteration('scripted fault'),
+    'SystemExit': lambda: SystemExit(3),
+    'KeyboardInterrupt': KeyboardInterrupt,
+    'GeneratorExit': GeneratorExit,
+    'CancelledError': asyncio.CancelledError,
+    'Rude': lambda: Rude('scripted fault'),
+    'MemoryError': MemoryError,
     'RecursionError': _recurse,
-    'Unprintable': _raiser(Unprintable),
-    'ExceptionGroup': _raiser(lambda: BaseExceptionGroup('several', [SystemExit(), ValueError()])),
+    'Unprintable': Unprintable,
+    'ExceptionGroup': lambda: BaseExceptionGroup('several', [SystemExit(), ValueError()]),
 }
+"""Factories of what a leaf raises, by the ``kind`` of its port."""
+
+KIND = {'kind': input_port(STRING, default='RuntimeError')}
+
+
+def raise_fault(leaf: TreeNode) -> NoReturn:
+    """Raise what the port ``kind`` of a leaf says."""
+    raise FAULTS[leaf.get_input('kind')]()
+
 
 NONSENSE: dict[str, Any] = {
     'None': None, '7': 7, '2': 2, "'SUCCESS'": 'SUCCESS', 'True': True, '1.0': 1.0, 'IDLE': NodeStatus.IDLE,
@@ -122,11 +124,11 @@ class Runs(StatefulAction):
 class RaisesInHalt(Runs):
     """Runs for a while, and raises when it is halted."""
 
-    ports: ClassVar[dict[str, Any]] = {**TIMED, 'kind': input_port(STRING, default='RuntimeError')}
+    ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
 
     def on_halted(self) -> None:
         super().on_halted()
-        RAISERS[self.get_input('kind')]()
+        raise_fault(self)
 
 
 class Blocking(SyncAction):
@@ -142,7 +144,7 @@ class Blocking(SyncAction):
 
 
 class SlowToStop(CoroutineAction):
-    """Runs for a while; needs several ticks to stop."""
+    """A leaf that runs for a while, and needs several ticks to stop when it is halted."""
 
     ports: ClassVar[dict[str, Any]] = TIMED
 
@@ -150,12 +152,22 @@ class SlowToStop(CoroutineAction):
         Work.begin(self)
         try:
             await self.sleep(self.get_input('ms') / 1000.0)
-        finally:
-            try:
-                for _ in range(2):
-                    await self.sleep(0.002)
-            finally:  # a halt may come here as well
-                Work.end(self)
+        except Halted:
+            for _ in range(2):
+                await self.sleep(0.002)
+            raise
+        finally:  # a halt may come in the block before as well
+            Work.end(self)
+        return STATUSES[self.get_input('result')]
+
+
+class InCoroutine(CoroutineAction):
+    """A leaf that waits by the clock of the tree, in a coroutine."""
+
+    ports: ClassVar[dict[str, Any]] = TIMED
+
+    async def run(self) -> NodeStatus:
+        await self.sleep(self.get_input('ms') / 1000.0)
         return STATUSES[self.get_input('result')]
 
 
@@ -222,17 +234,13 @@ class HeldThread(ThreadedAction):
         return NodeStatus.SUCCESS
 
 
-KIND = {'kind': input_port(STRING, default='RuntimeError')}
-
-
 class RaisesInTick(SyncAction):
     """Raises."""
 
     ports: ClassVar[dict[str, Any]] = KIND
 
     def tick(self) -> NodeStatus:
-        RAISERS[self.get_input('kind')]()
-        return NodeStatus.SUCCESS
+        raise_fault(self)
 
 
 class RaisesInCondition(Condition):
@@ -241,8 +249,7 @@ class RaisesInCondition(Condition):
     ports: ClassVar[dict[str, Any]] = KIND
 
     def tick(self) -> NodeStatus:
-        RAISERS[self.get_input('kind')]()
-        return NodeStatus.SUCCESS
+        raise_fault(self)
 
 
 class RaisesInStart(Runs):
@@ -251,8 +258,7 @@ class RaisesInStart(Runs):
     ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
 
     def on_start(self) -> NodeStatus:
-        RAISERS[self.get_input('kind')]()
-        return NodeStatus.RUNNING
+        raise_fault(self)
 
 
 class RaisesWhileRunning(Runs):
@@ -262,7 +268,7 @@ class RaisesWhileRunning(Runs):
 
     def on_running(self) -> NodeStatus:
         if self.status is NodeStatus.RUNNING:  # and stays so: the halt of the tree ends the work
-            RAISERS[self.get_input('kind')]()
+            raise_fault(self)
         self.wake()
         return NodeStatus.RUNNING
 
@@ -273,8 +279,7 @@ class RaisesInThread(ThreadedAction):
     ports: ClassVar[dict[str, Any]] = KIND
 
     def run(self) -> NodeStatus:
-        RAISERS[self.get_input('kind')]()
-        return NodeStatus.SUCCESS
+        raise_fault(self)
 
 
 class RaisesInCoroutine(CoroutineAction):
@@ -284,8 +289,7 @@ class RaisesInCoroutine(CoroutineAction):
 
     async def run(self) -> NodeStatus:
         await self.next_tick()
-        RAISERS[self.get_input('kind')]()
-        return NodeStatus.SUCCESS
+        raise_fault(self)
 
 
 class RaisesInDecorator(Decorator):
@@ -295,8 +299,7 @@ class RaisesInDecorator(Decorator):
 
     def tick(self) -> NodeStatus:
         self.tick_child()
-        RAISERS[self.get_input('kind')]()
-        return NodeStatus.SUCCESS
+        raise_fault(self)
 
 
 class Returns(SyncAction):
@@ -321,6 +324,30 @@ class ReturnsFromStart(StatefulAction):
 
     def on_halted(self) -> None:
         pass
+
+
+class NeverRests(StatefulAction):
+    """A leaf that runs without end, and never finishes its halt."""
+
+    def on_start(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+    def on_running(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+    def on_halted(self) -> None:
+        self.context.add_unfinished('a motor that still turns')
+
+
+class Counts(SyncAction):
+    """A leaf that adds one to an entry."""
+
+    ports: ClassVar[dict[str, Any]] = {'key': input_port(STRING)}
+
+    def tick(self) -> NodeStatus:
+        key = self.get_input('key')
+        self.blackboard.set(key, self.blackboard.get_or(key, 0) + 1)
+        return NodeStatus.SUCCESS
 
 
 class Fails(SyncAction):
@@ -360,9 +387,9 @@ class Scribbles(StatefulAction):
 
 
 ALL = (
-    Runs, RaisesInHalt, Blocking, SlowToStop, InThread, HeldInTick, HeldInHalt, HeldThread, RaisesInTick,
+    Runs, RaisesInHalt, Blocking, SlowToStop, InCoroutine, InThread, HeldInTick, HeldInHalt, HeldThread, RaisesInTick,
     RaisesInCondition, RaisesInStart, RaisesWhileRunning, RaisesInThread, RaisesInCoroutine, RaisesInDecorator, Returns,
-    ReturnsFromStart, Fails, Scribbles,
+    ReturnsFromStart, NeverRests, Counts, Fails, Scribbles,
 )  # fmt: skip
 
 

@@ -71,7 +71,7 @@ def other_tests_count_their_own_work() -> Iterator[None]:
     bt_faulty_leaves.Work._running.clear()
 
 
-@pytest.mark.parametrize('kind', bt_faulty_leaves.RAISERS)
+@pytest.mark.parametrize('kind', bt_faulty_leaves.FAULTS)
 @pytest.mark.parametrize('body', BODIES, ids=lambda body: body[1:].split()[0] if body[1] == 'R' else 'RaisesInHalt')
 def test_whatever_a_node_raises_is_an_error_that_names_it(body: str, kind: str) -> None:
     tree = make_tree(body.replace('{kind}', kind))
