@@ -30,20 +30,9 @@ from _figures import write_figures
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator.parameters import built_in_map
-from flexbt_sim.world import (
-    MODELS,
-    Beams,
-    Circle,
-    ObstacleModel,
-    OccupancyMap,
-    Pose,
-    RayCaster,
-    WalkModel,
-    World,
-    load_map,
-    outlines,
-)
+from flexbt_sim.world import MODELS, Circle, ObstacleModel, OccupancyMap, Pose, WalkModel, World, load_map
 from flexbt_sim.world.plane.loops import cast
+from flexbt_sim.world.plane.ray_casting import Beams, RayCaster, outlines
 
 HERE: Final = Path(__file__).resolve().parent
 TARGETS: Final = {1: 1000.0, 50: 20.0}

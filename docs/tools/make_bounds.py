@@ -30,7 +30,8 @@ from flexbt_server.leaves import leaf_services, topic_cache
 from flexbt_server.navigators import bt_navigator
 from flexbt_server.runs import run_logs
 from flexbt_server.trees import blackboards
-from flexbt_sim.world import FARTHEST, MAX_CELLS, MAX_RESOLUTION, MIN_RESOLUTION
+from flexbt_sim.world import FARTHEST
+from flexbt_sim.world.plane.occupancy_map import MAX_CELLS, MAX_RESOLUTION, MIN_RESOLUTION
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'interfaces.md'
 BEGIN: Final = '<!-- written by docs/tools/make_bounds.py -->\n'

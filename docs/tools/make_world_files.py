@@ -16,20 +16,8 @@ from typing import Any, Final
 
 from target import target
 
-from flexbt_sim.world import (
-    FAULTS,
-    MODELS,
-    NAVIGATION_SERVERS,
-    TOPICS,
-    Circle,
-    DoorModel,
-    ObstacleModel,
-    Polygon,
-    Pose,
-    StationModel,
-    ZoneModel,
-)
-from flexbt_sim.world.descriptions.faults import FaultTiming
+from flexbt_sim.world import FAULTS, MODELS, Circle, DoorModel, ObstacleModel, Polygon, Pose, StationModel, ZoneModel
+from flexbt_sim.world.descriptions.faults import NAVIGATION_SERVERS, TOPICS, FaultTiming
 from flexbt_sim.world.descriptions.models import RobotModel
 from flexbt_sim.world.descriptions.world_file import SECTIONS, FloorPlan, WorldModel
 from flexbt_sim.world.plane.geometry import MAX_CORNERS, Shape

@@ -8,9 +8,9 @@ from __future__ import annotations
 import importlib
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Any
 
 import numpy
 from builtin_interfaces.msg import Time
@@ -19,7 +19,6 @@ from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from std_msgs.msg import String
 
-from flexbt_common import names
 from flexbt_common.values.limits import check_limits
 from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import load_yaml
@@ -118,27 +117,11 @@ def map_of(grid: OccupancyGrid) -> OccupancyMap:
 # The simulator's announcement of faults to navigation servers: all of them, as YAML, each as in a world file:
 # ``[{fault: server_fails, parameters: {server: spin, error_code: 703}}]``.
 
-_TYPES: Final[Mapping[str, str]] = {
-    names.ASSISTED_TELEOP: 'AssistedTeleop',
-    names.BACKUP: 'BackUp',
-    names.COMPUTE_AND_TRACK_ROUTE: 'ComputeAndTrackRoute',
-    names.COMPUTE_PATH_THROUGH_POSES: 'ComputePathThroughPoses',
-    names.COMPUTE_PATH_TO_POSE: 'ComputePathToPose',
-    names.COMPUTE_ROUTE: 'ComputeRoute',
-    names.DOCK_ROBOT: 'DockRobot',
-    names.DRIVE_ON_HEADING: 'DriveOnHeading',
-    names.FOLLOW_PATH: 'FollowPath',
-    names.SMOOTH_PATH: 'SmoothPath',
-    names.SPIN: 'Spin',
-    names.UNDOCK_ROBOT: 'UndockRobot',
-    names.WAIT: 'Wait',
-}
-"""Types in nav2_msgs by the names of the actions."""
-
 
 def action_type(server: str) -> Any:
     """Return the action type of a navigation server. It loads all of Nav2's actions, which takes a while."""
-    return getattr(importlib.import_module('nav2_msgs.action'), _TYPES[server])
+    actions = vars(importlib.import_module('nav2_msgs.action'))
+    return next(one for name, one in actions.items() if name.lower() == server.replace('_', ''))
 
 
 def check_fault(parameters: FaultModel) -> None:

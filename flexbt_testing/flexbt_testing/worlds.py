@@ -10,19 +10,8 @@ import numpy
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from flexbt_sim.world import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    Lidar,
-    LidarModel,
-    OccupancyMap,
-    Pose,
-    RayCaster,
-    Robot,
-    RobotModel,
-    outlines,
-)
+from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, Lidar, LidarModel, OccupancyMap, Pose, Robot, RobotModel
+from flexbt_sim.world.plane.ray_casting import RayCaster, outlines
 
 RESOLUTION = 0.05
 

@@ -192,7 +192,8 @@ from numba.core.dispatcher import Dispatcher
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.navigator import Navigator
 from flexbt_navigation.preparation import prepare_navigation
-from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, World, box, prepare_world
+from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, World, box
+from flexbt_sim.world.world import prepare_world
 
 def loaded():
     functions = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]

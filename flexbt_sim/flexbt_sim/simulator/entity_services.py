@@ -51,7 +51,7 @@ from flexbt_sim.world.robot import Robot
 from flexbt_sim.world.scenery import Entity, Zone
 from flexbt_sim.world.specification import NAME
 
-from .services import SimulatorParts
+from .core import SimulatorCore
 
 WORLD_FRAME: Final = 'world'
 """Frame of poses of which none is said, by the standard; here it is that of the map."""
@@ -89,7 +89,7 @@ def answered(answer: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
 class EntityServices:
     """On the executor thread."""
 
-    def __init__(self, simulator: SimulatorParts) -> None:
+    def __init__(self, simulator: SimulatorCore) -> None:
         self._simulator = simulator
         node = simulator.runtime.node
         for service_type, name, answer in (

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The map as Nav2's map_server has it: a latched topic, and the services ``map_server/map`` and ``load_map``.
 
-It is the robot's knowledge of the world, not the world: another map changes plans, but no wall. The no-go zones are
-published as Nav2's map_server and costmap_filter_info_server publish the mask of a KeepoutFilter.
+It is the robot's knowledge of the world, not the world: another map changes plans, but no wall.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlparse
 
-from nav2_msgs.msg import CostmapFilterInfo
 from nav2_msgs.srv import LoadMap
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
@@ -26,10 +24,7 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.messages import grid_message
-from flexbt_sim.world.plane.geometry import Pose, Shape
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap, load_map
-
-from .services import SimulatorParts
 
 
 class MapServer:
@@ -93,39 +88,3 @@ class MapServer:
         except (FlexbtError, OSError, ValueError) as error:
             self._node.get_logger().error(f'load_map: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         return response
-
-
-class KeepoutServer:
-    """The no-go zones as a mask, in the namespace of each robot: as soon as there are any. On the executor thread."""
-
-    def __init__(self, simulator: SimulatorParts) -> None:
-        self._simulator = simulator
-        self._publishers: dict[str, tuple[Any, Any]] = {}
-        self._told: tuple[OccupancyMap | None, tuple[tuple[Shape, Pose], ...]] = None, ()
-
-    def update(self) -> None:
-        """Tell of the zones as they are now; robots that have come, too."""
-        world, no_go = self._simulator.world.map, self._simulator.world.no_go
-        node, there = self._simulator.runtime.node, set(self._simulator.namespaces)
-        for namespace in self._publishers.keys() - there:
-            for publisher in self._publishers.pop(namespace):
-                node.destroy_publisher(publisher)
-        is_news = self._told[0] is not world or self._told[1] != no_go
-        to_tell = there if is_news else there - self._publishers.keys()
-        self._told = world, no_go
-        if world is None or not to_tell or not (no_go or self._publishers):
-            return
-        mask = grid_message(world.mask(no_go), self._simulator.parameters.map_frame, time_message(0.0))
-        for namespace in to_tell:
-            if namespace not in self._publishers:
-                self._publishers[namespace] = (
-                    node.create_publisher(
-                        OccupancyGrid, f'{namespace}{names.KEEPOUT_FILTER_MASK}', names.transient_local_qos()
-                    ),
-                    node.create_publisher(
-                        CostmapFilterInfo, f'{namespace}{names.KEEPOUT_FILTER_INFO}', names.transient_local_qos()
-                    ),
-                )
-            masks, infos = self._publishers[namespace]
-            masks.publish(mask)
-            infos.publish(CostmapFilterInfo(header=mask.header, filter_mask_topic=masks.topic_name, multiplier=1.0))

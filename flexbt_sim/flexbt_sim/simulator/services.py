@@ -1,82 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The services of doors and of faults, and what all services need of the simulator."""
+"""The services of doors and of faults, and the no-go zones for navigation."""
 
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
-from builtin_interfaces.msg import Time
+from nav2_msgs.msg import CostmapFilterInfo
+from nav_msgs.msg import OccupancyGrid
 from std_srvs.srv import SetBool
 
 from flexbt_common import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import YamlError, load_yaml
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.messages import check_fault
+from flexbt_sim.messages import check_fault, grid_message
 from flexbt_sim.world.descriptions.faults import ServerFault, fault_parameters
-from flexbt_sim.world.pacing import Pacer
-from flexbt_sim.world.plane.geometry import Pose
-from flexbt_sim.world.scenery import Entity
-from flexbt_sim.world.world import World
+from flexbt_sim.world.plane.geometry import Pose, Shape
+from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
-from .parameters import SimulatorParameters
-
-
-class SimulatorParts(Protocol):
-    """The simulator as its services see it. Methods are called on the executor thread, without the lock."""
-
-    runtime: NodeRuntime
-    parameters: SimulatorParameters
-    lock: threading.Lock
-    """Held while the world is stepped, looked at or changed; what is only read by one name need not."""
-    world: World
-    pacer: Pacer
-
-    @property
-    def namespaces(self) -> list[str]:
-        """Namespaces of the topics of the robots, within that of the node: '' or 'robot1/'."""
-
-    def stamp(self) -> Time:
-        """Return the time of the clock."""
-
-    def spawned(self, entity: Entity, namespace: str) -> None:
-        """Make the topics of a new entity, in its own namespace unless it is named."""
-
-    def is_free_namespace(self, namespace: str) -> bool:
-        """Return whether no robot is there."""
-
-    def remove(self, entity: Entity) -> None:
-        """Take something away, and what it needed."""
-
-    def remove_spawned(self) -> None:
-        """Take away all that has come by service."""
-
-    def move(self, entity: Entity, pose: Pose) -> None:
-        """Put something somewhere. Raises SimulationError, as :meth:`World.move`."""
-
-    def reset_state(self) -> None:
-        """Everything is where it was at the start; the time goes on."""
-
-    def reset_time(self) -> None:
-        """Set the clock to 0."""
-
-    def has_navigation(self, robot: str) -> bool:
-        """Return whether a node navigation carries out the faults of the servers of a robot."""
-
-    def publish_faults(self) -> None:
-        """Tell the navigation servers which faults they have."""
-
-    def restart(self) -> None:
-        """Restart, as if the simulator had been started. Raises SimulationError: the file cannot be read now."""
-
+from .core import SimulatorCore
 
 # Doors by command: ``simulator/doors/NAME`` (std_srvs/SetBool) for each door of the world; true opens it.
 
@@ -84,7 +33,7 @@ class SimulatorParts(Protocol):
 class DoorServices:
     """On the executor thread."""
 
-    def __init__(self, simulator: SimulatorParts) -> None:
+    def __init__(self, simulator: SimulatorCore) -> None:
         self._simulator = simulator
         self._services: dict[str, Any] = {}
 
@@ -111,7 +60,7 @@ class DoorServices:
 class FaultService:
     """On the executor thread."""
 
-    def __init__(self, simulator: SimulatorParts) -> None:
+    def __init__(self, simulator: SimulatorCore) -> None:
         self._simulator = simulator
         simulator.runtime.node.create_service(SetFault, '~/set_fault', self._set)
 
@@ -159,3 +108,42 @@ def _mapping(text: str) -> Mapping[str, Any]:
     if any(isinstance(one, float) and not math.isfinite(one) for one in value.values()):
         raise SimulationError('parameters have numbers that are none')
     return value
+
+
+# The no-go zones, published as Nav2's map_server and costmap_filter_info_server publish the mask of a KeepoutFilter.
+
+
+class KeepoutServer:
+    """The no-go zones as a mask, in the namespace of each robot: as soon as there are any. On the executor thread."""
+
+    def __init__(self, simulator: SimulatorCore) -> None:
+        self._simulator = simulator
+        self._publishers: dict[str, tuple[Any, Any]] = {}
+        self._told: tuple[OccupancyMap | None, tuple[tuple[Shape, Pose], ...]] = None, ()
+
+    def update(self) -> None:
+        """Tell of the zones as they are now; robots that have come, too."""
+        world, no_go = self._simulator.world.map, self._simulator.world.no_go
+        node, there = self._simulator.runtime.node, set(self._simulator.namespaces)
+        for namespace in self._publishers.keys() - there:
+            for publisher in self._publishers.pop(namespace):
+                node.destroy_publisher(publisher)
+        is_news = self._told[0] is not world or self._told[1] != no_go
+        to_tell = there if is_news else there - self._publishers.keys()
+        self._told = world, no_go
+        if world is None or not to_tell or not (no_go or self._publishers):
+            return
+        mask = grid_message(world.mask(no_go), self._simulator.parameters.map_frame, time_message(0.0))
+        for namespace in to_tell:
+            if namespace not in self._publishers:
+                self._publishers[namespace] = (
+                    node.create_publisher(
+                        OccupancyGrid, f'{namespace}{names.KEEPOUT_FILTER_MASK}', names.transient_local_qos()
+                    ),
+                    node.create_publisher(
+                        CostmapFilterInfo, f'{namespace}{names.KEEPOUT_FILTER_INFO}', names.transient_local_qos()
+                    ),
+                )
+            masks, infos = self._publishers[namespace]
+            masks.publish(mask)
+            infos.publish(CostmapFilterInfo(header=mask.header, filter_mask_topic=masks.topic_name, multiplier=1.0))

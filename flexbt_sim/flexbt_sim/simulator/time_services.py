@@ -19,8 +19,8 @@ from simulation_interfaces.srv import (
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_sim.errors import SimulationError
 
+from .core import SimulatorCore
 from .entity_services import ServiceRefusedError, answered
-from .services import SimulatorParts
 
 MOST_STEPS: Final = 1_000_000
 """Steps of one request: hours of simulated time."""
@@ -62,7 +62,7 @@ _NOT_PAUSED: Final = (
 class TimeServices:
     """On the executor thread."""
 
-    def __init__(self, simulator: SimulatorParts) -> None:
+    def __init__(self, simulator: SimulatorCore) -> None:
         self._simulator = simulator
         self._pacer = simulator.pacer
         self._is_stopped = False

@@ -72,8 +72,9 @@ class WorldSnapshot:
 class World:
     """Robots, obstacles, doors, stations and zones on a map, or on a plane without limits.
 
-    Names are unique among all entities. All that happens depends on the seed, the file and the calls only: with the
-    same of them, states are the same to the last bit. Not thread-safe.
+    All of them are in ``entities`` by their names, and those of a kind in ``robots``, ``obstacles`` and so on. Names
+    are unique among all entities. All that happens depends on the seed, the file and the calls only: with the same of
+    them, states are the same to the last bit. Not thread-safe.
     """
 
     def __init__(
@@ -92,13 +93,17 @@ class World:
         self.step_size = step
         self.places: Mapping[str, Pose] = MappingProxyType(dict(places or {}))
         self._nanoseconds = 0
+        self._of_kind: dict[type, dict[str, Any]] = {kind: {} for kind in (Robot, Obstacle, Door, Station, Zone)}
         self._entities: dict[str, Entity] = {}
-        self._robots: dict[str, Robot] = {}
-        self._obstacles: dict[str, Obstacle] = {}
-        self._doors: dict[str, Door] = {}
-        self._stations: dict[str, Station] = {}
-        self._zones: dict[str, Zone] = {}
         self._held: dict[str, Obstacle] = {}
+        self.entities: Mapping[str, Entity] = MappingProxyType(self._entities)
+        self.robots: Mapping[str, Robot] = MappingProxyType(self._of_kind[Robot])
+        self.obstacles: Mapping[str, Obstacle] = MappingProxyType(self._of_kind[Obstacle])
+        self.doors: Mapping[str, Door] = MappingProxyType(self._of_kind[Door])
+        self.stations: Mapping[str, Station] = MappingProxyType(self._of_kind[Station])
+        self.zones: Mapping[str, Zone] = MappingProxyType(self._of_kind[Zone])
+        self.held: Mapping[str, Obstacle] = MappingProxyType(self._held)
+        """Obstacles in grippers, by the names of the robots. They block no other body."""
         self._movers: list[Body] = []
         self._next_reading = 0.0
         self._space = Space(world)
@@ -138,44 +143,9 @@ class World:
         return self._nanoseconds
 
     @property
-    def entities(self) -> Mapping[str, Entity]:
-        """Everything that has a name, by it."""
-        return MappingProxyType(self._entities)
-
-    @property
-    def robots(self) -> Mapping[str, Robot]:
-        """The robots by their names."""
-        return MappingProxyType(self._robots)
-
-    @property
-    def obstacles(self) -> Mapping[str, Obstacle]:
-        """The obstacles by their names."""
-        return MappingProxyType(self._obstacles)
-
-    @property
-    def doors(self) -> Mapping[str, Door]:
-        """The doors by their names."""
-        return MappingProxyType(self._doors)
-
-    @property
-    def held(self) -> Mapping[str, Obstacle]:
-        """Obstacles in grippers, by the names of the robots. They block no other body."""
-        return MappingProxyType(self._held)
-
-    @property
-    def stations(self) -> Mapping[str, Station]:
-        """The charging stations by their names."""
-        return MappingProxyType(self._stations)
-
-    @property
-    def zones(self) -> Mapping[str, Zone]:
-        """The zones by their names."""
-        return MappingProxyType(self._zones)
-
-    @property
     def no_go(self) -> tuple[tuple[Shape, Pose], ...]:
         """Areas of the no-go zones, and their poses."""
-        return tuple((one.shape, one.pose) for one in self._zones.values() if one.model.kind == 'no_go')
+        return tuple((one.shape, one.pose) for one in self.zones.values() if one.model.kind == 'no_go')
 
     @property
     def known_map(self) -> OccupancyMap | None:
@@ -220,7 +190,7 @@ class World:
         else:
             self._space.check_on_map(entity.pose, entity.shape)
         self._entities[name] = entity
-        self._of_kind(entity)[name] = entity
+        self._of_kind[type(entity)][name] = entity
         self._next_reading = 0.0
         return entity
 
@@ -237,13 +207,6 @@ class World:
         if isinstance(model, ObstacleModel):
             return Obstacle(name, model, self.seed)
         return Station(name, model) if isinstance(model, StationModel) else Zone(name, model)
-
-    def _of_kind(self, entity: Entity) -> dict[str, Any]:
-        kinds: dict[type, dict[str, Any]] = {
-            Robot: self._robots, Obstacle: self._obstacles, Door: self._doors, Station: self._stations,
-            Zone: self._zones,
-        }  # fmt: skip
-        return kinds[type(entity)]
 
     def _bring(self, body: Body) -> None:
         """Make a body take up room. Bodies are ordered by name, so nothing depends on when they were added."""
@@ -270,7 +233,7 @@ class World:
             del self._held[robot]
             self._gripper(robot).holds = ''
         del self._entities[name]
-        del self._of_kind(entity)[name]
+        del self._of_kind[type(entity)][name]
         self._begun.difference_update(self._faults.pop(name, {}).values())
         self._next_reading = 0.0
         if isinstance(entity, Station | Zone):  # robots are in it no more, be it the last one
@@ -319,11 +282,11 @@ class World:
         Raises:
             SimulationError: it has no gripper, holds something, or nothing is in its reach.
         """
-        gripper, pose = self._gripper(robot), self._robots[robot].pose
+        gripper, pose = self._gripper(robot), self.robots[robot].pose
         if robot in self._held:
             raise SimulationError(f'{robot} holds {self._held[robot].name}; open the gripper first')
         reach, opening = gripper.model.reach, gripper.model.opening
-        resting = [one for one in self._obstacles.values() if not one.is_mobile and one not in self._held.values()]
+        resting = [one for one in self.obstacles.values() if not one.is_mobile and one not in self._held.values()]
         near = [one for one in resting if one.pose.distance(pose) <= reach and one.radius <= opening]
         if not near:
             raise SimulationError(f'nothing that the gripper of {robot} can take is within its reach of {reach:g} m')
@@ -343,7 +306,7 @@ class World:
         thing = self._held.get(robot)
         if thing is None:
             raise SimulationError(f'{robot} holds nothing')
-        pose = compose(self._robots[robot].pose, Pose(gripper.model.reach, 0.0, 0.0))
+        pose = compose(self.robots[robot].pose, Pose(gripper.model.reach, 0.0, 0.0))
         self._space.check(thing, pose, self._space.touching(pose.x, pose.y, thing.radius), on_map=True)
         self._let_go(robot)
         thing.place(pose)
@@ -374,7 +337,7 @@ class World:
         starts = [Body(one.name, one.start_shape, one.start) for one in bodies]
         places = BodyGrid(starts, 0.0)
         for start in starts:
-            if start.name in self._robots:
+            if start.name in self.robots:
                 others = places.touching(start.pose.x, start.pose.y, start.radius)
                 try:
                     self._space.check(start, start.pose, others, on_map=False)
@@ -488,18 +451,18 @@ class World:
         for body in self._movers:
             body.tick(self._space, duration)
         for robot, thing in self._held.items():
-            thing.pose = self._robots[robot].pose
+            thing.pose = self.robots[robot].pose
         self._nanoseconds += nanoseconds
-        if self._zones:
+        if self.zones:
             self._find_zones()
-        if self._stations:
+        if self.stations:
             self._charge()
         self._sense()
 
     def _find_zones(self) -> None:
-        for robot in self._robots.values():
+        for robot in self.robots.values():
             x, y, _ = robot.pose
-            inside = [zone for zone in self._zones.values() if zone.contains(x, y)]
+            inside = [zone for zone in self.zones.values() if zone.contains(x, y)]
             names = tuple(zone.name for zone in inside)
             if names != robot.zones:
                 slow = min((zone.model.speed for zone in inside if zone.model.kind == 'slow'), default=math.inf)
@@ -508,11 +471,11 @@ class World:
                 robot.enter(names, slow, forbidden, in_shadow=shadow)
 
     def _charge(self) -> None:
-        for robot in self._robots.values():
+        for robot in self.robots.values():
             if robot.battery is not None:
                 rests = robot.linear == robot.angular == 0.0
                 robot.battery.is_charging = rests and any(
-                    robot.pose.distance(station.pose) <= station.model.reach for station in self._stations.values()
+                    robot.pose.distance(station.pose) <= station.model.reach for station in self.stations.values()
                 )
 
     def _sense(self) -> None:
@@ -520,7 +483,7 @@ class World:
         now = self.time
         if now + 1e-9 < self._next_reading:
             return
-        sensors = [one for robot in self._robots.values() for one in robot.sensors]
+        sensors = [one for robot in self.robots.values() for one in robot.sensors]
         due = [one for one in sensors if one.comes_due(now)]
         self._next_reading = min((one.due for one in sensors), default=math.inf)
         ranges: dict[Sensor, Floats] = {}

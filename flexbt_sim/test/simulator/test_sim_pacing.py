@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_sim.world import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, STALL_SECONDS, Drivers, Pacer, Schedule
+from flexbt_sim.world.pacing import ANSWER_SECONDS, IDLE_FACTOR, MAX_LAG, STALL_SECONDS, Drivers, Pacer, Schedule
 from flexbt_testing.waiting import DEADLINE, uncontended_time
 
 pieces = st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=50)

@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy
 
-from flexbt_sim.world import Beams, OccupancyMap
+from flexbt_sim.world import OccupancyMap
 from flexbt_sim.world.plane.loops import covers
-from flexbt_sim.world.plane.ray_casting import Floats, Outlines
+from flexbt_sim.world.plane.ray_casting import Beams, Floats, Outlines
 
 _BEYOND: Final = 1e-6
 """Distance by which a beam has to enter the next cell to be in it, in cells."""

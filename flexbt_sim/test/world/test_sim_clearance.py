@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_sim.world import FAR, OccupancyMap, Pose
+from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.world.plane.occupancy_map import FAR
 from flexbt_testing.worlds import drawn, places, room, worlds
 
 thorough = settings(deadline=None, max_examples=60)

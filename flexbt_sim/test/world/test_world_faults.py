@@ -25,8 +25,8 @@ from flexbt_sim.world import (
     World,
     ZoneModel,
     box,
-    fault_parameters,
 )
+from flexbt_sim.world.descriptions.faults import fault_parameters
 
 
 def alone(model: RobotModel = MODELS['waffle']) -> tuple[World, Robot]:

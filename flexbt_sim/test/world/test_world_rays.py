@@ -13,22 +13,9 @@ from array_rays import cast_at_once
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from flexbt_sim.world import (
-    Beams,
-    Circle,
-    ObstacleModel,
-    OccupancyMap,
-    Polygon,
-    Pose,
-    RayCaster,
-    Shape,
-    World,
-    box,
-    gap,
-    outlines,
-)
+from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Polygon, Pose, Shape, World, box, gap
 from flexbt_sim.world.plane import loops
-from flexbt_sim.world.plane.ray_casting import Floats, Outlines
+from flexbt_sim.world.plane.ray_casting import Beams, Floats, Outlines, RayCaster, outlines
 from flexbt_testing.worlds import places, worlds
 
 EDGE = 1e-5

@@ -30,7 +30,7 @@ RUN = 'flexbt_core.state_machine.engine.run.MachineRun.step'
 TREE = 'flexbt_core.behavior_tree.engine.tick_control.TickControl.tick'
 """Called when a tree of the BT server is to be ticked."""
 
-WORLD = 'flexbt_sim.simulator.node.Simulator._step'
+WORLD = 'flexbt_sim.simulator.core.SimulatorCore._step'
 """Called for each step of the simulated world."""
 
 CLOCK = 'flexbt_common.runtime.health.Health._ask'

@@ -71,36 +71,28 @@ class WorldFile:
         read or drawn, which may take seconds, only if it is asked for.
         """
         self._file = file
-        self._text = text
+        self._pose = pose
         self._problems: list[WorldProblem] = []
         self._marks: dict[Where, tuple[int, int]] = {}
-        reader = _Reader(self._data(), file.parent, self._problems, pose)
-        self.model = reader.model()
-        self.places = reader.places()
-        self.entities = reader.entities()
-        self.faults = reader.faults()
-        self.map = reader.map(self.model) if with_map else None
+        self._data = self._load(text)
+        self.model = self._read_model()
+        self.places = self._read_places()
+        self.entities = self._read_entities()
+        self.faults = self._read_faults()
+        self.map = self._read_map() if with_map else None
         self.finish()
 
-    def _data(self) -> Any:
+    def _load(self, text: str | None) -> Any:
         try:
-            return self._parsed(self._read() if self._text is None else self._text)
+            node = compose_yaml(read_text(self._file, MAX_BYTES) if text is None else text, aliases=True)
+            if node is None:
+                return {}
+            _mark(node, (), self._marks, self._problems)
+            return construct_yaml(node)
+        except TextFileError as error:
+            raise WorldError([f'{self._file}: cannot be read: {error}; give a world file']) from error
         except YamlError as error:
             raise WorldError([f'{self._file}:{error.line}:{error.column}: {error.reason}']) from error
-
-    def _read(self) -> str:
-        file = self._file
-        try:
-            return read_text(file, MAX_BYTES)
-        except TextFileError as error:
-            raise WorldError([f'{file}: cannot be read: {error}; give a world file']) from error
-
-    def _parsed(self, text: str) -> Any:
-        node = compose_yaml(text, aliases=True)
-        if node is None:
-            return {}
-        _mark(node, (), self._marks, self._problems)
-        return construct_yaml(node)
 
     def attempt(self, path: Where, action: Callable[..., object], *arguments: Any) -> None:
         """Do what is said at a place of the file; an error becomes one of the file."""
@@ -114,48 +106,9 @@ class WorldFile:
         if self._problems:
             raise WorldError([_line(self._file, one, self._marks) for one in self._problems])
 
+    # -- reading -----------------------------------------------------------------------------------------------------
 
-_MERGE: Final = 'tag:yaml.org,2002:merge'
-
-
-def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], problems: list[WorldProblem]) -> None:
-    """Note where each value is: the line and column of its key, or of itself in a list."""
-    marks.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
-    if isinstance(node, yaml.MappingNode):
-        seen = set[str]()
-        for key_node, value in node.value:
-            if key_node.tag == _MERGE:  # <<: *others, which yield to what is said here
-                for merged in value.value if isinstance(value, yaml.SequenceNode) else [value]:
-                    _mark(merged, path, marks, problems)
-                continue
-            word: Any = construct_yaml(key_node) if isinstance(key_node, yaml.ScalarNode) else '?'
-            marks[*path, word] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
-            if str(word) in seen:
-                problems.append(WorldProblem((*path, word), 'is there twice; leave one of them out'))
-            seen.add(str(word))
-            _mark(value, (*path, word), marks, problems)
-    elif isinstance(node, yaml.SequenceNode):
-        for i, one in enumerate(node.value):
-            _mark(one, (*path, i), marks, problems)
-
-
-def _line(file: Path, problem: WorldProblem, marks: Mapping[Where, tuple[int, int]]) -> str:
-    path = problem.path
-    while path not in marks and path:
-        path = path[:-1]
-    line, column = marks.get(path, (1, 1))
-    where = f'{problem.where}: ' if problem.path else ''
-    return f'{file}:{line}:{column}: {where}{problem.message}'
-
-
-class _Reader:
-    def __init__(self, data: Any, directory: Path, problems: list[WorldProblem], pose: Pose | None) -> None:
-        self._data = data
-        self._pose = pose
-        self._directory = directory
-        self._problems = problems
-
-    def model(self) -> WorldModel:
+    def _read_model(self) -> WorldModel:
         data = self._data
         if not isinstance(data, Mapping):
             self._problems.append(
@@ -170,10 +123,10 @@ class _Reader:
         top = {word: value for word, value in data.items() if word in keys_of(WorldModel)}
         return read(WorldModel, top, (), self._problems) or WorldModel()
 
-    def places(self) -> dict[str, Pose]:
+    def _read_places(self) -> dict[str, Pose]:
         return {name: convert(Pose, value, ('places', name), self._problems) for name, value in self._section('places')}
 
-    def entities(self) -> list[tuple[Where, str, Any, Pose | None]]:
+    def _read_entities(self) -> list[tuple[Where, str, Any, Pose | None]]:
         """For each where it is said, its name, model and pose."""
         return [*self._robots(), *self._others()]
 
@@ -194,7 +147,8 @@ class _Reader:
                 self._problems.append(WorldProblem((section, name), text))
         return entries
 
-    def map(self, model: WorldModel) -> OccupancyMap | None:
+    def _read_map(self) -> OccupancyMap | None:
+        model = self.model
         if model.map is not None and model.plan is not None:
             self._problems.append(WorldProblem(('map',), "there is a 'plan' too; leave one of them out"))
             return None
@@ -203,7 +157,7 @@ class _Reader:
         if model.map is None:
             return None
         try:
-            return load_map(self._directory / model.map)
+            return load_map(self._file.parent / model.map)
         except MapError as error:
             self._problems.append(WorldProblem(('map',), str(error)))
             return None
@@ -257,7 +211,7 @@ class _Reader:
             for name, value in self._section(section)
         ]
 
-    def faults(self) -> list[tuple[Where, FaultTiming, Mapping[str, Any]]]:
+    def _read_faults(self) -> list[tuple[Where, FaultTiming, Mapping[str, Any]]]:
         """For each where it is said, its timing and its parameters."""
         entries = self._data.get('faults') or []
         if not isinstance(entries, list):
@@ -271,6 +225,39 @@ class _Reader:
             if timing is not None and read(FAULTS[timing.fault], parameters, (*path, 'parameters'), self._problems):
                 faults.append((path, timing, parameters))
         return faults
+
+
+_MERGE: Final = 'tag:yaml.org,2002:merge'
+
+
+def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], problems: list[WorldProblem]) -> None:
+    """Note where each value is: the line and column of its key, or of itself in a list."""
+    marks.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
+    if isinstance(node, yaml.MappingNode):
+        seen = set[str]()
+        for key_node, value in node.value:
+            if key_node.tag == _MERGE:  # <<: *others, which yield to what is said here
+                for merged in value.value if isinstance(value, yaml.SequenceNode) else [value]:
+                    _mark(merged, path, marks, problems)
+                continue
+            word: Any = construct_yaml(key_node) if isinstance(key_node, yaml.ScalarNode) else '?'
+            marks[*path, word] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
+            if str(word) in seen:
+                problems.append(WorldProblem((*path, word), 'is there twice; leave one of them out'))
+            seen.add(str(word))
+            _mark(value, (*path, word), marks, problems)
+    elif isinstance(node, yaml.SequenceNode):
+        for i, one in enumerate(node.value):
+            _mark(one, (*path, i), marks, problems)
+
+
+def _line(file: Path, problem: WorldProblem, marks: Mapping[Where, tuple[int, int]]) -> str:
+    path = problem.path
+    while path not in marks and path:
+        path = path[:-1]
+    line, column = marks.get(path, (1, 1))
+    where = f'{problem.where}: ' if problem.path else ''
+    return f'{file}:{line}:{column}: {where}{problem.message}'
 
 
 # Rooms and walls that are drawn in a world file, as an occupancy map.
