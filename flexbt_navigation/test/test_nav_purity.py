@@ -26,10 +26,7 @@ PURE = (
     'flexbt_navigation.preparation',
     'flexbt_navigation.routes.edge_scorers',
     'flexbt_navigation.routes.graph',
-    'flexbt_navigation.routes.lines',
     'flexbt_navigation.routes.route',
-    'flexbt_navigation.routes.route_planner',
-    'flexbt_navigation.routes.tracker',
 )
 LISTING = 'import sys; print(*sorted({name.partition(".")[0] for name in sys.modules}))'
 

@@ -1,21 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The cheapest route through a graph, and its path."""
+"""Routes: the cheapest one through a graph, from a request, also when it has to change; its path; and the progress of
+the robot on it.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+from typing import Final
 
 import numpy
 
 from flexbt_core.values.parameter_fields import parameter
+from flexbt_navigation.costmaps.costmap import INSCRIBED, Costmap
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.world.plane.geometry import Point, Pose
 
-from .edge_scorers import RouteRequest, Scorer
-from .graph import RouteEdge, RouteGraph, RouteNode
+from .edge_scorers import RouteRequest, Scorer, closest_point, cosine, line_costs
+from .graph import Operation, RouteEdge, RouteGraph, RouteNode
 
 
 @dataclass(frozen=True)
@@ -148,3 +153,271 @@ def _arc(start: Point, corner: Point, end: Point, shape: PathShape) -> list[Poin
         )
         for step in range(count + 1)
     ]
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Start or end of a route: a node of the graph by its id, or a pose."""
+
+    id: int = 0
+    pose: Pose | None = None
+
+    def node(self, graph: RouteGraph, costmap: Costmap | None) -> RouteNode:
+        """Raise NavigationError INDETERMINANT_NODES_ON_GRAPH."""
+        if self.pose is not None:
+            return nearest_node(graph, self.pose, costmap)
+        if self.id not in graph.nodes:
+            raise NavigationError('INDETERMINANT_NODES_ON_GRAPH', f'the graph has no node {self.id}')
+        return graph.nodes[self.id]
+
+
+@dataclass(frozen=True)
+class RouteProgress:
+    """The progress of the robot when its route is planned again.
+
+    ``blocked`` are ids of edges that cannot be used. ``node`` was achieved last, if any was, and ``edge`` is the one
+    that the robot is on, at ``pose``.
+    """
+
+    blocked: frozenset[int] = frozenset()
+    node: RouteNode | None = None
+    edge: RouteEdge | None = None
+    pose: Pose | None = None
+
+
+@dataclass(frozen=True)
+class PlannedRoute:
+    """``edge`` is the one that the robot is on already, on its way to the first node of the route."""
+
+    route: Route
+    path: list[Pose]
+    edge: RouteEdge | None = None
+
+
+@dataclass(frozen=True)
+class RoutePlanner:
+    """A planner on one graph. If there is a ``costmap``, it is checked for obstacles."""
+
+    graph: RouteGraph
+    score: Scorer
+    shape: PathShape
+    costmap: Costmap | None = None
+
+    def plan(
+        self,
+        start: Ends,
+        goal: Ends,
+        progress: RouteProgress | None = None,
+        check_time: Callable[[], None] = lambda: None,
+    ) -> PlannedRoute:
+        """Return a route from start to goal; ``progress`` when there was another one before.
+
+        Raises:
+            NavigationError: INDETERMINANT_NODES_ON_GRAPH, NO_VALID_ROUTE, NO_VALID_GRAPH, INVALID_EDGE_SCORER_USE, or
+                what ``check_time`` raises.
+        """
+        last = goal.node(self.graph, self.costmap)
+        was_on: RouteEdge | None = None
+        blocked: frozenset[int] = frozenset()
+        place = start.pose
+        first: RouteNode | None = None
+        if progress is not None:
+            blocked, was_on = progress.blocked, progress.edge
+            if progress.node is not None:
+                first, place = self.graph.nodes.get(progress.node.id), progress.pose
+        first = first or start.node(self.graph, self.costmap)
+        start_pose = place if goal.pose is not None else None
+        request = RouteRequest(first, last, start_pose, goal.pose, self.costmap)
+        whole = find_route(self.graph, request, self.score, blocked, check_time)
+        route = pruned(
+            whole, place[:2] if place is not None else None, goal.pose[:2] if goal.pose is not None else None
+        )
+        edge = None
+        if was_on is not None and whole.edges and whole.edges[0].id == was_on.id and route.start is not whole.start:
+            edge = whole.edges[0]
+        begin = (
+            closest_point(place[:2], edge.start.point, edge.end.point)
+            if edge is not None and place is not None
+            else None
+        )
+        return PlannedRoute(route, route_path(route, self.shape, begin), edge)
+
+
+# Poses that routes are asked for, and the nodes for them: what Nav2's goal intent extractor does.
+
+NEAREST_NODES: Final = 5
+MOST_CELLS: Final = 10_000
+"""Maximum number of nodes that are tried for a pose, and of cells: Nav2's num_nearest_nodes and
+max_nn_search_iterations."""
+
+FARTHEST_FROM_EDGE: Final = 8.0
+LEAST_FROM_START: Final = 0.10
+LEAST_FROM_GOAL: Final = 0.15
+"""Distances at which an end of a route is left out, m: max_prune_dist_from_edge, min_prune_dist_from_start and
+_goal."""
+
+
+def nearest_node(graph: RouteGraph, pose: Pose, costmap: Costmap | None) -> RouteNode:
+    """Return the nearest node; of the five nearest the one with the shortest free way, when something is in between."""
+    nodes = graph.nearest(pose, NEAREST_NODES)
+    if costmap is None:
+        return nodes[0]
+    costs, is_on_map = line_costs(costmap, pose[:2], nodes[0].point)
+    if not is_on_map or costs.max() < INSCRIBED:
+        return nodes[0]
+    world = costmap.world
+    wanted = {world.cell(*node.point): node for node in reversed(nodes)}
+    return _first_reached(costmap, world.cell(pose.x, pose.y), wanted) or nodes[0]
+
+
+def _first_reached(
+    costmap: Costmap, start: tuple[int, int], wanted: dict[tuple[int, int], RouteNode]
+) -> RouteNode | None:
+    """Return the node at the first of the wanted cells to which the free cells lead, by breadth-first search."""
+    seen = {start}
+    queue = deque([start])
+    for _ in range(MOST_CELLS):
+        if not queue:
+            return None
+        row, column = cell = queue.popleft()
+        if cell in wanted:
+            return wanted[cell]
+        for up, right in product((-1, 0, 1), repeat=2):
+            next_cell = row + up, column + right
+            if next_cell not in seen and costmap.world.contains(*next_cell) and costmap.costs[next_cell] < INSCRIBED:
+                seen.add(next_cell)
+                queue.append(next_cell)
+    return None
+
+
+def pruned(route: Route, start: Point | None, goal: Point | None) -> Route:
+    """Without its first edge when the start is on it already, and without its last one when the goal comes before.
+
+    A place that is None prunes nothing.
+    """
+    if start is not None and route.edges:
+        first, next_node = route.start.point, route.edges[0].end
+        beyond = _along(first, next_node.point, first, start)
+        if beyond > 0.0 and _is_beside(start, first, next_node.point, first, LEAST_FROM_START):
+            route = Route(next_node, route.edges[1:], route.costs[1:])
+    if goal is not None and route.edges:
+        edge = route.edges[-1]
+        beyond = _along(edge.start.point, edge.end.point, edge.end.point, goal)
+        if beyond < 0.0 and _is_beside(goal, edge.start.point, edge.end.point, edge.end.point, LEAST_FROM_GOAL):
+            route = replace(route, edges=route.edges[:-1], costs=route.costs[:-1])
+    return route
+
+
+def _along(start: Point, end: Point, origin: Point, place: Point) -> float:
+    """Return whether a place lies ahead of an origin in the direction of a line (more than 0), or behind it."""
+    value = cosine(end[0] - start[0], end[1] - start[1], place[0] - origin[0], place[1] - origin[1])
+    return value if abs(value) > 1e-6 else 0.0
+
+
+def _is_beside(place: Point, start: Point, end: Point, node: Point, least: float) -> bool:
+    """Return whether a place is near enough to an edge, and not at its node."""
+    near = math.dist(closest_point(place, start, end), place) <= FARTHEST_FROM_EDGE
+    return near and math.dist(place, node) > least
+
+
+@dataclass(frozen=True)
+class AchievedRadii:
+    """Within how many m of a node it may be achieved: on the way, and at the ends of the route."""
+
+    node: float = parameter('radius_to_achieve_node', 2.0, 'how near to a node it may be achieved, m', 0.01, 100.0)
+    boundary: float = parameter(
+        'boundary_radius_to_achieve_node', 1.0, 'the same for the first and the last node, m', 0.01, 100.0
+    )
+
+
+class RouteTracker:
+    """``last_node`` is the one that was achieved last, ``next_node`` the one ahead, ``edge`` that between them."""
+
+    def __init__(self, route: Route, radii: AchievedRadii, edge: RouteEdge | None = None) -> None:
+        """``edge`` is the one to the first node when the robot is on it already, after the route has changed."""
+        self.route = route
+        self.edge = edge
+        self.left: RouteEdge | None = None
+        self.last_node: RouteNode | None = edge.start if edge is not None else None
+        self.next_node: RouteNode | None = route.start
+        self._radii = radii
+        self._index = -1
+        self._was_near = False
+
+    @property
+    def is_complete(self) -> bool:
+        """True if the last node was achieved."""
+        return self.next_node is None
+
+    def step(self, pose: Pose) -> bool:
+        """Return whether the next node is achieved. Then the one after it is the next one, or the route is complete."""
+        node = self.next_node
+        if node is None or not self._is_achieved(pose, node):
+            return False
+        edges = self.route.edges
+        self._was_near = False
+        self._index += 1
+        self.left, self.last_node = self.edge, node
+        self.edge = edges[self._index] if self._index < len(edges) else None
+        self.next_node = self.edge.end if self.edge is not None else None
+        return True
+
+    @property
+    def edges_after(self) -> tuple[RouteEdge, ...]:
+        """Edges after the current one."""
+        return self.route.edges[self._index + 1 :]
+
+    def operations(self) -> list[Operation]:
+        """Return those of the graph at the place where a node was just achieved."""
+        places = ((self.last_node, 'NODE'), (self.edge, 'ON_ENTER'), (self.left, 'ON_EXIT'))
+        return [
+            operation
+            for place, trigger in places
+            if place is not None
+            for operation in place.operations
+            if operation.trigger == trigger
+        ]
+
+    def _is_achieved(self, pose: Pose, node: RouteNode) -> bool:
+        dx, dy = node.x - pose.x, node.y - pose.y
+        distance = math.hypot(dx, dy)
+        is_boundary = self._index == len(self.route.edges) - 1 or self.edge is None
+        is_near = distance <= (self._radii.boundary if is_boundary else self._radii.node)
+        if distance < 1e-4 or (self._was_near and not is_near):
+            return True
+        self._was_near = is_near
+        if is_boundary or not is_near or self.edge is None:
+            return is_near
+        # Past the line through the node that halves the angle between this edge and the next one.
+        before, after = self.edge, self.route.edges[self._index + 1]
+        n, m = before.length, after.length
+        if min(n, m) < 1e-6:
+            return True
+        bx = (node.x - before.start.x) / n + (after.end.x - node.x) / m
+        by = (node.y - before.start.y) / n + (after.end.y - node.y) / m
+        return cosine(bx, by, dx, dy) <= 0.0
+
+
+def blocked_edge(tracker: RouteTracker, pose: Pose, costmap: Costmap, distance: float) -> RouteEdge | None:
+    """Return the first edge within this distance ahead, m, on which the robot would collide: Nav2's CollisionMonitor.
+
+    The map ends that: what is beyond cannot be known.
+    """
+    edge = tracker.edge
+    if edge is None:
+        return None
+    here = closest_point(pose[:2], edge.start.point, edge.end.point)
+    for each in (edge, *tracker.edges_after):
+        end = each.end.point
+        length = math.dist(here, end)
+        if length > distance:
+            part = distance / length
+            end = here[0] + (end[0] - here[0]) * part, here[1] + (end[1] - here[1]) * part
+        costs, is_on_map = line_costs(costmap, here, end)
+        if costs.max() >= INSCRIBED:
+            return each
+        distance -= length
+        if distance <= 0.0 or not is_on_map:
+            return None
+        here = end
+    return None

@@ -12,13 +12,15 @@ from collections.abc import Callable
 from pathlib import Path as FilePath
 from typing import Any, Final
 
-from geometry_msgs.msg import PoseStamped
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, Vector3
 from nav2_msgs.action import ComputeAndTrackRoute, ComputeRoute
 from nav2_msgs.srv import DynamicEdges as DynamicEdgesService
 from nav2_msgs.srv import SetRouteGraph
 from nav_msgs.msg import Path
 from rclpy.task import Future
-from visualization_msgs.msg import MarkerArray
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
@@ -37,10 +39,15 @@ from flexbt_sim.world.plane.geometry import Pose
 
 from .edge_scorers import SCORERS, DynamicEdges, edge_scorer
 from .graph import RouteGraph, load_graph
-from .messages import graph_markers, route_message
-from .parameters import DYNAMIC_EDGES, RouteParameters
-from .route_planner import Ends, PlannedRoute, RoutePlanner, RouteProgress
-from .tracking import RouteOperations, RouteTracking
+from .route import Ends, PlannedRoute, RoutePlanner, RouteProgress
+from .tracking import (
+    DYNAMIC_EDGES,
+    RouteOperations,
+    RouteParameters,
+    RouteTracking,
+    point_message,
+    route_message,
+)
 
 HIGHEST_COST: Final = 1e6
 """Highest cost of an edge that the service sets."""
@@ -258,3 +265,34 @@ def _asked(request: Any) -> list[Asked]:
         return []
     goal = asked_pose(request.goal, 'the goal', NO_PLACE)
     return [goal, asked_pose(request.start, 'the start', NO_PLACE)] if request.use_start else [goal]
+
+
+def graph_markers(graph: RouteGraph, frame: str, stamp: Time) -> MarkerArray:
+    """Return a graph for display, with the namespaces of Nav2: nodes, edges, and the ids of both."""
+    nodes = Marker(ns='route_graph_nodes', type=Marker.SPHERE_LIST, scale=Vector3(x=0.1, y=0.1, z=0.1))
+    nodes.color = ColorRGBA(r=1.0, a=1.0)
+    nodes.points = [point_message(node.point) for node in graph.nodes.values()]
+    edges = Marker(ns='route_graph_edges', type=Marker.LINE_LIST, scale=Vector3(x=0.05))
+    edges.color = ColorRGBA(g=1.0, a=0.5)  # half, so that a way in both directions stands out
+    edges.points = [point_message(end.point) for edge in graph.edges for end in (edge.start, edge.end)]
+    texts = []
+    for number, node in enumerate(graph.nodes.values()):
+        texts.append(_text('route_graph_node_ids', number, node.id, (node.x + 0.07, node.y), ColorRGBA(r=1.0, a=1.0)))
+    for number, edge in enumerate(graph.edges):
+        x, y = (edge.start.x + edge.end.x) / 2.0, (edge.start.y + edge.end.y) / 2.0
+        y += 0.05 if edge.start.id > edge.end.id else -0.05  # apart, when there is one back
+        texts.append(_text('route_graph_edge_ids', number, edge.id, (x + 0.07, y), ColorRGBA(g=1.0, a=1.0)))
+    markers = MarkerArray(markers=[edges, nodes, *texts])
+    for marker in markers.markers:
+        marker.header.frame_id, marker.header.stamp = frame, stamp
+        marker.pose.orientation.w = 1.0
+    # Additional elements of an earlier graph are removed.
+    markers.markers.insert(0, Marker(action=Marker.DELETEALL))
+    return markers
+
+
+def _text(namespace: str, number: int, id: int, place: tuple[float, float], color: ColorRGBA) -> Marker:
+    marker = Marker(ns=namespace, id=number, type=Marker.TEXT_VIEW_FACING, text=str(id), color=color)
+    marker.pose.position = point_message(place)
+    marker.scale.z = 0.1
+    return marker

@@ -11,8 +11,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, Protocol
 
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
 from nav2_msgs.action import ComputeAndTrackRoute
-from nav2_msgs.msg import SpeedLimit
+from nav2_msgs.msg import Route as RouteMessage
+from nav2_msgs.msg import RouteEdge, RouteNode, SpeedLimit
 from nav_msgs.msg import Path
 from std_srvs.srv import Trigger
 
@@ -20,17 +23,77 @@ from flexbt_common import names
 from flexbt_common.calls.goal_server import ServedGoal
 from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.common.goals import SUCCEEDED, GoalEnd, end_by
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.robot_interface import PoseWatch, RobotInterface
 from flexbt_sim.messages import path_message
 from flexbt_sim.world.plane.geometry import Pose
 
+from .edge_scorers import SCORERS
 from .graph import Operation, speed_limit
-from .messages import route_message
-from .parameters import ADJUST_SPEED_LIMIT, COLLISION_MONITOR, REROUTING_SERVICE, TIME_MARKER, RouteParameters
-from .route_planner import PlannedRoute, RouteProgress
-from .tracker import RouteTracker, blocked_edge
+from .route import AchievedRadii, PathShape, PlannedRoute, Route, RouteProgress, RouteTracker, blocked_edge
+
+DYNAMIC_EDGES: Final = 'DynamicEdgesScorer'
+ADJUST_SPEED_LIMIT: Final = 'AdjustSpeedLimit'
+REROUTING_SERVICE: Final = 'ReroutingService'
+COLLISION_MONITOR: Final = 'CollisionMonitor'
+TIME_MARKER: Final = 'TimeMarker'
+OPERATIONS: Final = (ADJUST_SPEED_LIMIT, REROUTING_SERVICE, COLLISION_MONITOR, TIME_MARKER)
+
+
+SCORER_NAMES: Final = (*SCORERS, DYNAMIC_EDGES)
+
+
+@dataclass(frozen=True)
+class RouteParameters:
+    """Parameters of the route server."""
+
+    graph_file: str = parameter('graph_filepath', '', 'GeoJSON file of the graph for routes; none when it is empty')
+    edge_scorers: tuple[str, ...] = parameter(
+        'edge_cost_functions',
+        ('DistanceScorer', DYNAMIC_EDGES),
+        'what edges of routes cost, added up: ' + ', '.join(SCORER_NAMES),
+        choices=SCORER_NAMES,
+    )
+    operations: tuple[str, ...] = parameter(
+        'operations',
+        (ADJUST_SPEED_LIMIT, REROUTING_SERVICE, COLLISION_MONITOR),
+        'what is done while a route is tracked: ' + ', '.join(OPERATIONS),
+        choices=OPERATIONS,
+    )
+    trigger_events: tuple[str, ...] = parameter(
+        'trigger_events',
+        ('TriggerEvent',),
+        'types of operations in the graph that call the service (std_srvs/Trigger) of their metadata: service_name',
+    )
+    shape: PathShape = field(default_factory=PathShape)
+    radii: AchievedRadii = field(default_factory=AchievedRadii)
+    collision_distance: float = parameter(
+        'max_collision_dist', 3.0, 'how far ahead on its route the CollisionMonitor looks, m', 0.1, 1000.0
+    )
+    collision_rate: float = parameter('collision_check_rate', 1.0, 'how often it looks, Hz', 0.01, 50.0)
+    planning_seconds: float = parameter(
+        'max_planning_time', 2.0, 'how long the search for a route may take, s of wall time', 0.01, 1000.0
+    )
+
+
+def route_message(route: Route, frame: str, stamp: Time) -> RouteMessage:
+    """Return a route: one node more than edges."""
+    message = RouteMessage(
+        route_cost=float(route.cost),
+        nodes=[RouteNode(nodeid=node.id, position=point_message(node.point)) for node in route.nodes],
+        edges=[
+            RouteEdge(edgeid=edge.id, start=point_message(edge.start.point), end=point_message(edge.end.point))
+            for edge in route.edges
+        ],
+    )
+    message.header.frame_id, message.header.stamp = frame, stamp
+    return message
+
+
+def point_message(place: tuple[float, float]) -> Point:
+    return Point(x=float(place[0]), y=float(place[1]))
 
 
 class PlanRoute(Protocol):

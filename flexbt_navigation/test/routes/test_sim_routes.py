@@ -16,12 +16,27 @@ from route_graphs import graph, graphs
 
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
-from flexbt_navigation.routes.edge_scorers import SCORERS, DynamicEdges, RouteRequest, Scorer, edge_scorer
+from flexbt_navigation.routes.edge_scorers import (
+    SCORERS,
+    DynamicEdges,
+    RouteRequest,
+    Scorer,
+    edge_scorer,
+    greatest_costs,
+    line_costs,
+)
 from flexbt_navigation.routes.graph import RouteEdge, RouteGraph, RouteNode, speed_limit
-from flexbt_navigation.routes.lines import greatest_costs, line_costs
-from flexbt_navigation.routes.route import PathShape, Route, find_route, route_path
-from flexbt_navigation.routes.route_planner import nearest_node, pruned
-from flexbt_navigation.routes.tracker import AchievedRadii, RouteTracker, blocked_edge
+from flexbt_navigation.routes.route import (
+    AchievedRadii,
+    PathShape,
+    Route,
+    RouteTracker,
+    blocked_edge,
+    find_route,
+    nearest_node,
+    pruned,
+    route_path,
+)
 from flexbt_sim.world import Pose
 from flexbt_testing.worlds import drawn
 
@@ -204,7 +219,7 @@ coordinates = st.floats(-2.0, 8.0)
 def test_costs_of_many_lines_are_those_of_each(lines: list[tuple[float, ...]], many: bool) -> None:
     starts, ends = numpy.array(lines)[:, :2], numpy.array(lines)[:, 2:]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('flexbt_navigation.routes.lines.CELLS_AT_A_TIME', 10**6 if many else 100)
+        patch.setattr('flexbt_navigation.routes.edge_scorers.CELLS_AT_A_TIME', 10**6 if many else 100)
         greatest, is_on_map = greatest_costs(WALL, starts, ends)
     each = [line_costs(WALL, (a, b), (c, d)) for a, b, c, d in lines]
     assert greatest.tolist() == [costs.max() for costs, _ in each]
