@@ -7,69 +7,40 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_core.values.text import one_line
-from flexbt_tools.tree_checks.diagnostics import SHARED_RESOURCE, TOO_SHORT, CheckRule, CheckSeverity, Diagnostic
+from flexbt_tools.tree_checks.diagnostics import (
+    ERROR,
+    INFO,
+    SHARED_RESOURCE,
+    TOO_SHORT,
+    WARNING,
+    CheckRule,
+    Diagnostic,
+    rules_of,
+)
 
-REFUSED: Final = CheckRule('refused', CheckSeverity.ERROR, 'the executive refuses to start it')
-NO_TREE: Final = CheckRule('no-tree', CheckSeverity.ERROR, 'a tree is run that no file has')
-BROKEN_TREE: Final = CheckRule('broken-tree', CheckSeverity.ERROR, 'the BT server refuses a tree file')
-KEY_CLASH: Final = CheckRule(
-    'key-clash', CheckSeverity.ERROR, 'a state and a tree have different types for a blackboard key'
-)
-UNWRITTEN_KEY: Final = CheckRule('unwritten-key', CheckSeverity.ERROR, 'a blackboard key is read that nothing writes')
-NO_END: Final = CheckRule(
-    'no-end', CheckSeverity.WARNING, 'a state from which no outcome of its machine can be reached'
-)
-DEAD_OUTCOME: Final = CheckRule('dead-outcome', CheckSeverity.WARNING, 'an outcome of a machine to which nothing leads')
-ENDLESS_LOOP: Final = CheckRule(
-    'endless-loop', CheckSeverity.WARNING, 'a loop that waits for nothing: operator, time or world'
-)
-UNSURE_READ: Final = CheckRule(
-    'unsure-read', CheckSeverity.WARNING, 'userdata is read that is not written on every way there'
-)
-WRITE_RACE: Final = CheckRule(
-    'write-race', CheckSeverity.WARNING, 'userdata that several states write at the same time'
-)
+REFUSED: Final = CheckRule('refused', ERROR, 'the executive refuses to start it')
+NO_TREE: Final = CheckRule('no-tree', ERROR, 'a tree is run that no file has')
+BROKEN_TREE: Final = CheckRule('broken-tree', ERROR, 'the BT server refuses a tree file')
+KEY_CLASH: Final = CheckRule('key-clash', ERROR, 'a state and a tree have different types for a blackboard key')
+UNWRITTEN_KEY: Final = CheckRule('unwritten-key', ERROR, 'a blackboard key is read that nothing writes')
+NO_END: Final = CheckRule('no-end', WARNING, 'a state from which no outcome of its machine can be reached')
+DEAD_OUTCOME: Final = CheckRule('dead-outcome', WARNING, 'an outcome of a machine to which nothing leads')
+ENDLESS_LOOP: Final = CheckRule('endless-loop', WARNING, 'a loop that waits for nothing: operator, time or world')
+UNSURE_READ: Final = CheckRule('unsure-read', WARNING, 'userdata is read that is not written on every way there')
+WRITE_RACE: Final = CheckRule('write-race', WARNING, 'userdata that several states write at the same time')
 LOST_WRITE: Final = CheckRule(
-    'lost-write',
-    CheckSeverity.WARNING,
-    'userdata, or a blackboard key, is written, and does not get to who should read it',
+    'lost-write', WARNING, 'userdata, or a blackboard key, is written, and does not get to who should read it'
 )
 UNHEARD: Final = CheckRule(
-    'unheard-failure',
-    CheckSeverity.WARNING,
-    'the failure of a child of a concurrency container, of which no condition is',
+    'unheard-failure', WARNING, 'the failure of a child of a concurrency container, of which no condition is'
 )
-CROSSED_WAYS: Final = CheckRule(
-    'crossed-ways', CheckSeverity.WARNING, 'success leads where failure should, and the other way round'
-)
-OTHER_TREE: Final = CheckRule(
-    'other-tree', CheckSeverity.WARNING, 'a state is called after another tree than the one that it runs'
-)
-UNREAD_KEY: Final = CheckRule('unread-key', CheckSeverity.WARNING, 'a state writes a blackboard key that nothing reads')
-SKILL: Final = CheckRule('skill', CheckSeverity.WARNING, 'a machine is not as the skills of its states say')
-ALWAYS_ASKS: Final = CheckRule('always-asks', CheckSeverity.INFO, 'a transition that needs the operator at every level')
+CROSSED_WAYS: Final = CheckRule('crossed-ways', WARNING, 'success leads where failure should, and the other way round')
+OTHER_TREE: Final = CheckRule('other-tree', WARNING, 'a state is called after another tree than the one that it runs')
+UNREAD_KEY: Final = CheckRule('unread-key', WARNING, 'a state writes a blackboard key that nothing reads')
+SKILL: Final = CheckRule('skill', WARNING, 'a machine is not as the skills of its states say')
+ALWAYS_ASKS: Final = CheckRule('always-asks', INFO, 'a transition that needs the operator at every level')
 
-RULES: Final = (
-    REFUSED,
-    NO_TREE,
-    BROKEN_TREE,
-    KEY_CLASH,
-    UNWRITTEN_KEY,
-    NO_END,
-    DEAD_OUTCOME,
-    ENDLESS_LOOP,
-    UNSURE_READ,
-    WRITE_RACE,
-    LOST_WRITE,
-    UNHEARD,
-    CROSSED_WAYS,
-    OTHER_TREE,
-    UNREAD_KEY,
-    TOO_SHORT,
-    SHARED_RESOURCE,
-    SKILL,
-    ALWAYS_ASKS,
-)
+RULES: Final = rules_of([*globals().values(), TOO_SHORT, SHARED_RESOURCE])
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
@@ -19,6 +20,9 @@ class CheckSeverity(Enum):
     INFO = 'info'
 
 
+ERROR, WARNING, INFO = CheckSeverity
+
+
 @dataclass(frozen=True, slots=True)
 class CheckRule:
     """A sort of findings. ``name`` is what ``--ignore`` takes."""
@@ -28,63 +32,38 @@ class CheckRule:
     summary: str
 
 
-REFUSED: Final = CheckRule('refused', CheckSeverity.ERROR, 'the engine refuses it')
-ODDITY: Final = CheckRule('oddity', CheckSeverity.WARNING, 'the reader takes it, but it is not what it may look like')
+def rules_of(values: Iterable[object]) -> tuple[CheckRule, ...]:
+    """Return the rules among the values of a module, errors first."""
+    order = list(CheckSeverity)
+    rules = dict.fromkeys(value for value in values if isinstance(value, CheckRule))
+    return tuple(sorted(rules, key=lambda rule: order.index(rule.severity)))
+
+
+REFUSED: Final = CheckRule('refused', ERROR, 'the engine refuses it')
+ODDITY: Final = CheckRule('oddity', WARNING, 'the reader takes it, but it is not what it may look like')
 NEVER_WRITTEN: Final = CheckRule(
-    'never-written', CheckSeverity.ERROR, 'a key is read that nothing writes, and that is no input of the tree'
+    'never-written', ERROR, 'a key is read that nothing writes, and that is no input of the tree'
 )
 UNDECLARED: Final = CheckRule(
-    'undeclared',
-    CheckSeverity.WARNING,
-    'a key is read that nothing writes, in a tree that may be a sub-tree of other files',
+    'undeclared', WARNING, 'a key is read that nothing writes, in a tree that may be a sub-tree of other files'
 )
 LOST_WRITE: Final = CheckRule(
-    'lost-write', CheckSeverity.WARNING, 'a key is written that nothing reads, and who should read it reads another one'
+    'lost-write', WARNING, 'a key is written that nothing reads, and who should read it reads another one'
 )
-NEVER_READ: Final = CheckRule('never-read', CheckSeverity.INFO, 'a key is written that nothing reads')
-UNREACHABLE: Final = CheckRule('unreachable', CheckSeverity.WARNING, 'a child is never ticked')
-TOO_SHORT: Final = CheckRule(
-    'too-short', CheckSeverity.WARNING, 'a time limit is over before what is in it can succeed'
-)
-UNUSED_PORT: Final = CheckRule('unused-port', CheckSeverity.WARNING, 'a sub-tree is given a port that it does not use')
-TYPE_CLASH: Final = CheckRule(
-    'type-clash', CheckSeverity.WARNING, 'what is written to a key is not what is read from it'
-)
-CROSSED: Final = CheckRule(
-    'crossed', CheckSeverity.WARNING, 'what is given to a port, or a child, is what another one should get'
-)
-INCOMPLETE: Final = CheckRule(
-    'incomplete', CheckSeverity.WARNING, 'a node has a number of children with which it cannot be ticked'
-)
-UNUSED_TREE: Final = CheckRule('unused-tree', CheckSeverity.WARNING, 'a tree is neither the main one nor a sub-tree')
-MISNAMED: Final = CheckRule(
-    'misnamed', CheckSeverity.WARNING, 'a leaf or sub-tree has the name of another type or tree'
-)
-TWICE: Final = CheckRule('twice', CheckSeverity.WARNING, 'the same stands twice in a row in a sequence')
-SHARED_RESOURCE: Final = CheckRule(
-    'shared-resource', CheckSeverity.WARNING, 'what may run at the same time needs the same actuator'
-)
-MISSION: Final = CheckRule('mission', CheckSeverity.WARNING, 'a mission cannot be read, or its goal not be reached')
+NEVER_READ: Final = CheckRule('never-read', INFO, 'a key is written that nothing reads')
+UNREACHABLE: Final = CheckRule('unreachable', WARNING, 'a child is never ticked')
+TOO_SHORT: Final = CheckRule('too-short', WARNING, 'a time limit is over before what is in it can succeed')
+UNUSED_PORT: Final = CheckRule('unused-port', WARNING, 'a sub-tree is given a port that it does not use')
+TYPE_CLASH: Final = CheckRule('type-clash', WARNING, 'what is written to a key is not what is read from it')
+CROSSED: Final = CheckRule('crossed', WARNING, 'what is given to a port, or a child, is what another one should get')
+INCOMPLETE: Final = CheckRule('incomplete', WARNING, 'a node has a number of children with which it cannot be ticked')
+UNUSED_TREE: Final = CheckRule('unused-tree', WARNING, 'a tree is neither the main one nor a sub-tree')
+MISNAMED: Final = CheckRule('misnamed', WARNING, 'a leaf or sub-tree has the name of another type or tree')
+TWICE: Final = CheckRule('twice', WARNING, 'the same stands twice in a row in a sequence')
+SHARED_RESOURCE: Final = CheckRule('shared-resource', WARNING, 'what may run at the same time needs the same actuator')
+MISSION: Final = CheckRule('mission', WARNING, 'a mission cannot be read, or its goal not be reached')
 
-RULES: Final = (
-    REFUSED,
-    ODDITY,
-    INCOMPLETE,
-    NEVER_WRITTEN,
-    UNDECLARED,
-    LOST_WRITE,
-    NEVER_READ,
-    UNREACHABLE,
-    TOO_SHORT,
-    UNUSED_PORT,
-    TYPE_CLASH,
-    CROSSED,
-    UNUSED_TREE,
-    MISNAMED,
-    TWICE,
-    SHARED_RESOURCE,
-    MISSION,
-)
+RULES: Final = rules_of(list(globals().values()))
 
 
 @dataclass(frozen=True, slots=True)
