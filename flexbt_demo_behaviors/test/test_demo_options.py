@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration.options import parse_options
+from flexbt_demo_behaviors.demonstration.running import parse_options
 
 
 def test_without_a_terminal_the_script_runs_both_demonstrations_fast() -> None:

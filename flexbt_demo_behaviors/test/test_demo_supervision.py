@@ -14,10 +14,9 @@ import pytest
 
 from flexbt_common.command_line import restored_signals
 from flexbt_demo_behaviors.demonstration import process_group
-from flexbt_demo_behaviors.demonstration.options import RunOptions
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
-from flexbt_demo_behaviors.demonstration.running import run_demonstration, tell_ended
+from flexbt_demo_behaviors.demonstration.running import RunOptions, run_demonstration, tell_ended
 
 DEADLINE = 60.0
 """Seconds of wall time, on a busy machine too."""

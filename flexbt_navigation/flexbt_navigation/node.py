@@ -30,11 +30,10 @@ from flexbt_navigation.routes.server import RouteServer
 from flexbt_sim.intra_process import IntraProcessTopics
 
 from .collision_monitor import CollisionMonitor
-from .managed_servers import manage_servers
+from .managed_servers import ServerFaults, manage_servers
 from .parameters import declare_navigation_parameters
 from .preparation import prepare_navigation
 from .robot_interface import RobotInterface
-from .server_faults import ServerFaults
 
 
 class Navigation:

@@ -14,11 +14,11 @@ from flexbt_common.lifecycle.liveliness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime.parameters import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import did_you_mean
-from flexbt_navigation.common.parameters import RobotParameters
+from flexbt_navigation.common.requests import RobotParameters
 from flexbt_navigation.controller.path_follower import MOST_ROBOT_SPEED, FollowerLimits
 from flexbt_navigation.controller.server import ControllerParameters
 from flexbt_navigation.costmaps.costmap import Inflation
-from flexbt_navigation.costmaps.parameters import CostmapParameters, declare_inflation
+from flexbt_navigation.costmaps.server import CostmapParameters, declare_inflation
 from flexbt_navigation.docking.server import DockingParameters, declare_docking_parameters
 from flexbt_navigation.planner.server import PlannerParameters
 from flexbt_navigation.routes.tracking import RouteParameters

@@ -7,11 +7,11 @@ Needs `launch` and `launch_ros`, which come with an installed ROS only.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
-from launch import LaunchContext
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -71,3 +71,15 @@ def nodes_of(
         )
         for process in processes
     ]
+
+
+def launch_at_speed(
+    processes: Callable[[float], Iterable[Process]], programs: Iterable[Process] = ()
+) -> LaunchDescription:
+    """Describe a launch whose only argument is `speed`: a process table, and programs that end by themselves.
+
+    A program names its node itself, and is not started again: its end is that of its work.
+    """
+    started = [Node(package=one.package, executable=one.executable, output='screen') for one in programs]
+    nodes = OpaqueFunction(function=lambda context: nodes_of(processes(*numbers(context, 'speed'))))
+    return LaunchDescription([speed_argument(), nodes, *started])

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The course of a demonstration, from its start to its exit code: ROS domain, signals, errors, the operator's
-console."""
+"""The course of a demonstration, from its command line to its exit code: processes, a node that watches them as an
+operator's station does, ROS domain, signals, errors, and the operator's console.
+"""
 
 from __future__ import annotations
 
+import argparse
 import contextlib
+import math
 import os
 import random
 import signal
@@ -12,18 +15,240 @@ import socket
 import subprocess
 import sys
 import termios
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
+from flexbt_common import discovery
+from flexbt_common.command_line import SuggestingArgumentParser
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import ConsoleError
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.mirror import Change, Mirror
+from flexbt_console.mirror.records import ExecutiveSnapshot, ExecutiveState, LogLine, LogSeverity
 from flexbt_core.values.text import escape_lines
 
-from .demo_processes import page_command
-from .options import RunOptions
+from .demo_processes import Process, page_command
 from .process_group import ProcessGroup
 from .report import DemoError, Timeline
-from .session import set_environment
+from .robot_track import RobotTrack, subscribe_to_robot
+from .scripted_operator import ScriptedOperator
+
+DEFAULT_SPEED = 1.0
+DEFAULT_SCRIPT_SPEED = 10.0
+
+EPILOG = """\
+Without a terminal, or with --script, a scripted operator drives the demonstrations (both, unless one is
+chosen); the exit code is 0 only when the robot was at its goals and every branch was taken, and a summary
+picture of each is written. The environment variables DEMO, SPEED and OUTPUT stand for --demo, --speed and --output.
+"""
+
+
+SCRIPT_EPILOG = """\
+Without a terminal, or with --script, a scripted operator takes every branch; the exit code is 0 only when nothing
+was otherwise than expected, and a picture is written. The environment variables SPEED and OUTPUT stand for --speed
+and --output.
+"""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of any demonstration: the operator, the speed factor, and the directory of pictures and logs."""
+
+    interactive: bool
+    speed: float
+    output: Path
+
+    @property
+    def logs(self) -> Path:
+        """Directory of the logs of the processes."""
+        return self.output / 'logs'
+
+
+@dataclass(frozen=True)
+class DemoOptions(RunOptions):
+    """Options of the demonstration Navigate. `map` and `places` are empty for the ones that come along."""
+
+    demos: tuple[int, ...]
+    map: str
+    places: str
+
+
+def parse_run_options(program: str, description: str) -> RunOptions:
+    """Read the command line of a program with one demonstration; ends the process with a message when it is wrong."""
+    parser = SuggestingArgumentParser(prog=program, description=description, epilog=SCRIPT_EPILOG)
+    _add_run_options(parser, os.environ)
+    return _run_options(parser, parser.parse_args(), sys.stdin.isatty() and sys.stdout.isatty())
+
+
+def parse_options(arguments: Sequence[str], environment: Mapping[str, str], terminal: bool) -> DemoOptions:
+    """Read the command line; ends the process with a message for the user when it is wrong (exit code 2)."""
+    parser = SuggestingArgumentParser(
+        prog='demo', description='Run the FlexBT demonstrations in simulation.', epilog=EPILOG
+    )
+    parser.add_argument('--demo', default=environment.get('DEMO', ''), help='1: one tree navigates; 2: three trees')
+    _add_run_options(parser, environment)
+    parser.add_argument('--map', default='', help='ROS map YAML file; default: the built-in map')
+    parser.add_argument(
+        '--places',
+        default='',
+        help='YAML file of named places; on a map of your own, the robot starts at the first of them',
+    )
+    given = parser.parse_args(arguments)
+
+    if given.demo not in ('', '1', '2'):
+        parser.error(f'--demo {given.demo}: there are the demonstrations 1 and 2')
+    if given.map and not given.places:
+        parser.error('--map needs --places: the places in that map, {name: {x: 1.0, y: 2.0, yaw: 0.0}}')
+    for name in ('map', 'places'):
+        if getattr(given, name) and not Path(getattr(given, name)).is_file():
+            parser.error(f'--{name} {getattr(given, name)}: there is no such file')
+    run = _run_options(parser, given, terminal)
+    return DemoOptions(
+        run.interactive,
+        run.speed,
+        run.output,
+        demos=(int(given.demo),) if given.demo else ((1,) if run.interactive else (1, 2)),
+        map=str(Path(given.map).resolve()) if given.map else '',
+        places=str(Path(given.places).resolve()) if given.places else '',
+    )
+
+
+def _add_run_options(parser: argparse.ArgumentParser, environment: Mapping[str, str]) -> None:
+    parser.add_argument(
+        '--speed',
+        default=environment.get('SPEED', ''),
+        help='seconds of simulated time in one second; default 1, with the scripted operator 10',
+    )
+    output = Path(environment.get('OUTPUT') or 'out')
+    parser.add_argument('--output', type=Path, default=output, help='directory of pictures and logs; default: out')
+    parser.add_argument('--script', action='store_true', help='let the scripted operator act, also in a terminal')
+
+
+def _run_options(parser: argparse.ArgumentParser, given: argparse.Namespace, terminal: bool) -> RunOptions:
+    interactive = terminal and not given.script
+    speed = _speed_factor(parser, given.speed) or (DEFAULT_SPEED if interactive else DEFAULT_SCRIPT_SPEED)
+    return RunOptions(interactive, speed, given.output)
+
+
+def _speed_factor(parser: argparse.ArgumentParser, text: str) -> float:
+    """Return the speed factor of an option --speed, 0 when none is given; ends the process with a message when it is
+    none."""
+    if not text:
+        return 0.0
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not 0.0 < speed <= 100.0:
+        parser.error(f'--speed {text}: expected a number above 0, up to 100')
+    return speed
+
+
+# From the start of the first process until the demonstration is ready, in seconds of wall time.
+READY_TIMEOUT_S = 180.0
+
+
+@dataclass(frozen=True)
+class DemoSession:
+    """A ready demonstration, and an operator at its link, on a separate node."""
+
+    operator: ScriptedOperator
+    track: RobotTrack
+    runtime: NodeRuntime
+
+
+def set_environment() -> None:
+    """Have the processes find each other quickly, and on this computer only, unless the user has it otherwise.
+
+    Raises OSError when they cannot, see :func:`check_loopback`.
+    """
+    if not os.environ.get(discovery.RANGE) and not os.environ.get(discovery.PROFILE):
+        discovery.only_this_computer()
+    discovery.check_loopback()
+    # The arithmetic of the processes is small; threads of it would only take the cores from each other.
+    os.environ.setdefault('OMP_NUM_THREADS', '1')
+
+
+@contextlib.contextmanager
+def open_session(
+    group: ProcessGroup, processes: Sequence[Process], operator: str, timeline: Timeline, *, is_on_call: bool = False
+) -> Iterator[DemoSession]:
+    """Start processes in `group`, wait until all of them are ready, and watch them for the time of the context.
+
+    Raises DemoError when they are not ready in time or one of them dies meanwhile. ``is_on_call`` as for
+    :func:`join_robot`.
+    """
+    for process in processes:
+        group.start(process.name, process.command(), respawn=True)
+    with join_robot(operator, timeline, is_on_call=is_on_call) as session:
+        group.watch(lambda ended: session.operator.abandon(ended.report()))
+        session.operator.wait_ready(peers=len(processes) - 1, timeout=READY_TIMEOUT_S)
+        yield session
+
+
+@contextlib.contextmanager
+def join_robot(
+    operator: str, timeline: Timeline, namespace: str | None = None, *, is_on_call: bool = False
+) -> Iterator[DemoSession]:
+    """Sit down at the link of the robot in a namespace, and watch the robot, for the time of the context.
+
+    ``is_on_call``: another program starts the behaviors, so that the end of one is expected.
+    """
+    with NodeRuntime.open('demo', namespace=namespace) as runtime:
+        track = RobotTrack()
+        subscribe_to_robot(runtime, track)  # first: what a tree has done is handled before what came of it
+        mirror = Mirror(runtime.steady)
+        link = ExecutiveLink(runtime, mirror)
+        scripted = ScriptedOperator(mirror, track, link.send, CommandBuilder(operator), timeline, is_on_call)
+        track.on_change = scripted.notify
+        mirror.add_listener(Narrator(mirror, timeline))
+        yield DemoSession(scripted, track, runtime)
+
+
+class Narrator:
+    """A narrator that reports the events of the mirror to the timeline: states, log lines of the behavior, peers that
+    appear and disappear."""
+
+    def __init__(self, mirror: Mirror, timeline: Timeline) -> None:
+        self._mirror = mirror
+        self._timeline = timeline
+        self._active: tuple[str, ...] = ()
+        self._alive: dict[str, bool] = {}
+        self._told: tuple[str, int] = ('', 0)
+
+    def __call__(self, change: Change) -> None:
+        """Inspect what changed; called on the thread that brought it."""
+        if change is Change.LOG:
+            for line in self._mirror.log():
+                self._tell_line(line)
+        elif change is Change.STATUS:
+            snapshot = self._mirror.view().snapshot
+            if snapshot is not None:
+                self._tell_snapshot(snapshot)
+
+    def _tell_line(self, line: LogLine) -> None:
+        if line.executive_id == self._told[0] and line.sequence <= self._told[1]:
+            return
+        self._told = (line.executive_id, line.sequence)
+        if line.severity >= LogSeverity.INFO:
+            where = f'{line.path}: ' if line.path else ''
+            mark = f'{line.severity.name.lower()}: ' if line.severity >= LogSeverity.WARN else ''
+            self._timeline.tell('log', f'{where}{mark}{line.text}')
+
+    def _tell_snapshot(self, snapshot: ExecutiveSnapshot) -> None:
+        active = tuple(state.path for state in snapshot.active_states)
+        if active != self._active:
+            self._active = active
+            running = snapshot.state is not ExecutiveState.IDLE
+            self._timeline.tell('state', ', '.join(active) or ('(between states)' if running else '(idle)'))
+        for peer in snapshot.peers:
+            if self._alive.get(peer.name) and not peer.alive:
+                self._timeline.tell('peer', f'{peer.name} died')
+            self._alive[peer.name] = peer.alive
 
 
 class Interrupted(BaseException):

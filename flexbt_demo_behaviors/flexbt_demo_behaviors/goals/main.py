@@ -17,13 +17,18 @@ from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.mirror.records import AutonomyLevel, DecisionKind
 from flexbt_demo_behaviors.demonstration.demo_processes import console_command
-from flexbt_demo_behaviors.demonstration.options import RunOptions, parse_run_options
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, world_with_places
 from flexbt_demo_behaviors.demonstration.robot_track import pose_text
-from flexbt_demo_behaviors.demonstration.running import run_console, run_demonstration
+from flexbt_demo_behaviors.demonstration.running import (
+    DemoSession,
+    RunOptions,
+    open_session,
+    parse_run_options,
+    run_console,
+    run_demonstration,
+)
 from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
-from flexbt_demo_behaviors.demonstration.session import DemoSession, open_session
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation
 from flexbt_sim.messages import pose_of
 from flexbt_sim.world import Pose

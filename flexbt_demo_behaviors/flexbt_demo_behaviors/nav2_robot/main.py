@@ -10,12 +10,17 @@ from typing import Final
 from flexbt_common import names
 from flexbt_console.mirror.records import DecisionKind
 from flexbt_demo_behaviors.demonstration.demo_processes import console_command
-from flexbt_demo_behaviors.demonstration.options import RunOptions, parse_run_options
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, Timeline, world_with_places
-from flexbt_demo_behaviors.demonstration.running import run_console, run_demonstration
+from flexbt_demo_behaviors.demonstration.running import (
+    DemoSession,
+    RunOptions,
+    open_session,
+    parse_run_options,
+    run_console,
+    run_demonstration,
+)
 from flexbt_demo_behaviors.demonstration.scripted_operator import DRIVE_TIMEOUT_S
-from flexbt_demo_behaviors.demonstration.session import DemoSession, open_session
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation, SimulatedBox, call_service
 from flexbt_msgs.srv import ControlTree
 

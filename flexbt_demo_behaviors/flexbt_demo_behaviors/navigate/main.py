@@ -18,13 +18,20 @@ from flexbt_demo_behaviors.demonstration.demo_processes import (
     demo_processes,
     first_place,
 )
-from flexbt_demo_behaviors.demonstration.options import DemoOptions, parse_options
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoReport, Timeline
 from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
-from flexbt_demo_behaviors.demonstration.running import page_line, run_console, run_demonstration, serve_page
+from flexbt_demo_behaviors.demonstration.running import (
+    DemoOptions,
+    DemoSession,
+    open_session,
+    page_line,
+    parse_options,
+    run_console,
+    run_demonstration,
+    serve_page,
+)
 from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
-from flexbt_demo_behaviors.demonstration.session import DemoSession, open_session
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation, SimulatedBox
 from flexbt_sim.world import Point, RobotModel, World
 

@@ -9,12 +9,13 @@ from typing import Final
 from flexbt_console.mirror.records import Decision, DecisionKind
 from flexbt_core.values.text import escape_lines
 from flexbt_demo_behaviors.demonstration.demo_processes import console_command
-from flexbt_demo_behaviors.demonstration.options import RunOptions, parse_run_options
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, world_with_places
 from flexbt_demo_behaviors.demonstration.robot_track import pose_text
 from flexbt_demo_behaviors.demonstration.running import (
+    RunOptions,
     page_line,
+    parse_run_options,
     run_console,
     run_demonstration,
     serve_page,

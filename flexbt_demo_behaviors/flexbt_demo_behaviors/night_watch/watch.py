@@ -20,8 +20,8 @@ from flexbt_console.mirror.records import AutonomyLevel
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import Timeline
 from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
+from flexbt_demo_behaviors.demonstration.running import READY_TIMEOUT_S, DemoSession, join_robot
 from flexbt_demo_behaviors.demonstration.scripted_operator import ScriptedOperator
-from flexbt_demo_behaviors.demonstration.session import READY_TIMEOUT_S, DemoSession, join_robot
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation
 from flexbt_sim.messages import pose_of
 from flexbt_sim.world import Pose

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map.
+"""Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map; and the
+parameters of the robot that all servers share.
 
 The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot turn
 or drive without end.
@@ -9,23 +10,48 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Pose as PoseMessage
 from rclpy.task import Future
 
+from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.transform_buffer import Rigid
 from flexbt_common.transform_listener import TRANSFORM_TIMEOUT, TransformListener, transformed
 from flexbt_common.values.message_fields import seconds_of
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.messages import pose_of
 from flexbt_sim.world.plane.geometry import FARTHEST, Pose
 
-from .parameters import RobotParameters
+
+@dataclass(frozen=True)
+class RobotParameters:
+    """Parameters of the robot. Services load files from the ``allowed_directories``."""
+
+    map_frame: str = parameter('global_frame', 'map', 'frame of map, poses and paths')
+    transform_tolerance: float = parameter(
+        'transform_tolerance', 0.3, 'how long the transform of a request is waited for, s of wall time', 0.0, 10.0
+    )
+    pose_topic: str = parameter('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped")
+    map_topic: str = parameter('map_topic', names.MAP, 'topic of the map')
+    base_frame: str = parameter('robot_base_frame', 'base_link', 'frame of the robot, in which the lidar is mounted')
+    cmd_vel_topic: str = parameter('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands')
+    stamped_cmd_vel: bool = parameter('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist')
+    pose_timeout: float = parameter(
+        'pose_timeout',
+        1.0,
+        'time without a pose after which motions fail, s; a pause of simulated time does not count',
+        0.1,
+        60.0,
+    )
+    allowed_directories: tuple[Path, ...] = ()
 
 
 def bounded(value: float, name: str, most: float) -> float:

@@ -2,24 +2,24 @@
 """The costmaps of the robot: the global one, on which plans are made, and the local one, on which it drives.
 
 Both are made of the map, what the lidar sees, and inflation. Nav2's topics show them, and its services clear them.
-The keepout filter finds the mask of areas to keep out of.
-
-Both are made of the map, what the lidar sees, and inflation. Nav2's topics show them, and its services clear them.
+Their parameters have Nav2's names. The keepout filter finds the mask of areas to keep out of.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy
-from geometry_msgs.msg import Point32, Polygon, PolygonStamped
+from geometry_msgs.msg import Point32, PolygonStamped
+from geometry_msgs.msg import Polygon as PolygonMessage
 from nav2_msgs import srv
 from nav2_msgs.msg import Costmap as CostmapMessage
 from nav2_msgs.msg import CostmapFilterInfo
@@ -38,27 +38,74 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.errors import TransformError
+from flexbt_common.errors import TransformError, UnfitParameterError
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_common.transform_buffer import TransformBuffer
 from flexbt_common.transform_listener import take_transforms
 from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values.json_data import load_json
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
 from flexbt_navigation.common.demand import Demand
-from flexbt_navigation.common.parameters import RobotParameters
-from flexbt_navigation.common.requests import MapFrame, asked_pose, bounded, check_frame, set_success
+from flexbt_navigation.common.requests import MapFrame, RobotParameters, asked_pose, bounded, check_frame, set_success
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.messages import grid_info, map_of
-from flexbt_sim.world.plane.geometry import Pose, compose, drive, wrap
+from flexbt_sim.world.plane.geometry import Circle, Polygon, Pose, compose, drive, wrap
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
-from .costmap import LETHAL, CellBox, Costmap
+from .costmap import LETHAL, CellBox, Costmap, Inflation
 from .layers import LayeredCostmap, Observation, local_size
-from .parameters import CostmapParameters
+
+MOST_RADIUS: Final = 50.0
+"""Maximum radius of a robot, m, as in a world file."""
+
+
+@dataclass(frozen=True)
+class CostmapParameters:
+    """Parameters of the costmaps."""
+
+    inflation: Inflation
+    filter_info_topic: str = parameter(
+        'filter_info_topic',
+        names.KEEPOUT_FILTER_INFO,
+        'topic that names the mask of areas to keep out of, nav2_msgs/CostmapFilterInfo',
+    )
+    scan_topic: str = parameter('scan_topic', names.SCAN, 'topic of the lidar, sensor_msgs/LaserScan')
+
+
+def declare_inflation(declare: ParameterDeclarer, inflation: Inflation) -> Inflation:
+    """Declare the parameters of the footprint and the inflation. ``inflation`` has the defaults for the robot.
+
+    Raises:
+        UnfitParameterError: a value that cannot work.
+    """
+    return _inflation(
+        declare.text(
+            'footprint', _written(inflation.corners), 'corners of a robot that is no circle, m: [[x, y], ...]'
+        ),
+        declare.real('robot_radius', inflation.robot_radius, 0.001, MOST_RADIUS, 'radius of the robot, m'),
+        declare.real('inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'),
+        declare.real('cost_scaling_factor', inflation.scaling, 0.1, 100.0, 'how fast costs fall off, 1/m'),
+    )
+
+
+def _written(corners: Collection[tuple[float, float]]) -> str:
+    return json.dumps([[x, y] for x, y in corners]) if corners else ''
+
+
+def _inflation(corners: str, radius: float, *fall: float) -> Inflation:
+    """For the footprint of the parameters ``footprint`` and ``robot_radius``. Raises UnfitParameterError."""
+    try:
+        polygon = tuple((float(x), float(y)) for x, y in load_json(corners)) if corners else ()
+        return Inflation.of(Polygon(polygon) if polygon else Circle(radius), *fall)
+    except (ValueError, TypeError, OverflowError, RecursionError, SimulationError) as error:
+        raise UnfitParameterError('footprint', f'{short_repr(corners)}: {error}; give [[x, y], ...] in m') from None
+
 
 GLOBAL, LOCAL = names.COSTMAPS
 PERIODS: Final = {GLOBAL: 1.0, LOCAL: 0.2}
@@ -316,7 +363,7 @@ class CostmapServer:
             Point32(x=corner.x, y=corner.y)
             for corner in (compose(pose, Pose(x, y, 0.0)) for x, y in inflation.corners or circle)
         ]
-        return PolygonStamped(header=self._header(), polygon=Polygon(points=corners))
+        return PolygonStamped(header=self._header(), polygon=PolygonMessage(points=corners))
 
     # -- services ----------------------------------------------------------------------------------------------------
 

@@ -16,10 +16,9 @@ from typing import Any
 import pytest
 
 from flexbt_demo_behaviors.demonstration.demo_processes import DemoSettings, Process, demo_processes
-from flexbt_demo_behaviors.demonstration.options import RunOptions
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
-from flexbt_demo_behaviors.demonstration.session import open_session
+from flexbt_demo_behaviors.demonstration.running import RunOptions, open_session
 from flexbt_demo_behaviors.goals import main as goals
 from flexbt_demo_behaviors.nav2_robot import main as nav2_robot
 from flexbt_demo_behaviors.nav2_robot.processes import PROGRAM
