@@ -31,7 +31,26 @@ PARAMETERS: Final[dict[str, dict[str, Any]]] = {
     'BtLoaderState': {'filepaths': ['flexbt_flexbe/package.xml']},
     'BtSetDataState': {'goal_id': 'goal', 'goal_msg_type': 'int64', 'inputs': {'a': 'int64'}},
     'CalculationState': {'calculation': abs},
+    'CallActionState': {
+        'action_type': 'nav2_msgs/action/Spin',
+        'topic': 'spin',
+        'goal': {'target_yaw': '{angle}'},
+        'result': {'error_code': 'code'},
+        'outcomes': {'turned': ''},
+    },
+    'CallServiceState': {
+        'service_type': 'std_srvs/srv/SetBool',
+        'topic': 'lamp',
+        'request': {'data': '{on}'},
+        'response': {'message': 'said'},
+        'outcomes': {'switched': 'response.success'},
+    },
     'CheckConditionState': {'predicate': bool},
+    'CheckTopicState': {
+        'topic': 'in',
+        'msg_type': 'std_msgs/msg/String',
+        'outcomes': {'same': 'message.data == wanted', 'wanted': ''},
+    },
     'DecisionState': {'outcomes': ['one', 'two'], 'conditions': str},
     'ExecuteBehaviorState': {
         'behavior': 'Other',
@@ -47,9 +66,16 @@ PARAMETERS: Final[dict[str, dict[str, Any]]] = {
     'OperatorDecisionState': {'outcomes': ['one', 'two'], 'shows': ['a']},
     'OperatorInputState': {'prompt': 'how many?', 'type': 'int64', 'shows': ['a']},
     'PublishOnceState': {'topic': 'out', 'msg_type': 'std_msgs/msg/String'},
+    'PublishState': {'topic': 'out', 'msg_type': 'std_msgs/msg/String', 'message': {'data': '{text}'}},
     'PublisherBoolState': {'topic': 'bool'},
     'PublisherEmptyState': {'topic': 'empty'},
     'PublisherStringState': {'topic': 'string'},
+    'ReadTopicState': {
+        'topic': 'in',
+        'msg_type': 'std_msgs/msg/String',
+        'message': {'data': 'text'},
+        'outcomes': {'same': 'message.data == wanted', 'wanted': ''},
+    },
     'SelectionState': {'message': 'which?'},
     'SubscribeOnceState': {'topic': 'in', 'msg_type': 'std_msgs/msg/String'},
     'SubscriberState': {'topic': 'in', 'msg_type': 'std_msgs/msg/String'},
@@ -91,7 +117,9 @@ def test_what_a_state_declares_is_what_it_has(state: Any, declaration: Any) -> N
     for kind, names in has.items():
         declared = {name for name, _ in entries[kind]}
         if declared & {'KEY', 'OUTCOME'}:  # those that a parameter names
-            named = {key for value in parameters.values() if isinstance(value, dict | list) for key in value}
+            given = [value for value in parameters.values() if isinstance(value, dict | list)]
+            named = {key for value in given for key in value}
+            named |= {str(key).strip('{}') for value in given if isinstance(value, dict) for key in value.values()}
             assert declared - {'KEY', 'OUTCOME'} == set(names) - named
             assert set(names) & named, f'{kind} that a parameter names'
         else:

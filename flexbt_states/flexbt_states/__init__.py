@@ -3,6 +3,7 @@
 
 from .bt_data_states import BtGetDataState, BtLoaderState, BtSetDataState
 from .bt_execute_states import BtExecuteGoalState, BtExecuteState
+from .call_states import CallActionState, CallServiceState, CheckTopicState, PublishState, ReadTopicState
 from .execute_behavior_state import ExecuteBehaviorState
 from .operator_states import OperatorDecisionState, OperatorInputState
 from .topic_states import PublishOnceState, SubscribeOnceState, SubscriberState
@@ -19,13 +20,18 @@ __all__ = [
     'BtLoaderState',
     'BtSetDataState',
     'CalculationState',
+    'CallActionState',
+    'CallServiceState',
     'CheckConditionState',
+    'CheckTopicState',
     'ExecuteBehaviorState',
     'LogKeyState',
     'LogState',
     'OperatorDecisionState',
     'OperatorInputState',
     'PublishOnceState',
+    'PublishState',
+    'ReadTopicState',
     'SubscribeOnceState',
     'SubscriberState',
     'WaitForServersState',

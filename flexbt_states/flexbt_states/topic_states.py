@@ -67,7 +67,67 @@ class PublishOnceState(EventState):
 # State that waits for a message.
 
 
-class SubscribeOnceState(EventState):
+class WaitForMessage(EventState):
+    """A state that waits for messages of a topic until one leads to an outcome, or until its time is up."""
+
+    def __init__(
+        self,
+        topic: str,
+        msg_type: type[Any],
+        timeout: float | None,
+        latched: bool,
+        best_effort: bool,
+        **interface: Any,
+    ) -> None:
+        """``interface`` has the outcomes beside ``timeout``, and the keys."""
+        interface['outcomes'] = [*interface['outcomes'], 'timeout']
+        super().__init__(desired_rate=None, **interface)
+        self._topic = checked_topic(self, 'topic', topic)
+        self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
+        qos = names.transient_local_qos() if latched else QoSProfile(depth=1)
+        if best_effort:
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        self._subscription = StateSubscription(self, self._topic, msg_type, qos)
+        self._deadline: float | None = None
+        self._timer: Timer | None = None
+
+    def _received(self, message: Any, userdata: UserData) -> str | None:
+        """Return the outcome by a message; None to wait for another one."""
+        raise NotImplementedError
+
+    def on_enter(self, userdata: UserData) -> None:
+        self._deadline = self._timer = None
+        if self._timeout is not None:
+            steady = state_services(self).runtime.steady
+            self._deadline = steady.now() + self._timeout
+            self._timer = steady.call_at(self._deadline, self.wake)
+        self._subscription.open()
+
+    def execute(self, userdata: UserData) -> str | None:
+        message = self._subscription.take()
+        outcome = None if message is None else self._received(message, userdata)
+        if outcome is not None:
+            return outcome
+        if self._deadline is not None and state_services(self).runtime.steady.now() >= self._deadline:
+            lack = ''.join(f'. {text}' for text in self._subscription.lack())
+            self.log_warn(f'no message on {self._topic} within {self._timeout:g} s{lack}')
+            return 'timeout'
+        return None
+
+    def activity(self) -> Sequence[str]:
+        return self._subscription.lack()
+
+    def not_paused(self) -> Sequence[str]:
+        return ['time-out: it counts wall time'] if self._deadline is not None else []
+
+    def on_exit(self, userdata: UserData) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._subscription.close()
+
+
+class SubscribeOnceState(WaitForMessage):
     """
     Wait for the next message on a topic: one that comes after the state was entered, or the latched one.
 
@@ -91,47 +151,14 @@ class SubscribeOnceState(EventState):
         latched: bool = False,
         best_effort: bool = False,
     ) -> None:
-        super().__init__(outcomes=['received', 'timeout'], output_keys=['message'], desired_rate=None)
-        self._topic = checked_topic(self, 'topic', topic)
-        self._timeout = checked_timeout(self, 'timeout', timeout)
-        self.skill = self.skill.within(self._timeout)
         message_type = checked_message_type(self, 'msg_type', msg_type)
-        qos = names.transient_local_qos() if latched else QoSProfile(depth=1)
-        if best_effort:
-            qos.reliability = ReliabilityPolicy.BEST_EFFORT
-        self._subscription = StateSubscription(self, self._topic, message_type, qos)
-        self._deadline: float | None = None
-        self._timer: Timer | None = None
+        super().__init__(
+            topic, message_type, timeout, latched, best_effort, outcomes=['received'], output_keys=['message']
+        )
 
-    def on_enter(self, userdata: UserData) -> None:
-        self._deadline = self._timer = None
-        if self._timeout is not None:
-            steady = state_services(self).runtime.steady
-            self._deadline = steady.now() + self._timeout
-            self._timer = steady.call_at(self._deadline, self.wake)
-        self._subscription.open()
-
-    def execute(self, userdata: UserData) -> str | None:
-        message = self._subscription.take()
-        if message is not None:
-            userdata['message'] = message
-            return 'received'
-        if self._deadline is not None and state_services(self).runtime.steady.now() >= self._deadline:
-            lack = ''.join(f'. {text}' for text in self._subscription.lack())
-            self.log_warn(f'no message on {self._topic} within {self._timeout:g} s{lack}')
-            return 'timeout'
-        return None
-
-    def activity(self) -> Sequence[str]:
-        return self._subscription.lack()
-
-    def not_paused(self) -> Sequence[str]:
-        return ['time-out: it counts wall time'] if self._deadline is not None else []
-
-    def on_exit(self, userdata: UserData) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        self._subscription.close()
+    def _received(self, message: Any, userdata: UserData) -> str:
+        userdata['message'] = message
+        return 'received'
 
 
 # State that takes the newest message of a topic.

@@ -155,7 +155,7 @@ def test_the_examples_of_the_page_load() -> None:
     blocks = dict.fromkeys(re.findall(r'```(xml|yaml)\n(.*?)```', page, re.DOTALL))
     registry = node_registry(lambda source, error: None)
     for kind, text in blocks:
-        if kind == 'yaml':
+        if kind == 'yaml' and text.startswith('nodes:'):
             for id, node in read_manifest(text, 'page.yaml').items():
                 registry.register(id, node)
     nodes = ''.join(text for kind, text in blocks if kind == 'xml')
