@@ -7,6 +7,8 @@ burger}}``. Each of its kinds is a tag, too.
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -329,103 +331,81 @@ def _area(bounds: Bounds) -> tuple[Shape, Pose] | None:
 # POSIX extended regular expressions for names, in a time that is bounded by the lengths of both.
 #
 # The expression comes from another process. Python's ``re`` goes back and forth for some expressions for longer than a
-# robot drives, and nothing can stop it; here all ways through an expression are followed at once (Thompson, 1968).
+# robot drives, and nothing can stop it; here each part tells once for each place in a name where it may end.
 
-MAX_STATES: Final = 2_000
-"""Size of an expression, as written out: {2,5} stands for five."""
+MAX_GROUPS: Final = 100
 
 _CLASSES: Final = {
     'alpha': 'A-Za-z', 'digit': '0-9', 'alnum': 'A-Za-z0-9', 'upper': 'A-Z', 'lower': 'a-z', 'xdigit': '0-9A-Fa-f',
     'space': r'\s', 'blank': r' \t', 'punct': r'!-/:-@\[-`{-~',
 }  # fmt: skip
 
-_Test = Callable[[str], bool]
-_Edges = list[tuple['_Test | None', int]]
+_Part = Callable[[str, int], set[int]]
+"""A part of an expression: where in a name it may end that begins at a place."""
 
 
 class NameFilter:
     """Return whether a whole name is matched by ``pattern``; an empty one matches every name.
 
     Raises:
-        SimulationError: the pattern is none, or is too large.
+        SimulationError: the pattern is none, or has too many groups.
     """
 
     def __init__(self, pattern: str) -> None:
         self._pattern = pattern
         self._at = 0
-        self._states: list[_Edges] = []
-        self._start, self._end = self._alternatives() if pattern else (self._state(), self._state())
+        self._known: dict[tuple[_Part, int], set[int]] = {}
+        self._whole = self._alternatives()
         if self._at < len(pattern):
             raise self._error(f'{pattern[self._at]!r} has no beginning')
 
     def __call__(self, name: str) -> bool:
         """Return whether the name is matched."""
-        if not self._pattern:
-            return True
-        now = self._reached({self._start})
-        for character in name:
-            now = self._reached(
-                {to for state in now for test, to in self._states[state] if test is not None and test(character)}
-            )
-            if not now:
-                return False
-        return self._end in now
+        self._known.clear()
+        return not self._pattern or len(name) in self._after(self._whole, name, {0})
 
-    def _reached(self, states: set[int]) -> set[int]:
-        """With all that is reached from there without a character."""
-        left = list(states)
-        while left:
-            for test, to in self._states[left.pop()]:
-                if test is None and to not in states:
-                    states.add(to)
-                    left.append(to)
-        return states
+    def _after(self, part: _Part, name: str, starts: set[int]) -> set[int]:
+        """Return where a part may end that begins at one of several places."""
+        ends: set[int] = set()
+        for start in starts:
+            if (part, start) not in self._known:
+                self._known[part, start] = part(name, start)
+            ends |= self._known[part, start]
+        return ends
 
-    # -- reading the expression: each part becomes two states, and the ways between them -----------------------------
+    # -- reading the expression --------------------------------------------------------------------------------------
 
     def _error(self, problem: str) -> SimulationError:
         return SimulationError(
             f'{short_repr(self._pattern)} is no extended regular expression, at {self._at}: {problem}'
         )
 
-    def _state(self) -> int:
-        if len(self._states) >= MAX_STATES:
-            raise self._error(f'it stands for more than {MAX_STATES} characters')
-        self._states.append([])
-        return len(self._states) - 1
-
-    def _edge(self, start: int, end: int, test: _Test | None = None) -> None:
-        self._states[start].append((test, end))
-
     def _next(self) -> str:
         return self._pattern[self._at : self._at + 1]
 
-    def _alternatives(self) -> tuple[int, int]:
-        start, end = self._state(), self._state()
-        while True:
-            first, last = self._sequence()
-            self._edge(start, first)
-            self._edge(last, end)
-            if self._next() != '|':
-                return start, end
+    def _alternatives(self) -> _Part:
+        ways = [self._sequence()]
+        while self._next() == '|':
             self._at += 1
+            ways.append(self._sequence())
+        return lambda name, start: set().union(*(self._after(way, name, {start}) for way in ways))
 
-    def _sequence(self) -> tuple[int, int]:
-        start = end = self._state()
+    def _sequence(self) -> _Part:
+        parts: list[_Part] = []
         while self._next() not in ('', '|', ')'):
-            began = self._at
-            first, last = self._atom()
-            if self._next() in ('*', '+', '?', '{'):
-                first, last = self._repeated(began, first, last)
-            self._edge(end, first)
-            end = last
-        return start, end
+            part = self._atom()
+            parts.append(self._repeated(part) if self._next() in ('*', '+', '?', '{') else part)
 
-    def _atom(self) -> tuple[int, int]:
+        def ends(name: str, start: int) -> set[int]:
+            return functools.reduce(lambda reached, part: self._after(part, name, reached), parts, {start})
+
+        return ends
+
+    def _atom(self) -> _Part:
         character = self._next()
         self._at += 1
         if character == '(':
-            if self._pattern[: self._at].count('(') > 100:
+            if self._pattern[: self._at].count('(') > MAX_GROUPS:
                 raise self._error('too many groups')
             part = self._alternatives()
             if self._next() != ')':
@@ -434,23 +414,20 @@ class NameFilter:
             return part
         if character in ('*', '+', '?', '{'):
             raise self._error('there is nothing to repeat')
-        start, end = self._state(), self._state()
         if character in ('^', '$'):  # the whole name is matched anyway
-            self._edge(start, end)
-        elif character == '.':
-            self._edge(start, end, lambda _: True)
-        elif character == '[':
-            self._edge(start, end, self._bracket())
-        else:
-            if character == '\\':
-                character = self._next()
-                self._at += 1
-            if not character:
-                raise self._error('nothing comes after the backslash')
-            self._edge(start, end, character.__eq__)
-        return start, end
+            return lambda _name, start: {start}
+        if character == '.':
+            return _one(lambda _: True)
+        if character == '[':
+            return _one(self._bracket())
+        if character == '\\':
+            character = self._next()
+            self._at += 1
+        if not character:
+            raise self._error('nothing comes after the backslash')
+        return _one(character.__eq__)
 
-    def _bracket(self) -> _Test:
+    def _bracket(self) -> Callable[[str], bool]:
         end = self._pattern.find(']', self._at + (2 if self._next() == '^' else 1))
         while end >= 0 and self._pattern[self._at : end].rfind('[:') > self._pattern[self._at : end].rfind(':]'):
             end = self._pattern.find(']', end + 1)
@@ -466,23 +443,22 @@ class NameFilter:
             raise self._error(str(error)) from None
         return lambda character: one_of.match(character) is not None
 
-    def _repeated(self, began: int, first: int, last: int) -> tuple[int, int]:
+    def _repeated(self, part: _Part) -> _Part:
         least, most = self._bounds()
-        end = self._at
-        start = finish = self._state()
-        copies = max(least, most if most is not None else least + 1, 1)
-        for copy in range(copies):
-            if copy:
-                self._at = began
-                first, last = self._atom()
-            self._edge(finish, first)
-            if copy >= least:
-                self._edge(finish, last)  # it may be left out
-            if most is None and copy == copies - 1:
-                self._edge(last, first)
-            finish = last
-        self._at = end
-        return (start, finish) if most != 0 else (start, start)
+
+        def ends(name: str, start: int) -> set[int]:
+            found: set[int] = set()
+            reached = {start}
+            for count in itertools.count():
+                if count >= least:
+                    reached -= found  # from those that were found earlier all has been found
+                    found |= reached
+                if not reached or count == most:
+                    break
+                reached = self._after(part, name, reached)
+            return found
+
+        return ends
 
     def _bounds(self) -> tuple[int, int | None]:
         character = self._next()
@@ -498,3 +474,8 @@ class NameFilter:
         if most is not None and most < least:
             raise self._error(f'{most} is less than {least}')
         return least, most
+
+
+def _one(test: Callable[[str], bool]) -> _Part:
+    """Return a part that is one character."""
+    return lambda name, start: {start + 1} if start < len(name) and test(name[start]) else set()

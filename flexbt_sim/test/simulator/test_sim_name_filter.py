@@ -48,9 +48,7 @@ def test_the_forms_of_posix(pattern: str, matched: str, other: str | None) -> No
     assert other is None or not NameFilter(pattern)(other)
 
 
-@pytest.mark.parametrize(
-    'pattern', ['(', ')', 'a)', '*', 'a**', '[', '[a', 'a{2', 'a{3,1}', '\\', 'a{999}' * 9, '(' * 999]
-)
+@pytest.mark.parametrize('pattern', ['(', ')', 'a)', '*', 'a**', '[', '[a', 'a{2', 'a{3,1}', '\\', '(' * 999])
 def test_what_is_none_is_refused(pattern: str) -> None:
     with pytest.raises(SimulationError, match='no extended regular expression'):
         NameFilter(pattern)
@@ -58,6 +56,13 @@ def test_what_is_none_is_refused(pattern: str) -> None:
 
 def test_no_expression_takes_long() -> None:
     began = uncontended_time()
-    for pattern in ('(a+)+b', '(a|a)*b', '(.*)(.*)(.*)(.*)(.*)b', '((a{0,9}){0,9})*b'):
+    for pattern in (
+        '(a+)+b',
+        '(a|a)*b',
+        '(.*)(.*)(.*)(.*)(.*)b',
+        '((a{0,9}){0,9})*b',
+        'a{999}' * 9,
+        '((a{0,999}){999}){999}b',
+    ):
         assert not NameFilter(pattern)('a' * 63)
     assert uncontended_time() - began < 5.0
