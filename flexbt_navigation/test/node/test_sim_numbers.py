@@ -25,8 +25,8 @@ from flexbt_common.calls.action_call import GoalStatus
 from flexbt_sim.messages import grid_message
 from flexbt_sim.simulator.parameters import built_in_map
 from flexbt_sim.world import load_map
-from flexbt_testing.nodes.clients import SentGoal
-from flexbt_testing.nodes.sim_world import ACTIONS, DOCK, OFFICE, RobotProbe, line, open_sim_world, pose
+from flexbt_testing.nodes.clients import ACTIONS, SentGoal
+from flexbt_testing.nodes.sim_world import DOCK, OFFICE, RobotProbe, line, open_sim_world, pose
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 HOSTILE = (math.nan, math.inf, -math.inf, 1e308, -1e19, 1e9, 5e-324)

@@ -3,19 +3,35 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
+from nav2_msgs import action
 
+from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome
 from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.waiting import DEADLINE, RESEND_SECONDS
+
+_TYPES: Final = {name.casefold(): getattr(action, name) for name in dir(action) if not name.startswith('_')}
+
+ACTIONS: Final[Mapping[str, Any]] = {
+    name: _TYPES[name.replace('_', '')]
+    for name in (
+        *itertools.chain.from_iterable(names.ACTIONS_OF_SERVERS.values()),
+        names.FOLLOW_OBJECT,
+        names.NAVIGATE_TO_POSE,
+        names.NAVIGATE_THROUGH_POSES,
+    )
+}
+"""Types of the actions of navigation, which are called as these are."""
 
 
 class SentGoal:

@@ -11,24 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
-from nav2_msgs.action import (
-    AssistedTeleop,
-    BackUp,
-    ComputeAndTrackRoute,
-    ComputePathThroughPoses,
-    ComputePathToPose,
-    ComputeRoute,
-    DockRobot,
-    DriveOnHeading,
-    FollowObject,
-    FollowPath,
-    NavigateThroughPoses,
-    NavigateToPose,
-    SmoothPath,
-    Spin,
-    UndockRobot,
-    Wait,
-)
+from nav2_msgs.action import SmoothPath
 from nav2_msgs.msg import RouteNode
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 
@@ -39,7 +22,7 @@ from flexbt_common.values.entries import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_server.bt_server import BtServer
 
-from .clients import SentGoal
+from .clients import ACTIONS, SentGoal
 from .scripted_action_server import GoalAnswer, ScriptedActionServer
 
 
@@ -52,28 +35,18 @@ def pose_stamped(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
     return stamped
 
 
-ALWAYS: Final[Mapping[str, type[Any]]] = {
-    names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
-    names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
-    names.FOLLOW_PATH: FollowPath,
-    names.SPIN: Spin,
-    names.BACKUP: BackUp,
-    names.WAIT: Wait,
-    names.DRIVE_ON_HEADING: DriveOnHeading,
-}
+ALWAYS: Final = (
+    names.COMPUTE_PATH_TO_POSE,
+    names.COMPUTE_PATH_THROUGH_POSES,
+    names.FOLLOW_PATH,
+    names.SPIN,
+    names.BACKUP,
+    names.WAIT,
+    names.DRIVE_ON_HEADING,
+)
 """Actions that are served in every world."""
 
-ON_DEMAND: Final[Mapping[str, type[Any]]] = {
-    names.SMOOTH_PATH: SmoothPath,
-    names.COMPUTE_ROUTE: ComputeRoute,
-    names.COMPUTE_AND_TRACK_ROUTE: ComputeAndTrackRoute,
-    names.ASSISTED_TELEOP: AssistedTeleop,
-    names.FOLLOW_OBJECT: FollowObject,
-    names.DOCK_ROBOT: DockRobot,
-    names.UNDOCK_ROBOT: UndockRobot,
-    names.NAVIGATE_TO_POSE: NavigateToPose,
-    names.NAVIGATE_THROUGH_POSES: NavigateThroughPoses,
-}
+ON_DEMAND: Final = {name: action for name, action in ACTIONS.items() if name not in ALWAYS}
 """Actions that a test serves by :meth:`Navigation.serve`."""
 
 
@@ -88,7 +61,7 @@ class Navigation:
         self.path_valid = True
         self.actions: dict[str, ScriptedActionServer] = {}
         self._runtime = runtime
-        self.serve(ALWAYS)
+        self.serve({name: ACTIONS[name] for name in ALWAYS})
         self.actions[names.FOLLOW_PATH].preempting = True
 
         def services() -> None:

@@ -12,21 +12,6 @@ from itertools import pairwise, takewhile
 from typing import Any, NamedTuple, TypeVar
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
-from nav2_msgs.action import (
-    AssistedTeleop,
-    BackUp,
-    ComputeAndTrackRoute,
-    ComputePathThroughPoses,
-    ComputePathToPose,
-    ComputeRoute,
-    DockRobot,
-    DriveOnHeading,
-    FollowPath,
-    SmoothPath,
-    Spin,
-    UndockRobot,
-    Wait,
-)
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -43,7 +28,7 @@ from flexbt_sim.messages import pose_of
 from flexbt_sim.simulator.node import Simulator
 from flexbt_testing.waiting import DEADLINE, MESSAGE_BYTES
 
-from .clients import SentGoal
+from .clients import ACTIONS, SentGoal
 
 T = TypeVar('T')
 
@@ -51,22 +36,6 @@ DOCK = (0.8, 4.45, 0.0)
 """Start pose of the robot: at the west end of the corridor, heading along it."""
 
 OFFICE = (3.8, 1.2, -1.57)
-
-ACTIONS = {
-    names.COMPUTE_PATH_TO_POSE: ComputePathToPose,
-    names.COMPUTE_PATH_THROUGH_POSES: ComputePathThroughPoses,
-    names.COMPUTE_ROUTE: ComputeRoute,
-    names.COMPUTE_AND_TRACK_ROUTE: ComputeAndTrackRoute,
-    names.FOLLOW_PATH: FollowPath,
-    names.DOCK_ROBOT: DockRobot,
-    names.UNDOCK_ROBOT: UndockRobot,
-    names.SMOOTH_PATH: SmoothPath,
-    names.SPIN: Spin,
-    names.BACKUP: BackUp,
-    names.DRIVE_ON_HEADING: DriveOnHeading,
-    names.WAIT: Wait,
-    names.ASSISTED_TELEOP: AssistedTeleop,
-}
 
 
 class Sighting(NamedTuple):

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partialmethod
 from typing import Any
 
 from flexbt_core.clock.clock import ManualClock
@@ -299,46 +300,29 @@ class Bench(RunReader):
         (decision,) = self.run.decisions
         return decision
 
+    def answer_to(self, command: Callable[..., str | None], *arguments: Any) -> str | None:
+        """Give a command; returns its refusal, of which there has to be exactly one."""
+        self.answers.clear()
+        self.run.command('', command, *arguments)
+        self.settle()
+        (answer,) = self.answers
+        return answer
+
     def confirm(self, decision_id: str | None = None) -> str | None:
         """Confirm the pending decision, or one of an id; gives the refusal."""
         chosen = self.decision.id if decision_id is None else decision_id
         return self.answer_to(operator_commands.confirm, chosen)
 
-    def force(self, path: str, outcome: str, decision_id: str = '') -> str | None:
-        """Force an outcome; gives the refusal."""
-        return self.answer_to(operator_commands.force, path, outcome, decision_id)
-
-    def set_autonomy(self, level: int, path: str = '') -> str | None:
-        """Change the autonomy; gives the refusal."""
-        return self.answer_to(operator_commands.set_autonomy, level, path)
-
-    def repeat(self, path: str) -> str | None:
-        """Repeat a state or machine; gives the refusal."""
-        return self.answer_to(operator_commands.repeat, path)
-
-    def lock(self, path: str) -> str | None:
-        """Lock a state or machine; gives the refusal."""
-        return self.answer_to(operator_commands.lock, path)
-
-    def unlock(self, path: str) -> str | None:
-        """Unlock a state or machine; gives the refusal."""
-        return self.answer_to(operator_commands.unlock, path)
-
-    def set_breakpoint(self, path: str) -> str | None:
-        """Set a breakpoint; gives the refusal."""
-        return self.answer_to(operator_commands.set_breakpoint, path)
-
-    def clear_breakpoint(self, path: str) -> str | None:
-        """Clear a breakpoint; gives the refusal."""
-        return self.answer_to(operator_commands.clear_breakpoint, path)
-
-    def pause(self) -> str | None:
-        """Pause the run; gives the refusal."""
-        return self.answer_to(operator_commands.pause)
-
-    def resume(self) -> str | None:
-        """Resume the run; gives the refusal."""
-        return self.answer_to(operator_commands.resume)
+    # Give a command; return its refusal.
+    force = partialmethod(answer_to, operator_commands.force)
+    set_autonomy = partialmethod(answer_to, operator_commands.set_autonomy)
+    repeat = partialmethod(answer_to, operator_commands.repeat)
+    lock = partialmethod(answer_to, operator_commands.lock)
+    unlock = partialmethod(answer_to, operator_commands.unlock)
+    set_breakpoint = partialmethod(answer_to, operator_commands.set_breakpoint)
+    clear_breakpoint = partialmethod(answer_to, operator_commands.clear_breakpoint)
+    pause = partialmethod(answer_to, operator_commands.pause)
+    resume = partialmethod(answer_to, operator_commands.resume)
 
     def switch(self, made: OperatableStateMachine) -> str | None:
         """Go on with another machine; gives the refusal."""
@@ -348,14 +332,6 @@ class Bench(RunReader):
         """Preempt the run."""
         self.run.preempt(reason)
         self.settle()
-
-    def answer_to(self, command: Callable[..., str | None], *arguments: Any) -> str | None:
-        """Give a command; returns its refusal, of which there has to be exactly one."""
-        self.answers.clear()
-        self.run.command('', command, *arguments)
-        self.settle()
-        (answer,) = self.answers
-        return answer
 
 
 # States by which an operator's confirmations are counted in the userdata.

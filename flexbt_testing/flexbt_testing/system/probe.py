@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from typing import Any, Final, TypeVar, cast
 
@@ -13,12 +12,13 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
-from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
+from flexbt_common.calls.action_call import ActionLinks, GoalOutcome
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.middleware.received_messages import Received, ReceivedMessages
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
+from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.waiting import DEADLINE, MESSAGE_BYTES, uncontended_time, wait_until
 
@@ -131,16 +131,7 @@ class Probe(Operator):
 
     def call(self, action_type: Any, name: str, goal: Any, timeout: float = DEADLINE) -> GoalOutcome:
         """Send a goal and wait for its outcome."""
-        ended: list[GoalOutcome] = []
-        done = threading.Event()
-
-        def on_done(outcome: GoalOutcome) -> None:
-            ended.append(outcome)
-            done.set()
-
-        ActionCall(self._links.link(action_type, name), goal, on_done=on_done, server_timeout=timeout)
-        assert done.wait(timeout), f'{name}: no outcome within {timeout:g} s'
-        return ended[0]
+        return SentGoal(self._links.link(action_type, name), goal, timeout).wait()
 
     def active_goals(self, action: str) -> int:
         """Subscribe to nothing: how many goals of an action are being worked on, by the server's own list."""
