@@ -12,7 +12,7 @@ import functools
 import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 from flexbt_common import names
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, guid_prefix_of
@@ -47,11 +47,6 @@ _STATUS_TYPE: Final = 'flexbt_msgs/msg/ExecutiveStatus'
 _ENDING: Final = f'/{names.EXECUTIVE_STATUS}'
 
 
-class _Joined(NamedTuple):
-    mirror: Mirror
-    link: ExecutiveLink
-
-
 class FleetLink:
     """A link to each robot, joined by namespace; ``fleet`` has their mirrors, made by
     ``make_mirror``.
@@ -77,7 +72,7 @@ class FleetLink:
         self._make_mirror = make_mirror
         self._operator = operator
         self._scan_period = scan_period
-        self._joined: dict[str, _Joined] = {}
+        self._joined: dict[str, ExecutiveLink] = {}
         self._kept = {self.own, *only}
         """Robots that are never forgotten: they were named, or opened."""
         self._keeping = threading.Lock()
@@ -92,7 +87,8 @@ class FleetLink:
 
     def robot(self, name: str) -> tuple[Mirror, RobotLink]:
         """Return the mirror and the link of a robot. Raises KeyError when it is not known."""
-        return self._joined[name]
+        link = self._joined[name]
+        return link.mirror, link
 
     def open(self, name: str) -> None:
         """Have map, trees and scan of a robot come until :meth:`close` was called as often. Raises as :meth:`robot`.
@@ -100,14 +96,14 @@ class FleetLink:
         Neither of both on the executor thread.
         """
         with self._keeping:
-            link = self._joined[name].link
+            link = self._joined[name]
             self._kept.add(name)
         self._runtime.call(link.hear_all)
         link.open_surroundings(self._scan_period)
 
     def close(self, name: str) -> None:
         """See :meth:`open`."""
-        self._joined[name].link.close_surroundings()
+        self._joined[name].close_surroundings()
 
     def select(self, name: str) -> tuple[Mirror, RobotLink]:
         """Have one robot open, instead of the one before, and give it. Raises as :meth:`robot`."""
@@ -115,7 +111,7 @@ class FleetLink:
         if self._selected:
             self.close(self._selected)
         self._selected = name
-        return self._joined[name]
+        return self.robot(name)
 
     def _look(self) -> None:
         began = self._runtime.steady.now()
@@ -189,15 +185,14 @@ class FleetLink:
             left = self._joined.pop(name)
         self._gone_since.pop(name, None)
         self.fleet.remove(name)
-        left.link.close()
+        left.close()
         return True
 
-    def _join(self, name: str) -> Mirror:
-        mirror = self._make_mirror()
+    def _join(self, name: str) -> ExecutiveLink:
         only_status = name not in self._kept
-        link = ExecutiveLink(self._runtime, mirror, self._operator, name, only_status=only_status)
-        self._joined[name] = _Joined(mirror, link)
-        return mirror
+        link = ExecutiveLink(self._runtime, self._make_mirror(), self._operator, name, only_status=only_status)
+        self._joined[name] = link
+        return link
 
     def _list(self, name: str) -> None:
-        self.fleet.add(name, self._joined[name].mirror if name in self._joined else self._join(name))
+        self.fleet.add(name, (self._joined.get(name) or self._join(name)).mirror)

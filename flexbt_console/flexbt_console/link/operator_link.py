@@ -115,7 +115,7 @@ class ExecutiveLink(RobotLink):
         self._status_topic = self._topic(names.EXECUTIVE_STATUS)
         self._command_topic = self._topic(names.EXECUTIVE_COMMAND)
         self._runtime = runtime
-        self._mirror = mirror
+        self.mirror = mirror
         self._waiting: set[SimpleQueue[None]] = set()
         self._resend: Timer | None = None
         self._executives = 0
@@ -159,7 +159,7 @@ class ExecutiveLink(RobotLink):
 
     def send(self, command: OperatorCommand, timeout: float, label: str = '') -> TrackedCommand:
         """Give a command, called ``label``, to the executive; its fate is followed by the mirror. From any thread."""
-        tracked = self._mirror.give(command, timeout, label)
+        tracked = self.mirror.give(command, timeout, label)
         if command.kind is CommandKind.STOP:  # from this thread: the executor may be busy with what others send
             self._publish(command)
         self._runtime.post(self._send_due)
@@ -180,13 +180,13 @@ class ExecutiveLink(RobotLink):
         self._waiting.add(changed)
         try:
             while True:
-                found = inspect(self._mirror.view())
+                found = inspect(self.mirror.view())
                 if found is not None:
                     return found
                 now = clock.now()
                 if deadline is not None and now >= deadline:
                     return None
-                times = (deadline, self._mirror.next_link_change(), None if every is None else now + every)
+                times = (deadline, self.mirror.next_link_change(), None if every is None else now + every)
                 limits = [time for time in times if time is not None]
                 with contextlib.suppress(Empty):
                     changed.get(timeout=max(0.0, min(limits) - now) if limits else None)
@@ -202,13 +202,13 @@ class ExecutiveLink(RobotLink):
         view = self.wait_for(lambda view: view if view.live else None, timeout)
         if view is not None:
             return view
-        raise NoLinkError(no_link_text(self._mirror.view(), f'within {timeout:g} s'))
+        raise NoLinkError(no_link_text(self.mirror.view(), f'within {timeout:g} s'))
 
     def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
         """Wait for the answer of a command, or its timeout."""
 
         def settled(_: View) -> TrackedCommand | None:
-            tracked = self._mirror.command(command_id)
+            tracked = self.mirror.command(command_id)
             return None if tracked is None or tracked.state is CommandState.PENDING else tracked
 
         return self.wait_for(settled, timeout)
@@ -238,7 +238,7 @@ class ExecutiveLink(RobotLink):
         try:
             self.open_surroundings(scan_period)
             try:
-                return self.wait_for(lambda view: view if has_arrived(view) else None, timeout) or self._mirror.view()
+                return self.wait_for(lambda view: view if has_arrived(view) else None, timeout) or self.mirror.view()
             finally:
                 self.close_surroundings()
         except TimeoutError as error:
@@ -254,7 +254,7 @@ class ExecutiveLink(RobotLink):
 
         def open() -> None:
             if self._surroundings is None:
-                self._surroundings = SurroundingsLink(self._runtime, self._mirror, self._namespace, scan_period)
+                self._surroundings = SurroundingsLink(self._runtime, self.mirror, self._namespace, scan_period)
             self._surrounded += 1
 
         self._runtime.call(open)
@@ -267,7 +267,7 @@ class ExecutiveLink(RobotLink):
             if self._surrounded == 0 and self._surroundings is not None:
                 link, self._surroundings = self._surroundings, None
                 link.close()
-                self._mirror.forget_surroundings()
+                self.mirror.forget_surroundings()
 
         self._runtime.call(close)
 
@@ -310,7 +310,7 @@ class ExecutiveLink(RobotLink):
         self._leave_picture()
         # Messages that wake the executor together are handled in this order: a state reports something, and then wants
         # something.
-        mirror = self._mirror
+        mirror = self.mirror
         for type, name, receive, depth in (
             (BehaviorStructure, names.EXECUTIVE_STRUCTURE, mirror.receive_structure, LIST_DEPTH),
             (BehaviorList, names.EXECUTIVE_BEHAVIORS, mirror.receive_behaviors, LIST_DEPTH),
@@ -397,7 +397,7 @@ class ExecutiveLink(RobotLink):
             self._statuses.blame(received)
             return
         answers = not self._sender.has_sent(participant)
-        unanswered = self._mirror.passed_over_stops() if answers else frozenset()
+        unanswered = self.mirror.passed_over_stops() if answers else frozenset()
         if answers and not unanswered:
             return
         message = self._unpacked(received, ExecutiveStatus, self._status_topic)
@@ -405,12 +405,12 @@ class ExecutiveLink(RobotLink):
             return
         succession = self._sender.follow(participant, answers=answers)
         if succession is not Succession.SAME:
-            self._mirror.sender_replaced(was_executive=succession is Succession.NEXT)
+            self.mirror.sender_replaced(was_executive=succession is Succession.NEXT)
             self._runtime.post(self._hear_picture)  # messages that it sent before it was known were lost
         self._heard = self._runtime.listening_time.looked
         transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
-        self._mirror.receive_snapshot(record_of(message), transit)
-        if self._mirror.wants_ping():
+        self.mirror.receive_snapshot(record_of(message), transit)
+        if self.mirror.wants_ping():
             seconds, nanoseconds = divmod(time.time_ns(), 10**9)
             self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
 
@@ -420,24 +420,24 @@ class ExecutiveLink(RobotLink):
             return
         message = self._unpacked(received, StopGuardStatus, names.STOP_GUARD_STATUS)
         if message is not None:
-            self._mirror.receive_guard(record_of(message))
+            self.mirror.receive_guard(record_of(message))
 
     def _on_pong(self, received: Received) -> None:
         with contextlib.suppress(ValueError):  # not from the executive
             echo = received.unpack(Header)
             if echo.frame_id == self._id and received.sent > 0.0:
-                self._mirror.receive_pong(received.sent - seconds_of(echo.stamp))
+                self.mirror.receive_pong(received.sent - seconds_of(echo.stamp))
 
     def _on_status_matched(self, status: Any) -> None:
         self._executives = status.current_count
         if self._executives == 0:
-            self._mirror.sender_gone()
+            self.mirror.sender_gone()
             return
         self._find_problems()
 
     def _on_stop_matched(self, status: Any) -> None:
         if status.current_count_change > 0:
-            self._mirror.send_stops_again()
+            self.mirror.send_stops_again()
             self._send_due()
 
     def _on_command_matched(self, status: Any) -> None:
@@ -447,14 +447,14 @@ class ExecutiveLink(RobotLink):
 
     def _find_problems(self) -> None:
         node = self._runtime.node
-        self._mirror.set_problem(
+        self.mirror.set_problem(
             interface_problem(node, self._status_topic)
             or interface_problem(node, self._command_topic)
             or senders_problem(node, self._status_topic, self._executives)
         )
 
     def _send_due(self) -> None:
-        for command in self._mirror.due_commands(self._reachable):
+        for command in self.mirror.due_commands(self._reachable):
             self._publish(command)
         self._plan_resend()
 
@@ -468,7 +468,7 @@ class ExecutiveLink(RobotLink):
         if self._resend is not None:
             self._resend.cancel()
             self._resend = None
-        due = self._mirror.next_command_time(self._reachable)
+        due = self.mirror.next_command_time(self._reachable)
         if due is not None:
             self._resend = self._runtime.post_at(due, self._send_due)
 

@@ -7,6 +7,7 @@ import contextlib
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, InvalidStateError
+from dataclasses import asdict
 from typing import Any, Final
 
 from flexbt_common import names
@@ -149,19 +150,8 @@ class SynthesisQuery:
                 self._runtime.call(lambda: None, _CANCEL_SECONDS)  # after the cancels
 
     def _goal(self, request: SynthesisRequest) -> Any:
-        return Goal(
-            system=request.system,
-            capabilities=request.capabilities,
-            specification=request.specification,
-            goals=list(request.goals),
-            initial_conditions=list(request.initial_conditions),
-            outcomes=list(request.outcomes),
-            liveness=_LIVENESS[request.liveness],
-            retries=request.retries,
-            name=request.name,
-            time_limit=request.time_limit,
-            operator_id=self._operator,
-        )
+        fields = {**asdict(request), 'liveness': _LIVENESS[request.liveness]}
+        return Goal(**fields, operator_id=self._operator)
 
 
 def _end(done: Future[GoalOutcome], how: GoalOutcome | NoAnswerError) -> None:

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 from flexbt_console.mirror.freshness import LinkState
-from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import EventKind, ExecutiveSnapshot, ExecutiveState, LogLine, Structure
+from flexbt_console.mirror.mirror import Mirror, N
+from flexbt_console.mirror.records import EventKind, ExecutiveSnapshot, ExecutiveState, Structure
 from flexbt_console.mirror.view import View
 from flexbt_core.values.text import one_line
 
@@ -50,8 +51,8 @@ class Follower:
         self._before: View | None = None
         self._told_link: tuple[LinkState, str] | None = None
         self._structure: Structure | None = None
-        self._lines: tuple[LogLine, ...] = ()
-        self._told: set[tuple[str, int]] = set()
+        self._told: dict[type, set[tuple[str, int]]] = {}
+        """Executive and number of the lines of the log, and of the events, that were there the last time."""
 
     def events(self, view: View) -> list[Event]:
         """Return what is new. Heartbeats are not events, and there are none before an executive had the time to be
@@ -73,24 +74,25 @@ class Follower:
         if view.behaviors is not None and (before is None or before.behaviors != view.behaviors):
             events.append(Event('behaviors', {'behaviors': view.behaviors}, []))
         # A state reports something, and then wants something: simultaneous events are reported in this order.
-        lines = self._mirror.log()
-        known = {(line.executive_id, line.sequence) for line in self._lines}
-        for line in lines:
-            if (line.executive_id, line.sequence) not in known:
-                told: list[str] = [Line(f'log: {text}', tone_of(text)) for text in log_lines(line)]
-                events.append(Event('log', {'line': line}, told))
-        self._lines = lines
-        happened = self._mirror.events()
-        for event in happened:
-            if (event.executive_id, event.sequence) not in self._told:
-                name = event.kind.name.lower()
-                # The status has the target of a transition.
-                is_told = event.kind is EventKind.COMMAND and not event.is_in_log
-                events.append(Event(name, {name: event}, [event_line(event)] if is_told else []))
-        self._told = {(event.executive_id, event.sequence) for event in happened}
+        for line in self._new(self._mirror.log()):
+            told: list[str] = [Line(f'log: {text}', tone_of(text)) for text in log_lines(line)]
+            events.append(Event('log', {'line': line}, told))
+        for event in self._new(self._mirror.events()):
+            name = event.kind.name.lower()
+            # The status has the target of a transition.
+            is_told = event.kind is EventKind.COMMAND and not event.is_in_log
+            events.append(Event(name, {name: event}, [event_line(event)] if is_told else []))
         if view.snapshot is not None and (before is None or _essence(before) != _essence(view)):
             events.append(Event('status', status_json(view), _changes(before, view)))
         return events
+
+    def _new(self, numbered: Sequence[N]) -> list[N]:
+        """Return the lines or events that were not there the last time."""
+        if not numbered:
+            return []
+        kind = type(numbered[0])
+        known, self._told[kind] = self._told.get(kind, set()), {(one.executive_id, one.sequence) for one in numbered}
+        return [one for one in numbered if (one.executive_id, one.sequence) not in known]
 
     def _link_text(self, view: View) -> list[str]:
         """Return a link that is late is LIVE or LOST soon."""

@@ -93,12 +93,15 @@ class Frame:
         return self.x + (2 * column + 1) * self.step, self.y + (4 * (self.rows - row) - 2) * self.step
 
 
-def frame_for(map: GridMap | None, others: Iterable[Point], columns: int, rows: int) -> Frame:
-    """Return the smallest frame that shows all of the map, or all other points where there is none."""
-    if map is not None:
-        (left, bottom), (width, height) = (map.x, map.y), map.size
+def frame_for(
+    around: Surroundings, robot: FramedPose | None, places: Mapping[str, FramedPose], columns: int, rows: int
+) -> Frame:
+    """Return the smallest frame that shows all of the map, or all that is drawn where there is none."""
+    if around.map is not None:
+        (left, bottom), (width, height) = (around.map.x, around.map.y), around.map.size
     else:
-        points = list(others) or [(0.0, 0.0)]
+        poses = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
+        points = [*poses, *around.plan, *around.driven, *around.scan] or [(0.0, 0.0)]
         left, bottom = (min(one[axis] for one in points) - _MARGIN for axis in (0, 1))
         width, height = (max(one[axis] for one in points) + _MARGIN - low for axis, low in ((0, left), (1, bottom)))
     step = max(width / (2 * columns), height / (4 * rows), 1e-3) * 1.0001
@@ -125,8 +128,7 @@ class MapCanvas:
     ) -> tuple[Frame, list[list[Cell]]]:
         """Return the frame, and its characters row by row from the top. Points of a scan that are on the map already
         are left out."""
-        points = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
-        frame = frame_for(around.map, [*points, *around.plan, *around.driven, *around.scan], columns, rows)
+        frame = frame_for(around, robot, places, columns, rows)
         dots: dict[tuple[int, int], Layer] = {}
         walls = self._walls_of(around.map, frame) if around.map is not None else frozenset()
         dots.update(dict.fromkeys(walls, Layer.WALL))
@@ -288,8 +290,7 @@ def map_image(around: Surroundings, robot: FramedPose | None, places: Mapping[st
     """Return the map, its longer side of :data:`PIXELS`."""
     from PIL import Image, ImageDraw, ImageFont  # what only an image needs
 
-    points = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
-    wide = frame_for(around.map, [*points, *around.plan, *around.driven, *around.scan], PIXELS // 2, PIXELS // 4)
+    wide = frame_for(around, robot, places, PIXELS // 2, PIXELS // 4)
     pad = (PIXELS - _extent(around.map, wide, 0)) // 2, (PIXELS - _extent(around.map, wide, 1)) // 2
     image = Image.new('RGB', (PIXELS, PIXELS), '#cdcdcd')
     if around.map is not None:

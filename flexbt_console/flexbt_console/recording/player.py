@@ -28,7 +28,7 @@ from flexbt_core.clock.clock import ManualClock
 from flexbt_core.errors import FlexbtError
 
 from .run_file import DAMAGED, Recorded, read_run
-from .topics import NOT_REPLAYED, TOPICS, fields_of, full_definition
+from .topics import NOT_REPLAYED, TOPICS, check_definition
 
 MOMENT: Final = 0.02
 """Seconds within which what is said belongs together, such as a status and a line of the log."""
@@ -58,10 +58,7 @@ class RunPlayer:
         if not self._messages:
             raise UsageError(f'{file}: has no messages of a run')
         for (topic, name), definition in {(one.topic, one.type): one.definition for one in self._messages}.items():
-            if name != TOPICS[topic].type:
-                raise UsageError(f'{file}: {topic} has the type {name}, and not {TOPICS[topic].type}')
-            if fields_of(full_definition(name)) != fields_of(definition):
-                raise UsageError(f'{file}: {name} has other fields than when this was recorded')
+            check_definition(topic, name, definition, f'{file}: ')
         self._scans, self._statics = (
             [place for place, one in enumerate(self._messages) if one.topic == topic]
             for topic in (names.SCAN, names.TF_STATIC)

@@ -7,9 +7,10 @@ Commands are not published again, and those of a console find nobody. Each statu
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,7 +27,7 @@ from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.values.text import one_line
 
 from .run_file import DAMAGED, read_run, recover_run
-from .topics import NOT_REPLAYED, TOPICS, fields_of, full_definition
+from .topics import NOT_REPLAYED, TOPICS, check_definition
 
 DISCOVERY_SECONDS: Final = 1.0
 """Time for which a real executive is searched for before anything is published, s."""
@@ -91,17 +92,12 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
         stage.refuse_executives()
         begin = runtime.steady.now() - start / rate
         count = 0
-        for one in _chained(first, messages):
+        for one in itertools.chain([first], messages):
             stage.wait_until(begin + (one.time - first.time) * 1e-9 / rate)
             stage.publish(one)
             count += 1
         stage.flush()
     return count
-
-
-def _chained(first: Any, rest: Iterator[Any]) -> Iterator[Any]:
-    yield first
-    yield from rest
 
 
 class _Stage:
@@ -147,17 +143,10 @@ class _Stage:
             publisher.wait_for_all_acked(Duration(seconds=1))
 
     def _publisher(self, message: Any) -> Any:
-        topic = TOPICS.get(message.topic)
-        if topic is None or topic.type != message.type:
-            raise UsageError(f'{message.topic} has the type {message.type}, which is not known here')
-        if fields_of(full_definition(message.type)) != fields_of(message.definition):
-            raise UsageError(
-                f'{message.type} has other fields than when this was recorded; replay it with the version of '
-                'FlexBT that recorded it'
-            )
-        node = self._runtime.node
+        check_definition(message.topic, message.type, message.definition)
+        node, qos = self._runtime.node, TOPICS[message.topic].qos
         type = resolve_type(message.type).message
-        return self._runtime.call(lambda: node.create_publisher(type, message.topic, topic.qos))
+        return self._runtime.call(lambda: node.create_publisher(type, message.topic, qos))
 
 
 if __name__ == '__main__':

@@ -13,6 +13,7 @@ from ament_index_python.packages import get_package_share_directory
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
 from flexbt_common import names
+from flexbt_console.errors import UsageError
 from flexbt_console.link.scan_link import MESSAGE_BYTES
 
 SCAN_PERIOD: Final = 0.5
@@ -85,6 +86,17 @@ def full_definition(type: str) -> str:
                 known.append(inner)
                 parts.append(f'{_SEPARATOR}\nMSG: {inner.replace("/msg/", "/")}\n{_text(inner)}')
     return '\n'.join(parts)
+
+
+def check_definition(topic: str, type: str, definition: str, where: str = '') -> None:
+    """Raise UsageError if what was recorded of a topic has another type, or other fields, than it has here."""
+    known = TOPICS[topic].type if topic in TOPICS else 'none that is known here'
+    if type != known:
+        raise UsageError(f'{where}{topic} was recorded with the type {type}, and has {known}')
+    if fields_of(full_definition(type)) != fields_of(definition):
+        raise UsageError(
+            f'{where}{type} has other fields than when this was recorded; use the version of FlexBT that recorded it'
+        )
 
 
 def fields_of(definition: str) -> list[str]:

@@ -46,7 +46,7 @@ class Meaning:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """The decision that a line belongs to (see :class:`ShownDecision`)."""
+    """The decision that a line belongs to (see :class:`ShownDecision`). ``hasty``: its typing began too soon."""
 
     decision_id: str | None
     hasty: bool = False
@@ -247,11 +247,11 @@ class ShownDecision:
             self._hasty = since is not None and since < REACTION_SECONDS
 
     @property
-    def bound(self) -> tuple[str | None, bool]:
-        """The decision that the line is bound to, and whether its typing began too soon to be meant."""
-        return (self._bound, self._hasty) if self._typing else (self._shown, False)
+    def bound(self) -> Bound:
+        """What the line is bound to."""
+        return Bound(self._bound, self._hasty) if self._typing else Bound(self._shown)
 
-    def take(self) -> tuple[str | None, bool]:
+    def take(self) -> Bound:
         """Return what the line, which is finished, is bound to."""
         bound = self.bound
         self._typing = False

@@ -232,7 +232,7 @@ def _run_replay(line: CommandLine) -> ExitCode:
     player = RunPlayer(Path(line.first_word))
     if not _is_installed(_INTERACTIVE[Mode.SCREEN]):
         raise UsageError('the screen needs textual: install it, or use the executable `replay`')
-    from flexbt_console.ui.screen.run import show_recording
+    from flexbt_console.ui.screen.app import show_recording
 
     with _watched_terminal() as watch:
         show_recording(player, SteadyClock(), watch.on_signal)
@@ -281,7 +281,7 @@ def _run_prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -
 def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
     robots = _fleet(line, runtime, _operator(line))
     mirror, link = robots.select(robots.own)
-    from flexbt_console.ui.screen.run import run_screen  # while the robots are discovered
+    from flexbt_console.ui.screen.app import run_screen  # while the robots are discovered
 
     station = _station(line, runtime, mirror, link)
     run_screen(station, runtime.steady, watch.on_signal, robots)

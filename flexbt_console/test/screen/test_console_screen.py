@@ -73,14 +73,13 @@ from flexbt_console.present.rendering import alarm_line
 from flexbt_console.present.style import ASCII, UNICODE, Tone, tone_of
 from flexbt_console.present.tree_lines import acting_lines
 from flexbt_console.ui.keys import KEYS
-from flexbt_console.ui.screen.app import OperatorScreen
+from flexbt_console.ui.screen.app import OperatorScreen, run_screen
 from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
 from flexbt_console.ui.screen.dialogs import ChoiceList, MapImage, Overview
 from flexbt_console.ui.screen.lines import alarm_text, keys_text, status_text
 from flexbt_console.ui.screen.pane import Pane
 from flexbt_console.ui.screen.panes import Layout
 from flexbt_console.ui.screen.robot_panes import machine_lines
-from flexbt_console.ui.screen.run import run_screen
 from flexbt_console.ui.screen.textual_app import TerminalDriver
 from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.terminal import TerminalWatch

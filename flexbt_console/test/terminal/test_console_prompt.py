@@ -176,28 +176,28 @@ def test_the_decision_is_bound_at_the_first_key() -> None:
     shown.typed('d')
     shown.drawn('b')
     shown.typed('do')
-    assert shown.take() == ('a', False)
+    assert shown.take() == Bound('a', False)
     # Emptied and begun again: bound to what is shown then.
     clock.advance(1.0)
     shown.typed('x')
     shown.typed('')
     shown.typed('y')
-    assert shown.take() == ('b', False)
+    assert shown.take() == Bound('b', False)
     # A key right after the decision was replaced by another.
     shown.drawn('c')
     clock.advance(0.3)
     shown.typed('1')
-    assert shown.take() == ('c', True)
+    assert shown.take() == Bound('c', True)
     clock.advance(0.2)
     shown.typed('1')
-    assert shown.take() == ('c', False)
+    assert shown.take() == Bound('c', False)
     # So is a key for one that comes up soon after there was none; after a quiet time it may be answered at once.
     for decision, quiet, is_hasty in (('d', 0.3, True), ('e', 0.5, False)):
         shown.drawn(None)
         clock.advance(quiet)
         shown.drawn(decision)
         shown.typed('1')
-        assert shown.take() == (decision, is_hasty)
+        assert shown.take() == Bound(decision, is_hasty)
 
 
 def text_of(now: View, width: int = 80, height: int = 12) -> str:

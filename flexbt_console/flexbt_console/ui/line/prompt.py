@@ -182,7 +182,7 @@ class Prompt:
                 self._history.is_cut = False
                 self._clear(self._prompt.default_buffer.text)
                 continue
-            bound, is_cut, self._history.is_cut = Bound(*self._shown.take()), self._history.is_cut, False
+            bound, is_cut, self._history.is_cut = self._shown.take(), self._history.is_cut, False
             if is_cut:
                 told = f'the line {text!r:.40}... was longer than {MOST_TYPED} characters, and is cut; nothing was done'
                 self._print(_warned([told]))

@@ -21,6 +21,8 @@ from textual.containers import Horizontal
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 
+from flexbt_common.files import USER_DIRECTORY, home_path
+from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import prompt_help
 from flexbt_console.commands.registry import find
 from flexbt_console.commands.spec import UNSEEN, CommandSpec, Reading
@@ -33,7 +35,8 @@ from flexbt_console.mirror.view import View
 from flexbt_console.present.style import Line, Tone
 from flexbt_console.ui.answers import CHANGED, Bound, Local, Meaning, choose
 from flexbt_console.ui.keys import KEYS, KeyBinding, help_lines
-from flexbt_console.ui.station import RobotRequest, Session, Station
+from flexbt_console.ui.station import Attention, RobotRequest, Session, Station
+from flexbt_console.ui.terminal import OnSignal, standard_error_as_lines
 from flexbt_core.clock.clock import Clock
 from flexbt_core.values.text import escape_lines, one_line
 
@@ -42,12 +45,13 @@ from .dialogs import ChoiceList, Entry, MapImage, Overview, ReadingDialog, Start
 from .lines import CommandInput
 from .pane import Pane
 from .panes import PANES, Layout, Panes, ShownRobot
-from .replay_bar import MOVES, ReplayBar, replay_help_lines
+from .replay_bar import MOVES, NOTHING_SENT, NoLink, ReplayBar, replay_help_lines
 from .robot_panes import CURSOR_STEPS, CURSOR_TURNS, outcome_texts
-from .textual_app import OrderedApp, TerminalDriver
+from .textual_app import OrderedApp, TerminalDriver, image_widget
 
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
+    from flexbt_console.recording.player import RunPlayer
 
     from .textual_app import ImageWidget
 
@@ -656,3 +660,40 @@ def _timeless(view: View) -> View:
     if view.running or view.snapshot is None or not view.live:
         return view
     return replace(view, age=None, snapshot=replace(view.snapshot, sequence=0, stamp=0.0))
+
+
+# The screen in this terminal, of robots or of a recording.
+
+LAYOUT_FILE = f'{USER_DIRECTORY}/screen_layout'
+"""File that keeps the layout from one session to the next."""
+
+
+def run_screen(station: Station, clock: Clock, on_signal: OnSignal, robots: FleetLink | None = None) -> None:
+    """Run the screen in this terminal until the operator leaves it, or a signal ends it, which ``on_signal`` reports
+    (see :class:`TerminalWatch`)."""
+    _run(
+        OperatorScreen(station, clock, robots, layout=Layout(home_path(LAYOUT_FILE)), image_widget=image_widget()),
+        on_signal,
+    )
+
+
+def show_recording(player: RunPlayer, clock: Clock, on_signal: OnSignal) -> None:
+    """Show a recording in this terminal until the operator leaves it, or a signal ends it."""
+    builder = CommandBuilder(None, NOTHING_SENT)
+    station = Station(player.mirror, NoLink(), builder, 1.0, Attention(clock), 'it was a recording')
+    bar = ReplayBar(player, clock)
+    _run(
+        OperatorScreen(station, clock, replay=bar, layout=Layout(home_path(LAYOUT_FILE)), image_widget=image_widget()),
+        on_signal,
+    )
+
+
+def _run(screen: OperatorScreen, on_signal: OnSignal) -> None:
+    """Nothing else writes to its terminal."""
+
+    async def run() -> None:
+        with on_signal(screen.exit):
+            await screen.run_async()
+
+    with standard_error_as_lines(lambda text: screen.tell([Line(text, Tone.WARNING)])):
+        asyncio.run(run())

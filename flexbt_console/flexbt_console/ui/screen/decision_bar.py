@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from flexbt_console.commands.command_builder import CommandBuilder
@@ -17,7 +16,7 @@ from flexbt_console.present.cells import cut, cut_middle, fold, width
 from flexbt_console.present.rendering import age_text, asked_text, reason_lines, subject_lines
 from flexbt_console.present.style import Glyphs, Line, Tone, tone_of
 from flexbt_console.present.tree_lines import acting_lines
-from flexbt_console.ui.answers import Bound, Meaning, ShownDecision, choose
+from flexbt_console.ui.answers import Meaning, ShownDecision, choose
 from flexbt_core.clock.clock import Clock
 from flexbt_core.values.text import one_line
 
@@ -90,20 +89,13 @@ class Burst:
         self._text = _ENTER
 
 
-@dataclass(frozen=True)
-class Pick:
-    """An answer that is picked and not sent: it belongs to one decision, and is gone with it."""
-
-    decision_id: str
-    answer: str
-
-
 class Picking:
     """The answer that Enter would send. A key belongs to the decision that was drawn when it was pressed."""
 
     def __init__(self, clock: Clock) -> None:
         self._shown = ShownDecision(clock)
-        self._pick: Pick | None = None
+        self._pick = '', ''
+        """The decision that an answer was picked for, and the answer: it is gone with the decision."""
         self._clock = clock
         self._pressed_at = -math.inf
 
@@ -111,8 +103,8 @@ class Picking:
         """Note that the screen shows this now."""
         shown = view.decision.id if view.decision else None
         self._shown.drawn(shown)
-        if self._pick is not None and self._pick.decision_id != shown:
-            self._pick = None
+        if self._pick[0] != shown:
+            self._pick = '', ''
 
     def pressed(self) -> None:
         """Note that a key was pressed that answers. With others that came quickly before it, it is for one decision."""
@@ -124,21 +116,21 @@ class Picking:
 
     def turned_to(self, decision_id: str) -> None:
         """Note that the operator has chosen this decision from the list, and so knows it."""
-        self._pick = None
+        self._pick = '', ''
         self._pressed_at = -math.inf
         self._shown.known(decision_id)
 
     def moved(self) -> None:
         """Forget what was picked: the operator went to another robot, where each decision is new to the eye."""
-        self._pick = None
+        self._pick = '', ''
         self._shown.drawn('')
 
     def picked(self, decision: Decision | None) -> str:
         """Return what Enter answers: what was picked, or else the outcome that the state wants; '' is nothing."""
         if decision is None:
             return ''
-        if self._pick is not None and self._pick.decision_id == decision.id:
-            return self._pick.answer
+        if self._pick[0] == decision.id:
+            return self._pick[1]
         return decision.outcome if decision.kind is DecisionKind.TRANSITION else ''
 
     def pick(self, number: int, view: View) -> None:
@@ -150,7 +142,7 @@ class Picking:
         decision = self._decision(view)
         if not 1 <= number <= len(decision.choices):
             raise RefusedError(f'there is no choice {number}; there are {len(decision.choices)}')
-        self._pick = Pick(decision.id, decision.choices[number - 1])
+        self._pick = decision.id, decision.choices[number - 1]
 
     def confirm(self, view: View, builder: CommandBuilder) -> Meaning:
         """Return the command for what is picked.
@@ -165,11 +157,11 @@ class Picking:
             what = 'pick a choice by its number' if decision.choices else 'type the value, or point at it on the map'
             raise RefusedError(f'nothing is picked yet: {what}')
         meaning = choose(answer, view, builder, decision)
-        self._pick = None
+        self._pick = '', ''
         return meaning
 
     def _decision(self, view: View) -> Decision:
-        return Bound(*self._shown.bound).decision(view)
+        return self._shown.bound.decision(view)
 
 
 def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_pointing: bool = False) -> list[str]:

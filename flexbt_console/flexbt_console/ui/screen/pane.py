@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from itertools import groupby, zip_longest
 from typing import Final
 
-from rich.cells import split_graphemes
 from rich.segment import Segment
 from rich.style import Style
 from rich.text import Text
@@ -16,6 +15,7 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
+from flexbt_console.present.cells import in_cells
 from flexbt_console.present.maps import Cell, Layer
 from flexbt_console.present.style import Tone, tone_of
 
@@ -112,11 +112,7 @@ def _cells(row: Sequence[Segment], width: int) -> Cells:
     """Return each cell of a row; the second one of a wide character is ''."""
     cells: Cells = []
     for text, style, _ in row:
-        for begin, end, taken in split_graphemes(text)[0]:
-            sign = text[begin:end]
-            if taken == 0 and cells:
-                cells[-1] = cells[-1][0] + sign, style
-            cells += [(sign, style), ('', style)][:taken]
+        cells += [(sign, style) for sign in in_cells(text)]
     return [*cells[:width], *[(' ', None)] * (width - len(cells))]
 
 

@@ -151,14 +151,14 @@ class Layout:
             return (self.focused,)
         return tuple(pane for pane in PANES if pane not in self.hidden and pane != empty)
 
-    def focus_next(self, by: int = 1) -> None:
-        """Focus the next pane that has room (1) or the previous one (-1); after the last, none."""
-        self._focus([pane for pane in PANES if pane not in self.hidden], by)
+    def focus_next(self) -> None:
+        """Focus the next pane that has room; after the last, none."""
+        self._focus([pane for pane in PANES if pane not in self.hidden], is_enlarged=self.is_enlarged)
 
     def enlarge(self) -> None:
         """Enlarge the pane with the focus, or the next one; after the last, show all."""
         if self.is_enlarged or not self.focused:
-            self._focus(PANES, 1, is_enlarged=True)
+            self._focus(PANES, is_enlarged=True)
         else:
             self._set(self.focused, is_enlarged=True)
 
@@ -167,12 +167,10 @@ class Layout:
         self.hidden = self.hidden | {self.focused} if self.focused else set()
         self._set('', is_enlarged=False)
 
-    def _focus(self, panes: Sequence[str], by: int, *, is_enlarged: bool | None = None) -> None:
-        stops = ['', *panes]
+    def _focus(self, panes: Sequence[str], *, is_enlarged: bool) -> None:
+        stops = ['', *panes, '']
         place = stops.index(self.focused) if self.focused in stops else 0
-        self._set(
-            stops[(place + by) % len(stops)], is_enlarged=self.is_enlarged if is_enlarged is None else is_enlarged
-        )
+        self._set(stops[place + 1], is_enlarged=is_enlarged)
 
     def _set(self, focused: str, *, is_enlarged: bool) -> None:
         self.focused, self.is_enlarged = focused, is_enlarged and bool(focused)

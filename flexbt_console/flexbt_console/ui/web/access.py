@@ -9,7 +9,7 @@ import secrets
 import socket
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 from urllib.parse import urlsplit
@@ -84,7 +84,7 @@ class Access:
     names: frozenset[str] = frozenset({'localhost'})
 
     @classmethod
-    def of(cls, address: str, token: str = '', names: Iterable[str] = ()) -> Access:
+    def of(cls, address: str, token: str = '') -> Access:
         """For an address to listen at: beyond this computer there is always a token, made up when none is given.
 
         Raises:
@@ -94,7 +94,7 @@ class Access:
             is_local = address == 'localhost' or ipaddress.ip_address(address).is_loopback
         except ValueError:
             raise UsageError(f'--address {address!r}: give an IP address, such as 127.0.0.1 or 0.0.0.0') from None
-        own = {'localhost', *names} if is_local else {'localhost', socket.gethostname(), socket.getfqdn(), *names}
+        own = {'localhost'} if is_local else {'localhost', socket.gethostname(), socket.getfqdn()}
         return cls(address, token or ('' if is_local else secrets.token_urlsafe(24)), frozenset(map(str.lower, own)))
 
     def knows_host(self, host: str) -> bool:
