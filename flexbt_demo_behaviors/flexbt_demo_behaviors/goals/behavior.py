@@ -26,19 +26,17 @@ class ReachGoal(Behavior):
 
     def create(self) -> OperatableStateMachine:
         """Try; ask when there is no way."""
-        machine = OperatableStateMachine(outcomes=['reached', 'given_up', 'failed'])
+        machine = OperatableStateMachine(outcomes=['reached', 'given_up', 'failed'], autonomy=Autonomy.Off)
         with machine:
             OperatableStateMachine.add(
                 'LoadTree',
                 BtLoaderState(filepaths=[self.tree]),
                 transitions={'done': 'Reach', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'Reach',
                 BtExecuteState(bt_file=self.tree),
                 transitions={'done': 'reached', 'canceled': 'given_up', 'failed': 'Ask'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'Ask',

@@ -28,7 +28,7 @@ class Inspection(Behavior):
 
     def create(self) -> OperatableStateMachine:
         """Inspect, report, done."""
-        machine = OperatableStateMachine(outcomes=['finished', 'failed'], output_keys=['report'])
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'], output_keys=['report'], autonomy=Autonomy.Off)
         machine.userdata.site = self.site
         machine.userdata.arguments = f'duration={self.duration}'
         with machine:
@@ -38,13 +38,12 @@ class Inspection(Behavior):
                     bt_file=TREE, inputs={'site': 'string', 'arguments': 'string'}, outputs={'report': 'string'}
                 ),
                 transitions={'done': 'Tell', 'canceled': 'failed', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Low},
+                autonomy={'failed': Autonomy.Low},
             )
             OperatableStateMachine.add(
                 'Tell',
                 LogKeyState('the inspector reports: {}'),
                 transitions={'done': 'finished'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'data': 'report'},
             )
         return machine
@@ -65,11 +64,11 @@ class InspectSite(Behavior):
 
     def create(self) -> OperatableStateMachine:
         """Look, judge, report."""
-        machine = OperatableStateMachine(outcomes=['finished', 'failed'], input_keys=['site'], output_keys=['report'])
+        machine = OperatableStateMachine(
+            outcomes=['finished', 'failed'], input_keys=['site'], output_keys=['report'], autonomy=Autonomy.Off
+        )
         with machine:
-            OperatableStateMachine.add(
-                'Look', WaitState(self.duration), transitions={'done': 'Judge'}, autonomy={'done': Autonomy.Off}
-            )
+            OperatableStateMachine.add('Look', WaitState(self.duration), transitions={'done': 'Judge'})
             OperatableStateMachine.add(
                 'Judge',
                 OperatorDecisionState(outcomes=['good', 'bad'], hint='Is all well there?', suggestion='good'),
@@ -80,7 +79,6 @@ class InspectSite(Behavior):
                 'Report',
                 CalculationState(lambda site: f'all is well at the {site}'),
                 transitions={'done': 'finished'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'input_value': 'site', 'output_value': 'report'},
             )
         return machine

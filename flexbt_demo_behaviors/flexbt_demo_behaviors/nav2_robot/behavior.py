@@ -30,13 +30,12 @@ class AskOperator(Behavior):
 
     def create(self) -> OperatableStateMachine:
         """Ask; drive elsewhere as long as the operator wants to, and ask again."""
-        machine = OperatableStateMachine(outcomes=['go_on', 'home', 'failed'])
+        machine = OperatableStateMachine(outcomes=['go_on', 'home', 'failed'], autonomy=Autonomy.Off)
         with machine:
             OperatableStateMachine.add(
                 'LoadTree',
                 BtLoaderState(filepaths=[self.tree]),
                 transitions={'done': 'Ask', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
             )
             # Only at autonomy Full does the program go on without a person.
             OperatableStateMachine.add(
@@ -49,14 +48,13 @@ class AskOperator(Behavior):
                 'AskPlace',
                 OperatorInputState('Where shall the robot go first?', 'geometry_msgs/PoseStamped'),
                 transitions={'received': 'Drive', 'declined': 'Ask', 'failed': 'failed'},
-                autonomy={'received': Autonomy.Off, 'declined': Autonomy.Off, 'failed': Autonomy.Off},
                 remapping={'data': 'goal'},
             )
             OperatableStateMachine.add(
                 'Drive',
                 BtExecuteGoalState(bt_file=self.tree),
                 transitions={'done': 'Ask', 'canceled': 'Ask', 'failed': 'Ask'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                autonomy={'failed': Autonomy.Full},
                 remapping={'goal': 'goal'},
             )
         return machine

@@ -41,19 +41,17 @@ class Navigate(Behavior):
 
     def create(self) -> OperatableStateMachine:
         """Load the tree, then: ask for a goal, drive there, and again."""
-        machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'], autonomy=Autonomy.Off)
         with machine:
             OperatableStateMachine.add(
                 'LoadTree',
                 BtLoaderState(filepaths=[self.tree]),
                 transitions={'done': 'AskGoal', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'AskGoal',
                 OperatorInputState('Where shall the robot go?', 'geometry_msgs/PoseStamped'),
                 transitions={'received': 'Drive', 'declined': 'finished', 'failed': 'failed'},
-                autonomy={'received': Autonomy.Off, 'declined': Autonomy.Off, 'failed': Autonomy.Off},
                 remapping={'data': 'goal'},
             )
             # At autonomy Low the operator also confirms each arrival; a failure is always a matter for a
@@ -62,7 +60,7 @@ class Navigate(Behavior):
                 'Drive',
                 BtExecuteGoalState(bt_file=self.tree),
                 transitions={'done': 'AskGoal', 'canceled': 'AskGoal', 'failed': 'AskGoal'},
-                autonomy={'done': Autonomy.Low, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                autonomy={'done': Autonomy.Low, 'failed': Autonomy.Full},
                 remapping={'goal': 'goal'},
             )
         return machine
@@ -97,47 +95,44 @@ class NavigateSplit(Behavior):
 
     def create(self) -> OperatableStateMachine:
         """Load the trees, then: ask, plan, show, follow, and recover on the way as need be."""
-        machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'], autonomy=Autonomy.Off)
         with machine:
             OperatableStateMachine.add(
                 'LoadTrees',
                 BtLoaderState(filepaths=[self.planner, self.controller, self.recovery]),
                 transitions={'done': 'AskGoal', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'AskGoal',
                 OperatorInputState('Where shall the robot go?', 'geometry_msgs/PoseStamped'),
                 transitions={'received': 'PlanPath', 'declined': 'finished', 'failed': 'failed'},
-                autonomy={'received': Autonomy.Off, 'declined': Autonomy.Off, 'failed': Autonomy.Off},
                 remapping={'data': 'goal'},
             )
             OperatableStateMachine.add(
                 'PlanPath',
                 BtExecuteGoalState(bt_file=self.planner),
                 transitions={'done': 'GetPath', 'canceled': 'AskGoal', 'failed': 'Recover'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Low},
+                autonomy={'failed': Autonomy.Low},
                 remapping={'goal': 'goal'},
             )
             OperatableStateMachine.add(
                 'GetPath',
                 BtGetDataState(request_id='path', request_msg_type='nav_msgs/Path'),
                 transitions={'done': 'ShowPath', 'failed': 'Recover'},
-                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Low},
+                autonomy={'failed': Autonomy.Low},
                 remapping={'data': 'path'},
             )
             OperatableStateMachine.add(
                 'ShowPath',
                 ShowPathState(),
                 transitions={'done': 'PublishPath', 'empty': 'Recover'},
-                autonomy={'done': Autonomy.Off, 'empty': Autonomy.Low},
+                autonomy={'empty': Autonomy.Low},
                 remapping={'path': 'path'},
             )
             OperatableStateMachine.add(
                 'PublishPath',
                 PublishOnceState('proposed_path', 'nav_msgs/Path'),
                 transitions={'done': 'JudgePath'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'message': 'path'},
             )
             # Only at autonomy Full does the robot accept its own plan; below that, a person decides.
@@ -156,13 +151,13 @@ class NavigateSplit(Behavior):
                 'FollowPath',
                 BtExecuteState(bt_file=self.controller),
                 transitions={'done': 'AskGoal', 'canceled': 'AskGoal', 'failed': 'Recover'},
-                autonomy={'done': Autonomy.Low, 'canceled': Autonomy.Off, 'failed': Autonomy.Low},
+                autonomy={'done': Autonomy.Low, 'failed': Autonomy.Low},
             )
             OperatableStateMachine.add(
                 'Recover',
                 BtExecuteState(bt_file=self.recovery),
                 transitions={'done': 'AskGoal', 'canceled': 'AskGoal', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Low, 'canceled': Autonomy.Off, 'failed': Autonomy.High},
+                autonomy={'done': Autonomy.Low, 'failed': Autonomy.High},
             )
         return machine
 

@@ -53,7 +53,7 @@ class NightWatch(Behavior):
         places = places_in(self.places)
         if self.home not in places:
             raise ValueError(f'home: {self.home!r} is no place of {self.places}')
-        machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'], autonomy=Autonomy.Off)
         machine.userdata.home = pose_of(places[self.home])
         machine.userdata.inherited = []
         with machine:
@@ -61,20 +61,17 @@ class NightWatch(Behavior):
                 'LoadTrees',
                 BtLoaderState(filepaths=[DRIVE, CHARGE, BATTERY_LOW]),
                 transitions={'done': 'GetMap', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'GetMap',
                 SubscribeOnceState('map', 'nav_msgs/OccupancyGrid', timeout=10.0, latched=True),
                 transitions={'received': 'Watch', 'timeout': 'failed'},
-                autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
                 remapping={'message': 'map'},
             )
             OperatableStateMachine.add(
                 'Watch',
                 self._watch(),
                 transitions={'finished': 'finished', 'failed': 'failed'},
-                autonomy={'finished': Autonomy.Off, 'failed': Autonomy.Off},
             )
         return machine
 
@@ -98,7 +95,9 @@ class NightWatch(Behavior):
 
     def _round(self) -> OperatableStateMachine:
         """From room to room, and home when the operator says so."""
-        tour = OperatableStateMachine(outcomes=['finished', 'failed'], input_keys=['map', 'home', 'inherited'])
+        tour = OperatableStateMachine(
+            outcomes=['finished', 'failed'], input_keys=['map', 'home', 'inherited'], autonomy=Autonomy.Off
+        )
         tour.userdata.checked = []
         tour.userdata.postponed = []
         with tour:
@@ -106,13 +105,12 @@ class NightWatch(Behavior):
                 'NextRoom',
                 NextRoomState(rooms=self.rooms.split(), places=self.places),
                 transitions={'room': 'Drive', 'door': 'DriveToDoor', 'done': 'JudgeRound'},
-                autonomy={'room': Autonomy.Off, 'door': Autonomy.Off, 'done': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'DriveToDoor',
                 BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
                 transitions={'done': 'OpenDoor', 'canceled': 'Postpone', 'failed': 'Postpone'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                autonomy={'failed': Autonomy.Full},
                 remapping={'goal': 'entrance'},
             )
             # What fails, here and below, is always a matter for a person: tried again at once, it fails again.
@@ -120,7 +118,6 @@ class NightWatch(Behavior):
                 'OpenDoor',
                 OpenDoorState(),
                 transitions={'open': 'Drive', 'jammed': 'JudgeDoor'},
-                autonomy={'open': Autonomy.Off, 'jammed': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'JudgeDoor',
@@ -138,14 +135,13 @@ class NightWatch(Behavior):
                     ['postponed', 'room'],
                 ),
                 transitions={'done': 'NextRoom'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'output_value': 'postponed'},
             )
             OperatableStateMachine.add(
                 'Drive',
                 BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
                 transitions={'done': 'ComeToRest', 'canceled': 'Postpone', 'failed': 'Postpone'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                autonomy={'failed': Autonomy.Full},
             )
             # Pose and scan have to be of the same moment; those of a robot at rest always are. The pose comes last:
             # while the round stood still the robot may have been driven to its dock, and then it is there still.
@@ -153,20 +149,17 @@ class NightWatch(Behavior):
                 'ComeToRest',
                 WaitState(1.0),
                 transitions={'done': 'GetScan'},
-                autonomy={'done': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'GetScan',
                 SubscribeOnceState('scan', 'sensor_msgs/LaserScan', best_effort=True),
                 transitions={'received': 'GetPose', 'timeout': 'failed'},
-                autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
                 remapping={'message': 'scan'},
             )
             OperatableStateMachine.add(
                 'GetPose',
                 SubscribeOnceState('pose', 'geometry_msgs/PoseStamped'),
                 transitions={'received': 'CompareScan', 'timeout': 'failed'},
-                autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
                 remapping={'message': 'pose'},
             )
             OperatableStateMachine.add(
@@ -178,7 +171,6 @@ class NightWatch(Behavior):
                     'elsewhere': 'Drive',
                     'beside': 'JudgePlace',
                 },
-                autonomy=dict.fromkeys(('found', 'clear', 'elsewhere', 'beside'), Autonomy.Off),
             )
             OperatableStateMachine.add(
                 'JudgePlace',
@@ -206,14 +198,12 @@ class NightWatch(Behavior):
                 'RaiseAlarm',
                 PublishOnceState('alarm', 'geometry_msgs/PoseStamped'),
                 transitions={'done': 'NoteRoom'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'message': 'finding'},
             )
             OperatableStateMachine.add(
                 'NoteRoom',
                 FlexibleCalculationState(lambda checked, room: [*checked, room], ['checked', 'room']),
                 transitions={'done': 'NextRoom'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'output_value': 'checked'},
             )
             OperatableStateMachine.add(
@@ -230,61 +220,57 @@ class NightWatch(Behavior):
                 'ForgetRound',
                 CalculationState(lambda _checked: []),
                 transitions={'done': 'ForgetPostponed'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'input_value': 'checked', 'output_value': 'checked'},
             )
             OperatableStateMachine.add(
                 'ForgetPostponed',
                 CalculationState(lambda _postponed: []),
                 transitions={'done': 'NextRoom'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'input_value': 'postponed', 'output_value': 'postponed'},
             )
             OperatableStateMachine.add(
                 'DriveHome',
                 BtExecuteGoalState(bt_file=DRIVE, blackboard='round'),
                 transitions={'done': 'finished', 'canceled': 'failed', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                autonomy={'failed': Autonomy.Full},
                 remapping={'goal': 'home'},
             )
         return tour
 
     def _battery(self) -> OperatableStateMachine:
         """See to the battery; while it is being charged the round stands still."""
-        charge = PriorityContainer(outcomes=['done', 'failed'], input_keys=['home'])
+        charge = PriorityContainer(outcomes=['done', 'failed'], input_keys=['home'], autonomy=Autonomy.Off)
         with charge:
             OperatableStateMachine.add(
                 'DriveAndCharge',
                 BtExecuteGoalState(bt_file=CHARGE, blackboard='battery'),
                 transitions={'done': 'done', 'canceled': 'failed', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                autonomy={'failed': Autonomy.Full},
                 remapping={'goal': 'home'},
             )
-        battery = OperatableStateMachine(outcomes=['failed'], input_keys=['home'])
+        battery = OperatableStateMachine(outcomes=['failed'], input_keys=['home'], autonomy=Autonomy.Off)
         with battery:
             OperatableStateMachine.add(
                 'WaitUntilLow',
                 BtExecuteState(bt_file=BATTERY_LOW, blackboard='battery'),
                 transitions={'done': 'Charge', 'canceled': 'failed', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
+                autonomy={'failed': Autonomy.Full},
             )
             OperatableStateMachine.add(
                 'Charge',
                 charge,
                 transitions={'done': 'WaitUntilLow', 'failed': 'failed'},
-                autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
             )
         return battery
 
     def _partner(self) -> OperatableStateMachine:
         """Return when the other robot is lost, the operator says who looks at its rooms."""
-        partner = OperatableStateMachine(outcomes=['done'], output_keys=['inherited'])
+        partner = OperatableStateMachine(outcomes=['done'], output_keys=['inherited'], autonomy=Autonomy.Off)
         with partner:
             OperatableStateMachine.add(
                 'WatchPartner',
                 WatchPartnerState(partner=self.partner, places=self.places),
                 transitions={'lost': 'JudgeLoss'},
-                autonomy={'lost': Autonomy.Off},
             )
             OperatableStateMachine.add(
                 'JudgeLoss',
@@ -300,7 +286,6 @@ class NightWatch(Behavior):
                 'TakeOver',
                 CalculationState(list),
                 transitions={'done': 'done'},
-                autonomy={'done': Autonomy.Off},
                 remapping={'input_value': 'left_behind', 'output_value': 'inherited'},
             )
         return partner

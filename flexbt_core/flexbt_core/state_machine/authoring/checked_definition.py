@@ -87,7 +87,7 @@ def _transition(machine: Machine, labels: set[str], child: Child, outcome: str) 
     if machine.kind is StateKind.CONCURRENCY and target is None:  # drawn to what it contributes to
         ended = child.label, outcome
         target = next((one.outcome for one in machine.conditions if ended in one.children), None)
-    level = child.autonomy.get(outcome, UNDECLARED)
+    level = child.autonomy.get(outcome, machine.autonomy)
     return Transition(target, None, level) if target in labels else Transition(None, target, level)
 
 

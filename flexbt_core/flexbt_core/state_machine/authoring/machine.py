@@ -10,6 +10,7 @@ from contextvars import ContextVar
 from types import TracebackType
 from typing import Any
 
+from flexbt_core.state_machine.model.autonomy import UNDECLARED
 from flexbt_core.state_machine.model.definition import Child, EndCondition, Machine, StateKind
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import StateMachineError
@@ -85,8 +86,11 @@ class ConcurrencyContainer(OperatableStateMachine):
         *,
         children: Iterable[Child] = (),
         userdata: Mapping[str, Any] | None = None,
+        autonomy: int = UNDECLARED,
     ) -> None:
-        super().__init__(outcomes, input_keys, output_keys, io_keys, children=children, userdata=userdata)
+        super().__init__(
+            outcomes, input_keys, output_keys, io_keys, children=children, userdata=userdata, autonomy=autonomy
+        )
         self.conditions = tuple(
             EndCondition(outcome, tuple((label, wanted) for label, wanted in ended)) for outcome, ended in conditions
         )

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final
 
 from flexbt_core.values.text import short_repr
 
+from .autonomy import UNDECLARED
 from .event_state import EventState
 from .userdata import DefaultUserData, StateMachineError
 
@@ -193,7 +194,8 @@ class Child:
 class Machine:
     """A state machine, or a state that is one. Its first child is the initial one.
 
-    ``userdata`` has defaults, by their keys; more are given as ``machine.userdata.key = value``.
+    ``autonomy`` is the level that outcomes of children require for which none is given. ``userdata`` has defaults, by
+    their keys; more are given as ``machine.userdata.key = value``.
     """
 
     kind: ClassVar[StateKind] = StateKind.MACHINE
@@ -207,11 +209,13 @@ class Machine:
         *,
         children: Iterable[Child] = (),
         userdata: Mapping[str, Any] | None = None,
+        autonomy: int = UNDECLARED,
     ) -> None:
         both = tuple(io_keys)
         self.outcomes: tuple[str, ...] = tuple(dict.fromkeys(outcomes))
         self.input_keys: tuple[str, ...] = tuple(dict.fromkeys((*input_keys, *both)))
         self.output_keys: tuple[str, ...] = tuple(dict.fromkeys((*output_keys, *both)))
+        self.autonomy = autonomy
         self.userdata = DefaultUserData()
         self.children: list[Child] = []
         self.conditions: tuple[EndCondition, ...] = ()

@@ -8,9 +8,9 @@ import itertools
 import pytest
 
 from flexbt_core.state_machine.authoring.checked_definition import define
-from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine, PriorityContainer
 from flexbt_core.state_machine.model.autonomy import Autonomy
-from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.definition import Child, MachineDefinition
 from flexbt_core.state_machine.model.userdata import StateMachineError
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
@@ -79,6 +79,19 @@ def ring_of(*states: Scripted, required: int) -> OperatableStateMachine:
             for number, (label, state) in enumerate(zip(labels, states, strict=True))
         )
     )
+
+
+@pytest.mark.parametrize('kind', [OperatableStateMachine, PriorityContainer])
+def test_what_has_no_level_of_its_own_has_that_of_its_machine(kind: type[OperatableStateMachine]) -> None:
+    children = [
+        Child('A', passing(), {'done': 'B'}),
+        Child('B', passing(), {'done': 'C'}, {'done': Autonomy.Low}),
+        Child('C', machine(Child('D', passing(), {'done': 'done'}), outcomes=['done']), {'done': 'done'}),
+    ]
+    made = define(kind(outcomes=['done'], children=children, autonomy=Autonomy.High))
+    assert [one.transitions['done'].autonomy for one in made.children.values()] == [2, 1, 2]
+    inner = made.children['C']
+    assert isinstance(inner, MachineDefinition) and inner.children['D'].transitions['done'].autonomy == UNDECLARED
 
 
 def test_a_level_that_is_lowered_blocks_what_comes_after() -> None:
