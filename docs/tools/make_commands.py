@@ -14,7 +14,7 @@ from target import target
 
 from flexbt_console.commands.registry import COMMANDS as CONSOLE_COMMANDS
 from flexbt_console.commands.spec import CommandSpec, Send
-from flexbt_onboard.commands.command_registry import COMMANDS
+from flexbt_onboard.commands.command_registry import CommandRegistry
 
 PAGE: Final = Path(__file__).parents[1] / 'explanation' / 'operator_link.md'
 BEGIN: Final = '<!-- written by docs/tools/make_commands.py -->\n'
@@ -32,7 +32,7 @@ def rows() -> Iterator[str]:
         if isinstance(spec.action, Send):
             for kind in spec.action.kinds:
                 specs[kind.name] = spec  # the last one: a command of its own after one that knows several
-    for command in COMMANDS:
+    for command in CommandRegistry.COMMANDS:
         spec = specs[command.name]
         authority = 'yes' if command.needs_authority else '**no**'
         yield f'| `{command.name}` | {command.run.value} | {authority} | `{spec.name}` | {spec.summary} |\n'

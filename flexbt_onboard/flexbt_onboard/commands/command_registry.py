@@ -2,16 +2,16 @@
 """The commands of an operator: what each requires, when it is refused, and what it does.
 
 A new command is a constant and its fields in flexbt_msgs/msg/ExecutiveCommand, and an entry in
-:data:`COMMANDS`.
+:attr:`CommandRegistry.COMMANDS`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.state_machine.engine import operator_commands
@@ -43,49 +43,20 @@ class RunRequirement(Enum):
     INTERRUPTED = 'the run that was interrupted'
 
 
-@dataclass(frozen=True)
-class CommandContext:
-    """A command, and what it acts on."""
-
-    command: ExecutiveCommand
-    library: BehaviorLibrary
-    runs: RunSupervisor
-    authority: Authority
-    input_requests: InputRequests
-    report: Reporter
-
-    @property
-    def run(self) -> BehaviorRun:
-        """The current run, which the command needs."""
-        assert self.runs.run is not None
-        return self.runs.run
-
-    @property
-    def interrupted(self) -> InterruptedRun:
-        """The run that was interrupted, which the command needs."""
-        assert self.runs.interrupted is not None
-        return self.runs.interrupted
-
-    def to_machine(self, command: Callable[..., str | None], *arguments: Any) -> Later:
-        """Give the machine of the run a command, which it applies between two steps."""
-        self.run.command(self.command.id, command, *arguments)
-        return 'later'
-
-
-Later = Literal['later']
-"""The effect of a command comes later: :class:`CommandDecided`, :class:`RunBuilt` or :class:`RunRefused` follows."""
+Effect = Callable[['CommandRegistry', ExecutiveCommand], bool | None]
 
 
 @dataclass(frozen=True)
 class CommandDefinition:
     """A command by the name of its constant in ExecutiveCommand.
 
-    ``apply`` carries it out, at once or later; it raises CommandRefusedError. ``fields`` must not be empty. One that
+    ``apply`` carries it out. It returns True if the effect comes later: :class:`CommandDecided`, :class:`RunBuilt` or
+    :class:`RunRefused` follows. It raises CommandRefusedError. ``fields`` must not be empty. One that
     ``needs_no_operator`` asks neither whose the operator's name is, nor which executive was meant.
     """
 
     name: str
-    apply: Callable[[CommandContext], Later | None]
+    apply: Effect
     run: RunRequirement = RunRequirement.RUNNING
     fields: Sequence[str] = ()
     needs_authority: bool = True
@@ -97,13 +68,31 @@ class CommandDefinition:
         return int(getattr(ExecutiveCommand, self.name))
 
 
+def _of_machine(name: str, command: Callable[..., str | None], *fields: str) -> CommandDefinition:
+    """Return a command that the machine applies between two steps, with fields of the message."""
+
+    def apply(registry: CommandRegistry, sent: ExecutiveCommand) -> bool:
+        registry.run.command(sent.id, command, *(getattr(sent, field) for field in fields))
+        return True
+
+    return CommandDefinition(name, apply, fields=fields)
+
+
+def _of_authority(name: str, command: Callable[..., None], *fields: str) -> CommandDefinition:
+    """Return a command of an operator about the authority, which looks after who may give it."""
+
+    def apply(registry: CommandRegistry, sent: ExecutiveCommand) -> None:
+        command(registry.authority, sent.operator_id, *(getattr(sent, field) for field in fields))
+
+    return CommandDefinition(name, apply, RunRequirement.NONE, fields, needs_authority=False)
+
+
 class CommandRegistry:
     """A registry that applies commands. Used on the executor thread only; see
     :class:`~.command_ledger.CommandHandling`."""
 
     def __init__(
         self,
-        commands: Sequence[CommandDefinition],
         executive_id: str,
         library: BehaviorLibrary,
         runs: RunSupervisor,
@@ -112,12 +101,12 @@ class CommandRegistry:
         input_requests: InputRequests,
         report: Reporter,
     ) -> None:
-        self._commands: Mapping[int, CommandDefinition] = {command.kind: command for command in commands}
+        self._commands = {command.kind: command for command in self.COMMANDS}
         self._executive_id = executive_id
         self._library = library
         self._runs = runs
         self._names = names
-        self._authority = authority
+        self.authority = authority
         self._input_requests = input_requests
         self._report = report
 
@@ -145,69 +134,156 @@ class CommandRegistry:
         if not known.needs_no_operator:
             self._names.check(command.operator_id, writer)
         if known.needs_authority:
-            self._authority.check(command.operator_id)
+            self.authority.check(command.operator_id)
         if missing := [name for name in known.fields if not getattr(command, name)]:
             raise CommandRefusedError(f'{known.name} must name {" and ".join(missing)}')
-        _CHECKS[known.run](self._runs, command)
-        given = CommandContext(command, self._library, self._runs, self._authority, self._input_requests, self._report)
-        return known.apply(given) is None
+        self._check_run(known.run, command)
+        return not known.apply(self, command)
 
+    def _check_run(self, needed: RunRequirement, command: ExecutiveCommand) -> None:
+        """Check that the command names the run that it needs. Raises CommandRefusedError."""
+        run, interrupted, meant = self._runs.snapshot, self._runs.interrupted, command.run_id
+        if needed is RunRequirement.SHOWN:
+            shown = self._runs.shown.run_id
+            if meant != shown:
+                raise CommandRefusedError(f'meant for run {meant or "none"}, but run {shown or "none"} is shown now')
+        elif needed is RunRequirement.INTERRUPTED:
+            if interrupted is None:
+                raise CommandRefusedError('no run was interrupted')
+            if interrupted.run_id != meant:
+                raise CommandRefusedError(
+                    f'meant for run {meant or "none"}, but run {interrupted.run_id} was interrupted'
+                )
+        elif needed is RunRequirement.ANY and interrupted is not None:
+            what = f'behavior {interrupted.behavior!r} was interrupted (run {interrupted.run_id})'
+            raise CommandRefusedError(f'{what}; resume or abort it first')
+        elif needed is RunRequirement.RUNNING or (needed is RunRequirement.ANY and (run is not None or meant)):
+            if run is None:
+                raise CommandRefusedError(f'no behavior is running{f"; run {meant} is not active" if meant else ""}')
+            if not meant:
+                raise CommandRefusedError('the command must name the run that it is meant for in run_id')
+            if run.run_id != meant:
+                raise CommandRefusedError(f'meant for run {meant}, but run {run.run_id} is active now')
+            if needed is RunRequirement.RUNNING and run.phase not in (RunPhase.RUNNING, RunPhase.PAUSED):
+                raise CommandRefusedError(f'behavior {run.behavior!r} is {run.phase.value}')
 
-def _check_none(_runs: RunSupervisor, _command: ExecutiveCommand) -> None:
-    """Accept any run, or none."""
+    # -- the effect of each command (flexbt_msgs/msg/ExecutiveCommand) -------------------------------------------------
 
+    @property
+    def run(self) -> BehaviorRun:
+        """The current run, which the command needs."""
+        assert self._runs.run is not None
+        return self._runs.run
 
-def _check_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    interrupted = runs.interrupted
-    if interrupted is not None:
-        raise CommandRefusedError(
-            f'behavior {interrupted.behavior!r} was interrupted (run {interrupted.run_id}); resume or abort it first'
+    @property
+    def _interrupted(self) -> InterruptedRun:
+        """The run that was interrupted, which the command needs."""
+        assert self._runs.interrupted is not None
+        return self._runs.interrupted
+
+    def _start(self, command: ExecutiveCommand) -> bool:
+        self._runs.start(self._request(command, command.inputs, command.autonomy))
+        return True
+
+    def _switch(self, command: ExecutiveCommand) -> bool:
+        self.run.switch(self._request(command, (), self.run.snapshot.autonomy))
+        return True
+
+    def _request(self, command: ExecutiveCommand, inputs: Sequence[BlackboardEntry], autonomy: int) -> RunRequest:
+        arguments = [(argument.name, argument.value) for argument in command.arguments]
+        by, command_id = command.operator_id, command.id
+        return run_request(self._library, command.behavior, arguments, inputs, autonomy, by, command_id)
+
+    def _stop(self, command: ExecutiveCommand) -> None:
+        who = _operator(command)
+        reason = f'by {who}' + (f': {command.reason}' if command.reason else '')
+        run = self._runs.run
+        if run is not None and command.run_id not in ('', run.run_id):
+            self._report.log(ExecutiveLog.WARN, f'{who} stops what runs, and has seen another run')
+        if run is None:
+            self._report.log(ExecutiveLog.INFO, f'the robot is stopped {reason}')
+        elif run.snapshot.is_stopping:
+            run.abort(f'aborted {reason}')
+        else:
+            run.stop(f'stopped {reason}')
+        self._runs.halt_robot()
+
+    def _set_autonomy(self, command: ExecutiveCommand) -> bool:
+        level, path = checked_autonomy(command.autonomy), command.path
+        if self._runs.run is not None:
+            self.run.command(command.id, operator_commands.set_autonomy, level, path)
+            return True
+        if path:
+            raise CommandRefusedError(f'no behavior is running, so there is no state {path!r}')
+        self._runs.set_next_autonomy(level)
+        return False
+
+    def _confirm(self, command: ExecutiveCommand) -> bool:
+        decision = command.decision_id
+        if self._input_requests.is_open(decision):
+            raise CommandRefusedError(f'decision {decision!r} asks for a value: answer it, or decline')
+        self.run.command(command.id, operator_commands.confirm, self.run.decision_number(decision))
+        return True
+
+    def _force(self, command: ExecutiveCommand) -> bool:
+        number = self.run.decision_number(command.decision_id) if command.decision_id else ''
+        self.run.command(command.id, operator_commands.force, command.path, command.outcome, number)
+        return True
+
+    def _answer(self, command: ExecutiveCommand) -> None:
+        if len(command.inputs) != 1:
+            raise CommandRefusedError(f'ANSWER must carry one value in inputs, not {len(command.inputs)}')
+        self._input_requests.answer(command.decision_id, command.inputs[0], command.operator_id)
+
+    def _decline(self, command: ExecutiveCommand) -> None:
+        self._input_requests.decline(command.decision_id, command.operator_id, command.reason)
+
+    def _resume_run(self, command: ExecutiveCommand) -> bool:
+        run = self._interrupted
+        by, command_id = command.operator_id, command.id
+        request = run_request(self._library, run.behavior, run.arguments, run.inputs, run.autonomy, by, command_id)
+        self._runs.start(replace(request, at=run.position()), run.run_id)
+        return True
+
+    def _abort_run(self, command: ExecutiveCommand) -> None:
+        self._runs.abort(self._interrupted, f'interrupted, and aborted by {_operator(command)}')
+
+    def _note(self, command: ExecutiveCommand) -> None:
+        text = '\n'.join(escape_lines(command.text))  # the event log has it as a command
+        self._report.log(
+            ExecutiveLog.INFO, f'{command.operator_id or "an operator"} notes: {text}', run_id=command.run_id
         )
-    if runs.run is not None or command.run_id:
-        _check_active(runs, command)
+
+    COMMANDS: Final = (
+        CommandDefinition('START', _start, RunRequirement.NONE),
+        # Anyone who sees a fault has to be able to stop the run, whatever else they know of it.
+        CommandDefinition('STOP', _stop, RunRequirement.NONE, needs_authority=False, needs_no_operator=True),
+        CommandDefinition('AUTONOMY', _set_autonomy, RunRequirement.ANY),
+        CommandDefinition('CONFIRM', _confirm, fields=['decision_id']),
+        CommandDefinition('FORCE', _force, fields=['path', 'outcome']),
+        CommandDefinition('ANSWER', _answer, RunRequirement.SHOWN),
+        CommandDefinition('DECLINE', _decline, RunRequirement.SHOWN),
+        _of_machine('PAUSE', operator_commands.pause),
+        _of_machine('RESUME', operator_commands.resume),
+        _of_machine('REPEAT', operator_commands.repeat, 'path'),
+        _of_machine('LOCK', operator_commands.lock, 'path'),
+        _of_machine('UNLOCK', operator_commands.unlock, 'path'),
+        CommandDefinition('SWITCH', _switch),
+        _of_machine('BREAKPOINT', operator_commands.set_breakpoint, 'path'),
+        _of_machine('CLEAR_BREAKPOINT', operator_commands.clear_breakpoint, 'path'),
+        _of_authority('CLAIM_AUTHORITY', Authority.claim),
+        _of_authority('RELEASE_AUTHORITY', Authority.release),
+        _of_authority('HAND_OVER_AUTHORITY', Authority.hand_over, 'grantee'),
+        _of_authority('REFUSE_AUTHORITY', Authority.refuse, 'grantee'),
+        CommandDefinition('RESUME_RUN', _resume_run, RunRequirement.INTERRUPTED),
+        CommandDefinition('ABORT_RUN', _abort_run, RunRequirement.INTERRUPTED),
+        CommandDefinition('NOTE', _note, RunRequirement.NONE, fields=['text'], needs_authority=False),
+    )
+    """Every command."""
 
 
-def _check_active(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    run = runs.snapshot
-    if run is None:
-        meant = f'; run {command.run_id} is not active' if command.run_id else ''
-        raise CommandRefusedError(f'no behavior is running{meant}')
-    if not command.run_id:
-        raise CommandRefusedError('the command must name the run that it is meant for in run_id')
-    if run.run_id != command.run_id:
-        raise CommandRefusedError(f'meant for run {command.run_id}, but run {run.run_id} is active now')
-
-
-def _check_running(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    _check_active(runs, command)
-    run = runs.snapshot
-    if run is not None and run.phase not in (RunPhase.RUNNING, RunPhase.PAUSED):
-        raise CommandRefusedError(f'behavior {run.behavior!r} is {run.phase.value}')
-
-
-def _check_shown(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    shown = runs.shown.run_id
-    if command.run_id != shown:
-        raise CommandRefusedError(f'meant for run {command.run_id or "none"}, but run {shown or "none"} is shown now')
-
-
-def _check_interrupted(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    interrupted = runs.interrupted
-    if interrupted is None:
-        raise CommandRefusedError('no run was interrupted')
-    if interrupted.run_id != command.run_id:
-        raise CommandRefusedError(
-            f'meant for run {command.run_id or "none"}, but run {interrupted.run_id} was interrupted'
-        )
-
-
-_CHECKS: Final[Mapping[RunRequirement, Callable[[RunSupervisor, ExecutiveCommand], None]]] = {
-    RunRequirement.NONE: _check_none,
-    RunRequirement.ANY: _check_any,
-    RunRequirement.RUNNING: _check_running,
-    RunRequirement.SHOWN: _check_shown,
-    RunRequirement.INTERRUPTED: _check_interrupted,
-}
+def _operator(command: ExecutiveCommand) -> str:
+    return f'operator {command.operator_id}' if command.operator_id else 'the operator'
 
 
 def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
@@ -238,170 +314,3 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         if 0.0 <= getattr(command, name) < math.inf:
             fields[name] = round(float(getattr(command, name)), 3)
     return {name: value for name, value in fields.items() if value != '' and value != {}}
-
-
-# The effect of each command of an operator (flexbt_msgs/msg/ExecutiveCommand).
-
-
-def _start(given: CommandContext) -> Later:
-    given.runs.start(_request(given, given.command.inputs, given.command.autonomy))
-    return 'later'
-
-
-def _switch(given: CommandContext) -> Later:
-    given.run.switch(_request(given, (), given.run.snapshot.autonomy))
-    return 'later'
-
-
-def _request(given: CommandContext, inputs: Sequence[BlackboardEntry], autonomy: int) -> RunRequest:
-    command = given.command
-    arguments = [(argument.name, argument.value) for argument in command.arguments]
-    by, command_id = command.operator_id, command.id
-    return run_request(given.library, command.behavior, arguments, inputs, autonomy, by, command_id)
-
-
-def _stop(given: CommandContext) -> None:
-    reason = f'by {_operator(given)}' + (f': {given.command.reason}' if given.command.reason else '')
-    run = given.runs.run
-    if run is not None and given.command.run_id not in ('', run.snapshot.run_id):
-        given.report.log(ExecutiveLog.WARN, f'{_operator(given)} stops what runs, and has seen another run')
-    if run is None:
-        given.report.log(ExecutiveLog.INFO, f'the robot is stopped {reason}')
-    elif run.snapshot.is_stopping:
-        run.abort(f'aborted {reason}')
-    else:
-        run.stop(f'stopped {reason}')
-    given.runs.halt_robot()
-
-
-def _autonomy(given: CommandContext) -> Later | None:
-    level, path = checked_autonomy(given.command.autonomy), given.command.path
-    if given.runs.run is not None:
-        return given.to_machine(operator_commands.set_autonomy, level, path)
-    if path:
-        raise CommandRefusedError(f'no behavior is running, so there is no state {path!r}')
-    given.runs.set_next_autonomy(level)
-    return None
-
-
-def _confirm(given: CommandContext) -> Later:
-    decision = given.command.decision_id
-    if given.input_requests.is_open(decision):
-        raise CommandRefusedError(f'decision {decision!r} asks for a value: answer it, or decline')
-    return given.to_machine(operator_commands.confirm, given.run.decision_number(decision))
-
-
-def _force(given: CommandContext) -> Later:
-    command = given.command
-    number = given.run.decision_number(command.decision_id) if command.decision_id else ''
-    return given.to_machine(operator_commands.force, command.path, command.outcome, number)
-
-
-def _pause(given: CommandContext) -> Later:
-    return given.to_machine(operator_commands.pause)
-
-
-def _resume(given: CommandContext) -> Later:
-    return given.to_machine(operator_commands.resume)
-
-
-def _repeat(given: CommandContext) -> Later:
-    return given.to_machine(operator_commands.repeat, given.command.path)
-
-
-def _lock(given: CommandContext) -> Later:
-    return given.to_machine(operator_commands.lock, given.command.path)
-
-
-def _unlock(given: CommandContext) -> Later:
-    return given.to_machine(operator_commands.unlock, given.command.path)
-
-
-def _set_breakpoint(given: CommandContext) -> Later:
-    return given.to_machine(operator_commands.set_breakpoint, given.command.path)
-
-
-def _clear_breakpoint(given: CommandContext) -> Later:
-    return given.to_machine(operator_commands.clear_breakpoint, given.command.path)
-
-
-def _answer(given: CommandContext) -> None:
-    command = given.command
-    if len(command.inputs) != 1:
-        raise CommandRefusedError(f'ANSWER must carry one value in inputs, not {len(command.inputs)}')
-    given.input_requests.answer(command.decision_id, command.inputs[0], command.operator_id)
-
-
-def _decline(given: CommandContext) -> None:
-    command = given.command
-    given.input_requests.decline(command.decision_id, command.operator_id, command.reason)
-
-
-def _resume_run(given: CommandContext) -> Later:
-    run = given.interrupted
-    by, command_id = given.command.operator_id, given.command.id
-    request = run_request(given.library, run.behavior, run.arguments, run.inputs, run.autonomy, by, command_id)
-    given.runs.start(replace(request, at=run.position()), run.run_id)
-    return 'later'
-
-
-def _abort_run(given: CommandContext) -> None:
-    given.runs.abort(given.interrupted, f'interrupted, and aborted by {_operator(given)}')
-
-
-def _claim_authority(given: CommandContext) -> None:
-    given.authority.claim(given.command.operator_id)
-
-
-def _release_authority(given: CommandContext) -> None:
-    given.authority.release(given.command.operator_id)
-
-
-def _hand_over_authority(given: CommandContext) -> None:
-    given.authority.hand_over(given.command.operator_id, given.command.grantee)
-
-
-def _refuse_authority(given: CommandContext) -> None:
-    given.authority.refuse(given.command.operator_id, given.command.grantee)
-
-
-def _note(given: CommandContext) -> None:
-    command = given.command
-    given.report.note(command.operator_id, '\n'.join(escape_lines(command.text)), command.run_id)
-
-
-def _operator(given: CommandContext) -> str:
-    return f'operator {given.command.operator_id}' if given.command.operator_id else 'the operator'
-
-
-COMMANDS: Final = (
-    CommandDefinition('START', _start, RunRequirement.NONE),
-    # Anyone who sees a fault has to be able to stop the run, whatever else they know of it.
-    CommandDefinition('STOP', _stop, RunRequirement.NONE, needs_authority=False, needs_no_operator=True),
-    CommandDefinition('AUTONOMY', _autonomy, RunRequirement.ANY),
-    CommandDefinition('CONFIRM', _confirm, fields=['decision_id']),
-    CommandDefinition('FORCE', _force, fields=['path', 'outcome']),
-    CommandDefinition('ANSWER', _answer, RunRequirement.SHOWN),
-    CommandDefinition('DECLINE', _decline, RunRequirement.SHOWN),
-    CommandDefinition('PAUSE', _pause),
-    CommandDefinition('RESUME', _resume),
-    CommandDefinition('REPEAT', _repeat, fields=['path']),
-    CommandDefinition('LOCK', _lock, fields=['path']),
-    CommandDefinition('UNLOCK', _unlock, fields=['path']),
-    CommandDefinition('SWITCH', _switch),
-    CommandDefinition('BREAKPOINT', _set_breakpoint, fields=['path']),
-    CommandDefinition('CLEAR_BREAKPOINT', _clear_breakpoint, fields=['path']),
-    # Those of the authority look after it by themselves.
-    CommandDefinition('CLAIM_AUTHORITY', _claim_authority, RunRequirement.NONE, needs_authority=False),
-    CommandDefinition('RELEASE_AUTHORITY', _release_authority, RunRequirement.NONE, needs_authority=False),
-    CommandDefinition(
-        'HAND_OVER_AUTHORITY', _hand_over_authority, RunRequirement.NONE, fields=['grantee'], needs_authority=False
-    ),
-    CommandDefinition(
-        'REFUSE_AUTHORITY', _refuse_authority, RunRequirement.NONE, fields=['grantee'], needs_authority=False
-    ),
-    CommandDefinition('RESUME_RUN', _resume_run, RunRequirement.INTERRUPTED),
-    CommandDefinition('ABORT_RUN', _abort_run, RunRequirement.INTERRUPTED),
-    CommandDefinition('NOTE', _note, RunRequirement.NONE, fields=['text'], needs_authority=False),
-)
-"""Every command that there is."""

@@ -32,7 +32,7 @@ from flexbt_onboard.behaviors.machine_behavior import MachineStore
 from flexbt_onboard.behaviors.run_context import StateServices
 from flexbt_onboard.commands.authority import Authority, OperatorNames
 from flexbt_onboard.commands.command_ledger import CommandLedger
-from flexbt_onboard.commands.command_registry import COMMANDS, CommandRegistry
+from flexbt_onboard.commands.command_registry import CommandRegistry
 from flexbt_onboard.commands.input_requests import InputRequests
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.link.console_link import ConsoleLink
@@ -168,7 +168,7 @@ class Executive(RunReader):
             self._link.node_of, presence.has_gone, functools.partial(report.operators, is_warning=True)
         )
         registry = CommandRegistry(
-            COMMANDS, self._id, library, self.runs, operator_names, self._authority, self._input_requests, report
+            self._id, library, self.runs, operator_names, self._authority, self._input_requests, report
         )
         ledger = CommandLedger(runtime, registry, journal, report, self._status.changed)
         self._link.listen(ledger.receive)
@@ -205,7 +205,7 @@ class Executive(RunReader):
 
         self._shown = ShownStatus(runtime, picture, self._show, journal.when_durable, self._status.changed)
         ExecutiveDiagnostics(runtime, lambda: self._shown.message, problems.texts)
-        runtime.on_fault(report.fault)
+        runtime.on_fault(self._report_fault)
         misfits = runtime.node.qos_misfits
         misfits.on_found(functools.partial(report.log, ExecutiveLog.WARN))
         runtime.on_close(lambda: misfits.on_found(None))
@@ -266,10 +266,16 @@ class Executive(RunReader):
         self._publish_behaviors()
         for entry in self.library.entries.values():
             if entry.error:
-                self._report.broken(entry)
+                text = f'behavior {entry.name!r} of {entry.package} is broken: {entry.error}'
+                self._report.log(ExecutiveLog.WARN, text)
         interrupted = self.runs.interrupted
         if interrupted is not None:
-            self._report.interrupted(interrupted.run_id, interrupted.behavior, interrupted.active)
+            self._report.log(
+                ExecutiveLog.WARN,
+                f'behavior {interrupted.behavior!r} was interrupted by the end of the executive in '
+                f'{", ".join(interrupted.active) or "its beginning"}; an operator has to resume or abort it',
+                run_id=interrupted.run_id,
+            )
         self._status.changed()
 
     def _publish_behaviors(self) -> None:
@@ -323,12 +329,17 @@ class Executive(RunReader):
             run.announce()
 
     def _authority_changed(self, text: str) -> None:
-        self._report.authority(self._authority.holder, self._authority.requests, text)
+        self._report.log(ExecutiveLog.INFO, text)
+        self._report.event('authority', holder=self._authority.holder, requests=self._authority.requests, text=text)
         self._status.changed()
 
     def _input_request_changed(self, event: str, fields: Mapping[str, Any]) -> None:
         self._report.event(event, run=self.runs.shown.run_id, **fields)
         self._status.changed()
+
+    def _report_fault(self, error: BaseException) -> None:
+        text = f'fault in the executive, which goes on: {type(error).__name__}: {error}'
+        self._report.log(ExecutiveLog.ERROR, text)
 
     def _report_clock(self, problem: str) -> None:
         self._report.log(ExecutiveLog.WARN if problem else ExecutiveLog.INFO, problem or GOES_ON)

@@ -27,6 +27,7 @@ from flexbt_core.state_machine.engine.events import (
 )
 from flexbt_core.state_machine.engine.resume import position_of
 from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.definition import ERROR
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_msgs.msg import BehaviorStructure
 from flexbt_onboard.behaviors.behavior import OperatorGone
@@ -171,12 +172,13 @@ class RunRecorder(RunReader):
                 self._event('decided', decision=decision_id(run_id, decision.id))
             case RunBuilt(request):
                 self._journal.begin(run_id, request)
-                report.run_started(run_id, request)
+                self._started(request)
             case RunStarted(_, active):
                 for path in active:
                     self._event('entered', path=path)
             case RunRefused(_, reason):
-                report.run_refused(run_id, self._behavior, reason)
+                self._event('refused', behavior=self._behavior, why=reason)
+                report.log(Severity.ERROR.value, f'behavior {self._behavior!r} cannot start: {reason}', run_id=run_id)
             case SkillsDeclared(skills):
                 self._event('skills', skills=skills)
             case ViolationFound(violation):
@@ -189,20 +191,40 @@ class RunRecorder(RunReader):
                 self._event('stopping', why=why)
             case BehaviorEnded(outcome, message):
                 self._journal.end(run_id, outcome)
-                report.run_ended(run_id, self._behavior, outcome, message)
+                self._event('ended', behavior=self._behavior, outcome=outcome, message=message)
+                severity = Severity.ERROR if outcome == ERROR else Severity.INFO
+                text = f'behavior {self._behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')
+                report.log(severity.value, text, run_id=run_id)
 
     def _event(self, event: str, **fields: Any) -> None:
         self._report.event(event, run=self._run_id, **fields)
+
+    def _started(self, request: RunRequest) -> None:
+        is_new, name = request.at is None, request.entry.name
+        self._event(
+            'started' if is_new else 'resumed',
+            behavior=name,
+            arguments=dict(request.arguments),
+            inputs=[entry.key for entry in request.inputs],
+            autonomy=request.autonomy,
+            by=request.by,
+        )
+        what = 'started' if is_new else 'goes on; its active states are entered again'
+        self._report.log(Severity.INFO.value, f'behavior {name!r} {what}', run_id=self._run_id)
 
     def _move(self, event: RunMoved) -> None:
         switched_to = event.switched.request if event.switched is not None else None
         if switched_to is not None:
             self._behavior = switched_to.entry.name
-            self._report.run_switched(self._run_id, switched_to)
+            arguments = dict(switched_to.arguments)
+            self._event('switched', behavior=self._behavior, arguments=arguments, by=switched_to.by)
         if self._journal.has(self._run_id):
             position = position_of(event.machine)
             for type_name in self._journal.move(self._run_id, position, event.decided, switched_to):
-                self._report.not_journaled(self._run_id, type_name)
+                text = (
+                    f'the userdata has a {type_name}, which cannot be journaled: the run could not go on after a crash'
+                )
+                self._report.log(Severity.WARN.value, text, run_id=self._run_id)
 
 
 def decision_id(run_id: str, number: str) -> str:

@@ -152,8 +152,8 @@ class RunSupervisor(RunReader):
 
     def abort(self, interrupted: InterruptedRun, why: str) -> None:
         """End an interrupted run, which will not continue."""
-        self._journal.end(interrupted.run_id, why)
-        self._report.run_ended(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
+        recorder = RunRecorder(interrupted.run_id, interrupted.behavior, self._journal, self._report)
+        recorder.read(BehaviorEnded(PREEMPTED, why, {}))
         self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
 
     def read(self, event: RunEvent) -> None:

@@ -17,7 +17,7 @@ from flexbt_core.state_machine.engine.events import CommandDecided
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand
 from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS
 from flexbt_onboard.commands.command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandLedger
-from flexbt_onboard.commands.command_registry import COMMANDS, command_fields
+from flexbt_onboard.commands.command_registry import CommandRegistry, command_fields
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.persistence.event_log import EventLog
 from flexbt_onboard.persistence.reporter import Reporter
@@ -231,5 +231,5 @@ def test_every_constant_of_the_message_is_a_command() -> None:
     names = [
         name for name in dir(ExecutiveCommand) if name.isupper() and isinstance(getattr(ExecutiveCommand, name), int)
     ]
-    assert {command.name for command in COMMANDS} == {*names} - {'UNKNOWN', 'NOTE_LENGTH'}
-    assert len({command.kind for command in COMMANDS}) == len(COMMANDS)
+    assert {command.name for command in CommandRegistry.COMMANDS} == {*names} - {'UNKNOWN', 'NOTE_LENGTH'}
+    assert len({command.kind for command in CommandRegistry.COMMANDS}) == len(CommandRegistry.COMMANDS)

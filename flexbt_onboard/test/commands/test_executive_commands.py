@@ -259,8 +259,8 @@ def test_a_fault_in_a_command_is_its_answer_and_told_and_the_run_goes_on(
     monkeypatch.setattr('flexbt_core.state_machine.engine.operator_commands._mark', broken)
     assert 'ZeroDivisionError: of a test' in bench.refused(ExecutiveCommand.LOCK, path='/A')
     bench.logged('ZeroDivisionError')
-    monkeypatch.setattr(bench.executive._authority, 'claim', broken)
-    assert 'ZeroDivisionError: of a test' in bench.refused(ExecutiveCommand.CLAIM_AUTHORITY)
+    monkeypatch.setattr(bench.executive.library, 'find', broken)
+    assert 'ZeroDivisionError: of a test' in bench.refused(ExecutiveCommand.SWITCH, behavior='Test')
     bench.applied(CONFIRM, decision_id=decision.id)
     bench.decision('/B')
 
