@@ -50,7 +50,7 @@ from flexbt_console.mirror.records import (
     StateStructure,
     Structure,
 )
-from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange, TreeNodes, TreeReport
 from flexbt_console.ui.screen.app import OperatorScreen
 from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.web.access import Access
@@ -113,7 +113,8 @@ class Robot(RobotLink):
         statuses = [MirroredStatus(1 + (uid + self._step) % 3) for uid in range(NODES)]
         changes = [StatusChange(now, uid + 1, status) for uid, status in enumerate(statuses)]
         ends = now % RUN_SECONDS >= RUN_SECONDS - STEP
-        self.mirror.receive_tree_status(f't{run}', self.sequence, statuses, changes, now, finished=ends, paused=False)
+        report = TreeReport(f't{run}', self.sequence, statuses, changes, now, finished=ends, paused=False)
+        self.mirror.receive_tree_status(report)
         text = f'line {self.sequence} of a log that does not end'
         self.mirror.receive_log(LogLine(executive, self.sequence, LogSeverity.INFO, text, state, run, now))
         kind = EventKind.TRANSITION
@@ -139,7 +140,7 @@ class Robot(RobotLink):
         ]
         self.mirror.receive_structure(Structure(run, f'Endurance {run}', tuple(states)))
         nodes = [MirroredNode(uid, uid // 2, f'node {uid}', 'Sequence') for uid in range(1, NODES + 1)]
-        self.mirror.receive_tree_structure(f't{run}', f'Tree {run}', nodes, now)
+        self.mirror.receive_tree_structure(TreeNodes(f't{run}', f'Tree {run}', nodes, now))
         if now % MAP_SECONDS < RUN_SECONDS:
             self.mirror.receive_map(GridMap(200, 200, 0.05, 0.0, 0.0, bytes([int(now) % 100]) * 40_000))
 

@@ -39,7 +39,7 @@ from flexbt_console.mirror.records import (
     StateStructure,
     Structure,
 )
-from flexbt_console.mirror.trees import MirroredNode, MirroredStatus
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, TreeNodes, TreeReport
 from flexbt_console.ui.screen.app import OperatorScreen
 from flexbt_console.ui.station import Attention, Station
 from flexbt_core.clock.clock import Clock, SteadyClock
@@ -58,8 +58,9 @@ class Robot(RobotLink):
         walls = bytes(100 if x % 40 == 0 or y % 40 == 0 else 0 for y in range(400) for x in range(400))
         self.mirror.receive_map(GridMap(400, 400, 0.05, 0.0, 0.0, walls))
         nodes = [MirroredNode(uid, uid // 2, f'N{uid}', 'Sequence') for uid in range(1, 41)]
-        self.mirror.receive_tree_structure('t', 'Drive', nodes, 0.0)
-        self.mirror.receive_tree_status('t', 1, [MirroredStatus.RUNNING] * 40, [], 1.0, finished=False, paused=False)
+        self.mirror.receive_tree_structure(TreeNodes('t', 'Drive', nodes, 0.0))
+        report = TreeReport('t', 1, [MirroredStatus.RUNNING] * 40, [], 1.0, finished=False, paused=False)
+        self.mirror.receive_tree_status(report)
         asked = (Decision('d', DecisionKind.TRANSITION, '/S1', 'done', ('done',), 2),) if number % 5 == 0 else ()
         self.snapshot = ExecutiveSnapshot(
             'e', 0, state=ExecutiveState.RUNNING, run_id='r', behavior='Patrol', decisions=asked,

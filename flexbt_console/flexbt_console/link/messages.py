@@ -20,7 +20,7 @@ from std_msgs.msg import Header
 from flexbt_common.values.entries import from_entry
 from flexbt_common.values.message_fields import path_points, seconds_of
 from flexbt_console.mirror import records
-from flexbt_console.mirror.trees import MirroredNode, StatusChange
+from flexbt_console.mirror.trees import MirroredNode, StatusChange, TreeNodes, TreeReport
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import sanitize_for_message, short_repr
 from flexbt_msgs.msg import (
@@ -47,7 +47,9 @@ from flexbt_msgs.msg import (
     StateStructure,
     StopGuardStatus,
     TreeNode,
+    TreeStatus,
     TreeStatusChange,
+    TreeStructure,
 )
 
 FARTHEST: Final = 1e9
@@ -75,7 +77,9 @@ RECORDS: Final[Mapping[type, type]] = {
     Progress: records.DriveProgress,
     StateStructure: records.StateStructure,
     TreeNode: MirroredNode,
+    TreeStatus: TreeReport,
     TreeStatusChange: StatusChange,
+    TreeStructure: TreeNodes,
 }
 """The records of messages. Their fields have the names of the message's fields."""
 
@@ -85,6 +89,7 @@ FIELDS: Final[Mapping[type, Mapping[str, str]]] = {
     ExecutiveCommand: {'operator': 'operator_id'},
     ExecutiveEvent: {'operator': 'operator_id'},
     Progress: {'distance': 'distance_remaining', 'time': 'time_remaining', 'poses': 'poses_remaining'},
+    TreeStructure: {'tree': 'behavior_tree', 'structure': 'number'},
 }
 """Fields of a record that have another name in the message."""
 
@@ -120,17 +125,15 @@ def _conversion(hint: Any) -> Callable[[Any], Any]:
         return _CONVERSIONS[hint]
     if isinstance(hint, type) and issubclass(hint, IntEnum):
         return functools.partial(known_constant, hint)
-    if get_origin(hint) is tuple:
-        return _records if dataclasses.is_dataclass(get_args(hint)[0]) else tuple
+    if get_origin(hint) in (tuple, Sequence):
+        one = get_args(hint)[0]
+        convert = record_of if dataclasses.is_dataclass(one) else _conversion(one)
+        return tuple if convert is _same else lambda messages: tuple(map(convert, messages))
     return _same
 
 
 def _same(value: Any) -> Any:
     return value
-
-
-def _records(messages: Any) -> tuple[Any, ...]:
-    return tuple(map(record_of, messages))
 
 
 def _first_record(messages: Any) -> Any:

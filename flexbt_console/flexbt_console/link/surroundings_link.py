@@ -19,14 +19,12 @@ from flexbt_common.middleware.received_messages import Received, ReceivedMessage
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.runtime.sender_rates import Pace
 from flexbt_common.values.limits import check_limits
-from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import GridMap
-from flexbt_console.mirror.trees import MirroredStatus
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import RobotPlan, TreeStatus, TreeStructure
 
-from .messages import is_length, known_constant, record_of
+from .messages import is_length, record_of
 from .scan_link import REPORT_CHARACTERS, ScanLink
 
 MAP_FRAME: Final = 'map'
@@ -162,31 +160,19 @@ class SurroundingsFeed:
         left_out = max(0, len(message.nodes) - MOST_TREE_NODES)
         del message.nodes[MOST_TREE_NODES:]
         check_limits(message)
-        nodes = [record_of(node) for node in message.nodes]
-        if [node.uid for node in nodes] != list(range(1, len(nodes) + 1)):
-            raise ValueError(f'the nodes of tree {message.behavior_tree!r} are not in the order of their identifiers')
-        if stray := next((node for node in nodes if node.parent >= node.uid), None):
+        record = record_of(message, left_out=left_out)
+        if [node.uid for node in record.nodes] != list(range(1, len(record.nodes) + 1)):
+            raise ValueError(f'the nodes of tree {record.tree!r} are not in the order of their identifiers')
+        if stray := next((node for node in record.nodes if node.parent >= node.uid), None):
             raise ValueError(
-                f'node {stray.uid} of tree {message.behavior_tree!r} has the parent {stray.parent}, which does not '
-                'come before it'
+                f'node {stray.uid} of tree {record.tree!r} has the parent {stray.parent}, which does not come before it'
             )
-        self._mirror.receive_tree_structure(
-            message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp), message.number, left_out
-        )
+        self._mirror.receive_tree_structure(record)
 
     def _on_status(self, message: Any, server: str = '') -> None:
         check_limits(message)
-        self._mirror.receive_tree_status(
-            message.run_id,
-            message.sequence,
-            [known_constant(MirroredStatus, status) for status in message.statuses[:MOST_TREE_NODES]],
-            [record_of(one) for one in message.changes],
-            seconds_of(message.stamp),
-            finished=message.finished,
-            paused=message.paused,
-            structure=message.structure,
-            server=server,
-        )
+        del message.statuses[MOST_TREE_NODES:]
+        self._mirror.receive_tree_status(record_of(message, server=server))
 
     def _on_map(self, message: Any) -> None:
         check_limits(message.header)  # a console takes more cells than a robot does

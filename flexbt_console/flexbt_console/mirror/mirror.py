@@ -37,7 +37,7 @@ from .records import (
     Subjects,
     Surroundings,
 )
-from .trees import MirroredNode, MirroredStatus, StatusChange, Trees
+from .trees import TreeNodes, TreeReport, Trees
 from .unexpected_motion import UnexpectedMotionDetector
 from .view import View
 
@@ -228,43 +228,16 @@ class Mirror:
             self._tell(Change.EVENTS)
         return bool(new)
 
-    def receive_tree_structure(
-        self, run_id: str, tree: str, nodes: Sequence[MirroredNode], stamp: float, structure: int = 1, left_out: int = 0
-    ) -> None:
-        """Take the nodes of a run of a tree; ``left_out`` more are not among them."""
+    def receive_tree_structure(self, nodes: TreeNodes) -> None:
+        """Take the nodes of a run of a tree."""
         with self._lock:
-            self._trees.receive_structure(run_id, tree, nodes, stamp, structure, left_out)
+            self._trees.receive_structure(nodes)
         self._tell(Change.TREE)
 
-    def receive_tree_status(
-        self,
-        run_id: str,
-        sequence: int,
-        statuses: Sequence[MirroredStatus],
-        changes: Sequence[StatusChange],
-        stamp: float,
-        *,
-        finished: bool,
-        paused: bool,
-        structure: int = 1,
-        server: str = '',
-    ) -> None:
-        """Take what has happened in a run of a tree since the message before; ``server``: who has sent it, '' if
-        unknown.
-        """
+    def receive_tree_status(self, report: TreeReport) -> None:
+        """Take what has happened in a run of a tree."""
         with self._lock:
-            is_newer = self._trees.receive_status(
-                run_id,
-                sequence,
-                statuses,
-                changes,
-                stamp,
-                finished=finished,
-                paused=paused,
-                structure=structure,
-                server=server,
-                now=self._now(),
-            )
+            is_newer = self._trees.receive_status(report, self._now())
         if is_newer:
             self._tell(Change.TREE)
 

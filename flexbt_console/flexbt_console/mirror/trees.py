@@ -67,6 +67,36 @@ class StatusChange:
 
 
 @dataclass(frozen=True, slots=True)
+class TreeNodes:
+    """The nodes of a run of a tree (TreeStructure); ``left_out`` more are not among them."""
+
+    run_id: str
+    tree: str
+    nodes: Sequence[MirroredNode]
+    stamp: float
+    structure: int = 1
+    left_out: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TreeReport:
+    """What has happened in a run of a tree since the report before (TreeStatus).
+
+    ``structure`` is the number of its nodes, ``server`` the node that has sent it, '' if unknown.
+    """
+
+    run_id: str
+    sequence: int
+    statuses: Sequence[MirroredStatus]
+    changes: Sequence[StatusChange]
+    stamp: float
+    finished: bool
+    paused: bool
+    structure: int = 1
+    server: str = ''
+
+
+@dataclass(frozen=True, slots=True)
 class MirroredTree:
     """One run of a tree. ``statuses``, ``last`` and ``since`` belong to ``nodes``, one each.
 
@@ -173,40 +203,27 @@ class Trees:
             if run.is_running and (run.server not in there if run.server else not there):
                 self._runs[run_id] = replace(run, life=None, gone_at=now)
 
-    def receive_structure(
-        self, run_id: str, tree: str, nodes: Sequence[MirroredNode], stamp: float, structure: int = 1, left_out: int = 0
-    ) -> None:
-        """Take the nodes of a run, unless it has others by now; ``left_out`` more are not among them."""
-        known = self._runs.get(run_id, MirroredTree(run_id, stamp=stamp))
-        if structure < known.structure:
+    def receive_structure(self, new: TreeNodes) -> None:
+        """Take the nodes of a run, unless it has others by now."""
+        known = self._runs.get(new.run_id, MirroredTree(new.run_id, stamp=new.stamp))
+        if new.structure < known.structure:
             return
-        known = _of(known, structure, nodes)
-        self._keep(_fitted(replace(known, tree=tree, nodes=tuple(nodes), left_out=left_out), stamp))
+        known = _of(known, new.structure, new.nodes)
+        known = replace(known, tree=new.tree, nodes=tuple(new.nodes), left_out=new.left_out)
+        self._keep(_fitted(known, new.stamp))
 
-    def receive_status(
-        self,
-        run_id: str,
-        sequence: int,
-        statuses: Sequence[MirroredStatus],
-        changes: Sequence[StatusChange],
-        stamp: float,
-        *,
-        finished: bool,
-        paused: bool,
-        structure: int = 1,
-        server: str = '',
-        now: float = 0.0,
-    ) -> bool:
-        """Take what has happened since the message before; False for one that is not newer than what is known.
+    def receive_status(self, report: TreeReport, now: float = 0.0) -> bool:
+        """Take what has happened; False for a report that is not newer than what is known.
 
-        ``server`` is the node that has sent it, '' if unknown; ``now`` is in seconds on the reader's clock.
+        ``now`` is in seconds on the reader's clock.
         """
-        known = self._runs.get(run_id, MirroredTree(run_id, stamp=stamp))
-        if sequence <= known.sequence or structure < known.structure:
+        stamp = report.stamp
+        known = self._runs.get(report.run_id, MirroredTree(report.run_id, stamp=stamp))
+        if report.sequence <= known.sequence or report.structure < known.structure:
             return False
-        known = _fitted(_of(known, structure, ()), stamp, len(statuses))
+        known = _fitted(_of(known, report.structure, ()), stamp, len(report.statuses))
         since, last = list(known.since), list(known.last)
-        for change in changes:
+        for change in report.changes:
             if 0 < change.uid <= len(since):
                 since[change.uid - 1] = change.stamp
                 if change.status in (MirroredStatus.SUCCESS, MirroredStatus.FAILURE, MirroredStatus.SKIPPED):
@@ -215,19 +232,19 @@ class Trees:
                     last[change.uid - 1] = MirroredStatus.IDLE
         run = replace(
             known,
-            sequence=sequence,
-            statuses=tuple(statuses),
+            sequence=report.sequence,
+            statuses=tuple(report.statuses),
             since=tuple(since),
             last=tuple(last),
             stamp=max(stamp, known.stamp),
-            finished=finished,
-            paused=paused,
-            server=server or known.server,
+            finished=report.finished,
+            paused=report.paused,
+            server=report.server or known.server,
             life=(self._executive, _UNKNOWN),  # it may be of a process that the executive reports next
             gone_at=None,
         )
         peer = self._peer(run)
-        if peer is not None and not peer.alive and not finished:  # it is back, unless this was sent before it went
+        if peer is not None and not peer.alive and not run.finished:  # it is back, unless this was sent before it went
             run = replace(run, life=None if stamp <= peer.since else ('', _UNKNOWN), gone_at=now)
         self._keep(run)
         return True

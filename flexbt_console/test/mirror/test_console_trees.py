@@ -17,6 +17,8 @@ from flexbt_console.mirror.trees import (
     MirroredStatus,
     MirroredTree,
     StatusChange,
+    TreeNodes,
+    TreeReport,
     Trees,
 )
 from flexbt_console.mirror.view import View
@@ -30,14 +32,14 @@ SECOND = [*TRUNK, MirroredNode(3, 2, 'go', 'GoTo')]
 
 
 def structure(trees: Trees, number: int, nodes: Sequence[MirroredNode]) -> None:
-    trees.receive_structure('run', 'Main', nodes, 0.0, number)
+    trees.receive_structure(TreeNodes('run', 'Main', nodes, 0.0, number))
 
 
 def status(trees: Trees, sequence: int, number: int, statuses: Sequence[MirroredStatus], *changed: int) -> bool:
     changes = [StatusChange(float(sequence), uid, statuses[uid - 1]) for uid in changed]
     stamp = float(sequence)
     return trees.receive_status(
-        'run', sequence, statuses, changes, stamp, finished=False, paused=False, structure=number
+        TreeReport('run', sequence, statuses, changes, stamp, finished=False, paused=False, structure=number)
     )
 
 
@@ -178,15 +180,17 @@ class Robot:
         self._sequence += 1
         stamp = self.now if sent is None else sent
         self.trees.receive_status(
-            'run',
-            self._sequence,
-            [RUNNING, RUNNING, SUCCESS],
-            [],
-            stamp,
-            finished=finished,
-            paused=False,
-            server=self._server,
-            now=self.now,
+            TreeReport(
+                'run',
+                self._sequence,
+                [RUNNING, RUNNING, SUCCESS],
+                [],
+                stamp,
+                finished=finished,
+                paused=False,
+                server=self._server,
+            ),
+            self.now,
         )
 
     def says(self, *, alive: bool, since: float, executive: str = 'e', expected: bool = True) -> None:
@@ -239,9 +243,10 @@ def test_a_server_that_is_replaced_between_two_snapshots_has_lost_its_trees() ->
     robot.says(alive=True, since=0.0)
     robot.says(alive=True, since=4.5)
     assert robot.has_lost()
-    robot.trees.receive_structure('next', 'Main', FIRST, 6.0)
+    robot.trees.receive_structure(TreeNodes('next', 'Main', FIRST, 6.0))
     running = [RUNNING, RUNNING, SUCCESS]
-    robot.trees.receive_status('next', 1, running, [], 6.0, finished=False, paused=False, server='/bt_server', now=6.0)
+    report = TreeReport('next', 1, running, [], 6.0, finished=False, paused=False, server='/bt_server')
+    robot.trees.receive_status(report, 6.0)
     robot.says(alive=True, since=4.5)
     assert [run.run_id for run in robot.view.drawn_trees] == ['next']  # and nothing of the one before
 

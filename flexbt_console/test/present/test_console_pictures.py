@@ -24,7 +24,7 @@ from flexbt_console.mirror.records import (
     GridMap,
     Surroundings,
 )
-from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange, Trees
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange, TreeNodes, TreeReport, Trees
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import width
 from flexbt_console.present.maps import MapCanvas
@@ -54,9 +54,10 @@ def robot(run_id: str = 't', **around: Any) -> SeenRobot:
     """Return a robot whose tree has recovered from a plan that failed, in a room of 4 x 2 m with a wall along its
     middle."""
     trees = Trees()
-    trees.receive_structure('t', 'Errand', NODES, 1.0)
+    trees.receive_structure(TreeNodes('t', 'Errand', NODES, 1.0))
     changes = [StatusChange(2.0, uid, FAILURE) for uid in (3, 2)] + [StatusChange(3.0, uid, IDLE) for uid in (2, 3)]
-    trees.receive_status('t', 1, [RUNNING, IDLE, IDLE, IDLE, RUNNING], changes, 7.0, finished=False, paused=False)
+    report = TreeReport('t', 1, [RUNNING, IDLE, IDLE, IDLE, RUNNING], changes, 7.0, finished=False, paused=False)
+    trees.receive_status(report)
     cells = bytes(100 if column == 20 else 0 for row in range(20) for column in range(40))
     known = {'map': GridMap(40, 20, 0.1, 0.0, 0.0, cells), 'plan': ((0.5, 1.0), (3.5, 1.0)), **around}
     snapshot = ExecutiveSnapshot(
@@ -121,7 +122,7 @@ def test_no_tree_and_a_tree_that_is_not_heard_are_two_things() -> None:
     with pytest.raises(NoAnswerError, match='BT server'):
         shown(robot(run_id='another'), 'tree')
     nodes_only = Trees()
-    nodes_only.receive_structure('t', 'Errand', NODES, 1.0)
+    nodes_only.receive_structure(TreeNodes('t', 'Errand', NODES, 1.0))
     with pytest.raises(NoAnswerError, match='BT server'):  # what its nodes do has not arrived
         shown(SeenRobot(dataclasses.replace(robot().view, trees=nodes_only.runs())), 'tree')
     nothing = robot(run_id='')

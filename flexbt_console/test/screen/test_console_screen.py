@@ -66,7 +66,14 @@ from flexbt_console.mirror.records import (
     Subjects,
     SubjectValue,
 )
-from flexbt_console.mirror.trees import GONE_SECONDS, MirroredNode, MirroredNodeKind, MirroredStatus
+from flexbt_console.mirror.trees import (
+    GONE_SECONDS,
+    MirroredNode,
+    MirroredNodeKind,
+    MirroredStatus,
+    TreeNodes,
+    TreeReport,
+)
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import width
 from flexbt_console.present.rendering import alarm_line
@@ -157,8 +164,8 @@ class Robot:
         self.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))
         nodes = [MirroredNode(1, 0, 'Main', 'Sequence'), MirroredNode(2, 1, 'FollowPath', 'FollowPath')]
         nodes.append(MirroredNode(3, 1, 'IsFar', 'IsFar', kind=MirroredNodeKind.CONDITION))
-        self.mirror.receive_tree_structure('t', 'Drive', nodes, 1.0)
-        self.mirror.receive_tree_status('t', 1, RUNNING, [], 5.0, finished=False, paused=False)
+        self.mirror.receive_tree_structure(TreeNodes('t', 'Drive', nodes, 1.0))
+        self.mirror.receive_tree_status(TreeReport('t', 1, RUNNING, [], 5.0, finished=False, paused=False))
         self.show()
         self.show()
 
@@ -170,9 +177,10 @@ class Robot:
     def run_tree(self, *parents: int) -> None:
         """Another tree runs, each of whose nodes does, too; these are their parents."""
         nodes = [MirroredNode(uid, parent, f'Node{uid}', 'Wait') for uid, parent in enumerate(parents, 1)]
-        self.mirror.receive_tree_structure('t', 'Drive', nodes, 5.0, 2)
+        self.mirror.receive_tree_structure(TreeNodes('t', 'Drive', nodes, 5.0, 2))
         statuses = [MirroredStatus.RUNNING] * len(nodes)
-        self.mirror.receive_tree_status('t', 2, statuses, [], 5.0, finished=False, paused=False, structure=2)
+        report = TreeReport('t', 2, statuses, [], 5.0, finished=False, paused=False, structure=2)
+        self.mirror.receive_tree_status(report)
 
     def show(self, *decisions: Decision, **parts: object) -> None:
         """Publish that this decision waits, and what else is given."""
@@ -1293,8 +1301,8 @@ def test_what_a_state_does_is_beside_it_but_not_the_nodes_of_the_tree_that_is_dr
     drive = ActiveState('/Drive', 1.0, (held, '/Main', '/Main/Wait'), tree_run_id='t')
     robot.show(active_states=(drive, ActiveState('/Ask', 1.0, ('waits for /arm',))))
     assert '/Main/Wait' in '\n'.join(machine_lines(robot.mirror.view(), 60, 20, ASCII))  # nothing else tells it
-    robot.mirror.receive_tree_structure('t', 'Drive', nodes, 5.0, 2)
-    robot.mirror.receive_tree_status('t', 2, RUNNING, [], 5.0, finished=False, paused=False, structure=2)
+    robot.mirror.receive_tree_structure(TreeNodes('t', 'Drive', nodes, 5.0, 2))
+    robot.mirror.receive_tree_status(TreeReport('t', 2, RUNNING, [], 5.0, finished=False, paused=False, structure=2))
     for rows in (20, 7):
         shown = '\n'.join(machine_lines(robot.mirror.view(), 60, rows, ASCII))
         assert held in shown and 'waits for /arm' in shown and '/Main' not in shown, shown
@@ -1477,7 +1485,8 @@ def test_only_what_has_changed_goes_to_the_terminal(size: tuple[int, int]) -> No
         for number in range(10):  # it drives
             stamp = 6.0 + number
             robot.show(robot_pose=FramedPose(2.0 + 0.1 * number, 2.0), stamp=stamp)
-            robot.mirror.receive_tree_status('t', 2 + number, RUNNING, [], stamp, finished=False, paused=False)
+            report = TreeReport('t', 2 + number, RUNNING, [], stamp, finished=False, paused=False)
+            robot.mirror.receive_tree_status(report)
             await seen(robot, pilot)
             assert terminal.text == text_of(app)
         assert 'x 2.90' in terminal.text and 100 < terminal.written / 10 < 1000

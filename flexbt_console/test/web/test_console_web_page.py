@@ -32,7 +32,7 @@ from flexbt_console.mirror.records import (
     Subjects,
     SubjectValue,
 )
-from flexbt_console.mirror.trees import MirroredStatus, StatusChange
+from flexbt_console.mirror.trees import MirroredStatus, StatusChange, TreeReport
 from flexbt_testing.waiting import wait_until
 
 selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
@@ -143,7 +143,7 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
         assert '▶' in browser.run('return document.querySelector(`[id="t0n2"]`).textContent')
         statuses = [MirroredStatus.FAILURE, MirroredStatus.SUCCESS, MirroredStatus.FAILURE]
         changes = [StatusChange(6.0, 1, MirroredStatus.FAILURE), StatusChange(6.0, 3, MirroredStatus.FAILURE)]
-        robot.mirror.receive_tree_status('t', 2, statuses, changes, 6.0, finished=False, paused=False)
+        robot.mirror.receive_tree_status(TreeReport('t', 2, statuses, changes, 6.0, finished=False, paused=False))
         browser.until(lambda: 'failure' in browser.run(classes, 't0n2'))
         assert '✗' in browser.run('return document.querySelector(`[id="t0n2"]`).textContent')
         driving = ActiveState('/Drive', progress=DriveProgress(distance=1.0))

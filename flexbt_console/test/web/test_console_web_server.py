@@ -27,7 +27,7 @@ from flexbt_console.mirror.records import (
     Synthesis,
     SynthesisRequest,
 )
-from flexbt_console.mirror.trees import MirroredNode, MirroredStatus
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, TreeNodes, TreeReport
 from flexbt_console.ui.web import picture
 from flexbt_console.ui.web import server as web_run
 from flexbt_console.ui.web.access import GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
@@ -131,8 +131,9 @@ def test_a_stop_waits_for_no_encoding_and_pages_share_what_is_encoded(monkeypatc
 def test_of_what_is_too_large_a_part_is_shown_and_what_is_left_out_is_told() -> None:
     robot = WebRobot()
     nodes = [MirroredNode(uid, uid // 2, f'{uid} {"x" * 900}', 'Sequence') for uid in range(1, 2_001)]
-    robot.mirror.receive_tree_structure('t', 'Large', nodes, 1.0, 1, 58_000)
-    robot.mirror.receive_tree_status('t', 1, [MirroredStatus.RUNNING] * 2_000, [], 5.0, finished=False, paused=False)
+    robot.mirror.receive_tree_structure(TreeNodes('t', 'Large', nodes, 1.0, 1, 58_000))
+    report = TreeReport('t', 1, [MirroredStatus.RUNNING] * 2_000, [], 5.0, finished=False, paused=False)
+    robot.mirror.receive_tree_status(report)
     robot.mirror.receive_log(LogLine('e', 2, LogSeverity.INFO, 'y' * 100_000, '/Drive', 'r1', 4.0))
 
     async def look(opened: Page) -> None:

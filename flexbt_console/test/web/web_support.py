@@ -37,7 +37,14 @@ from flexbt_console.mirror.records import (
     Structure,
     UserdataScope,
 )
-from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, StatusChange
+from flexbt_console.mirror.trees import (
+    MirroredNode,
+    MirroredNodeKind,
+    MirroredStatus,
+    StatusChange,
+    TreeNodes,
+    TreeReport,
+)
 from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.requests import LEAVING
@@ -106,14 +113,14 @@ class WebRobot(RobotLink):
             MirroredNode(3, 1, 'Wait', 'Wait', kind=MirroredNodeKind.ACTION),
             MirroredNode(4, 1, 'IsFar', 'IsFar', kind=MirroredNodeKind.CONDITION),
         ]
-        self.mirror.receive_tree_structure(run, tree, nodes, 1.0)
+        self.mirror.receive_tree_structure(TreeNodes(run, tree, nodes, 1.0))
         statuses = [MirroredStatus.RUNNING, MirroredStatus.SUCCESS, MirroredStatus.RUNNING]
         changes = [StatusChange(2.0, uid + 1, status) for uid, status in enumerate(statuses)]
-        self.mirror.receive_tree_status(run, 1, statuses, changes, 5.0, finished=False, paused=False)
+        self.mirror.receive_tree_status(TreeReport(run, 1, statuses, changes, 5.0, finished=False, paused=False))
 
     def end_tree(self) -> None:
         """Note that it has ended."""
-        self.mirror.receive_tree_status(self.tree_run, 2, [], [], 6.0, finished=True, paused=False)
+        self.mirror.receive_tree_status(TreeReport(self.tree_run, 2, [], [], 6.0, finished=True, paused=False))
 
     def show(self, *decisions: Decision, **parts: Any) -> None:
         """Publish that this decision waits, and what else is given."""
