@@ -15,6 +15,7 @@ from flexbt_navigation.controller.motions import (
     LOOK_AHEAD_STEP,
     STOP,
     KeepingApart,
+    Motion,
     TurnLimits,
     Velocity,
     collides,
@@ -31,39 +32,38 @@ TELEOP_PROJECTION: Final = 1.0
 """Time for which assisted_teleop looks ahead, s: Nav2's projection_time."""
 
 
-class _Timed:
-    """Time since the first step, and the allowance for it."""
+class _TimedMotion(Motion):
+    """A motion with an allowance of time, s, 0 for any; ``elapsed`` is the time since its first step."""
 
-    def __init__(self, allowance: float) -> None:
+    def __init__(self, allowance: float, costmap: Costmap) -> None:
+        self._costmap = costmap
         self._allowance = allowance
         self._started: float | None = None
         self.elapsed = 0.0
 
-    def check(self, now: float) -> None:
+    def _check_time(self, now: float) -> None:
         if self._started is None:
             self._started = now
         self.elapsed = now - self._started
         if 0.0 < self._allowance < self.elapsed:
             raise NavigationError('TIMEOUT', f'not complete within the allowance of {self._allowance:g} s')
 
+    def _kept_apart(self, apart: KeepingApart, pose: Pose, velocity: Velocity, now: float) -> Velocity:
+        """Raise NavigationError COLLISION_AHEAD when something that may move is too near."""
+        apart.look(self._costmap, pose, now)
+        limited = apart.limited(self._costmap, pose, velocity)
+        if limited is None:
+            raise NavigationError('COLLISION_AHEAD', 'something that may move is beside the robot')
+        return limited
 
-def _kept_apart(apart: KeepingApart, costmap: Costmap, pose: Pose, velocity: Velocity, now: float) -> Velocity:
-    """Raise NavigationError COLLISION_AHEAD when something that may move is too near."""
-    apart.look(costmap, pose, now)
-    limited = apart.limited(costmap, pose, velocity)
-    if limited is None:
-        raise NavigationError('COLLISION_AHEAD', 'something that may move is beside the robot')
-    return limited
 
-
-class SpinMotion:
+class SpinMotion(_TimedMotion):
     """A turn on the spot by an angle, rad; ``turned`` so far."""
 
     def __init__(self, target: float, allowance: float, costmap: Costmap, limits: TurnLimits = SPIN_LIMITS) -> None:
+        super().__init__(allowance, costmap)
         self._target = target
-        self._costmap = costmap
         self._limits = limits
-        self._time = _Timed(allowance)
         self._apart = KeepingApart(limits.maximum * costmap.inflation.outer_radius)
         self._last: float | None = None
         self.turned = 0.0
@@ -74,7 +74,7 @@ class SpinMotion:
         Raises:
             NavigationError: TIMEOUT, or COLLISION_AHEAD when the robot touches an obstacle, or would while it turns.
         """
-        self._time.check(now)
+        self._check_time(now)
         if self._last is not None:
             self.turned += wrap(pose.yaw - self._last)
         self._last = pose.yaw
@@ -87,10 +87,7 @@ class SpinMotion:
         ahead = (drive(pose, 0.0, angular, seconds * step / steps) for step in range(steps + 1))
         if any(map(self._costmap.in_collision, ahead)):
             raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of turning')
-        return _kept_apart(self._apart, self._costmap, pose, Velocity(0.0, angular), now)
-
-    def update(self, costmap: Costmap) -> None:
-        self._costmap = costmap
+        return self._kept_apart(self._apart, pose, Velocity(0.0, angular), now)
 
 
 ROLL_TIME: Final = 0.1
@@ -98,21 +95,20 @@ ROLL_TIME: Final = 0.1
 brakes."""
 
 
-class DriveMotion:
+class DriveMotion(_TimedMotion):
     """A drive straight ahead, forward or backward, for a distance."""
 
     def __init__(self, distance: float, speed: float, allowance: float, costmap: Costmap) -> None:
         """``distance`` and ``speed`` have the same sign, negative for backward."""
+        super().__init__(allowance, costmap)
         self._distance = abs(distance)
         self._speed = speed
-        self._costmap = costmap
-        self._time = _Timed(allowance)
         self._apart = KeepingApart(abs(speed))
         self._start: Pose | None = None
         self.driven = 0.0
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
-        self._time.check(now)
+        self._check_time(now)
         if self._start is None:
             self._start = pose
         self.driven = self._start.distance(pose)
@@ -123,26 +119,17 @@ class DriveMotion:
         seconds = min(LOOK_AHEAD, remaining / abs(self._speed) + ROLL_TIME)
         if collides(self._costmap, pose, velocity, seconds):
             raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of driving')
-        return _kept_apart(self._apart, self._costmap, pose, velocity, now)
-
-    def update(self, costmap: Costmap) -> None:
-        self._costmap = costmap
+        return self._kept_apart(self._apart, pose, velocity, now)
 
 
-class AssistedTeleopMotion:
+class AssistedTeleopMotion(_TimedMotion):
     """A drive commanded by an operator, slowed down where it leads to a collision, until it is reported as done."""
 
     def __init__(self, command: Callable[[], Velocity], allowance: float, costmap: Costmap) -> None:
         """``command()`` is what the operator wants just now."""
+        super().__init__(allowance, costmap)
         self._command = command
-        self._costmap = costmap
-        self._time = _Timed(allowance)
         self._is_done = False
-
-    @property
-    def elapsed(self) -> float:
-        """Time since the first step, s."""
-        return self._time.elapsed
 
     def finish(self) -> None:
         """Complete the motion: the operator has done what was to be done."""
@@ -157,13 +144,10 @@ class AssistedTeleopMotion:
         Raises:
             NavigationError: TIMEOUT.
         """
-        self._time.check(now)
+        self._check_time(now)
         if self._is_done:
             return None
         command = self._command()
         if command == STOP:
             return STOP
         return slowed(self._costmap, pose, command, TELEOP_PROJECTION)
-
-    def update(self, costmap: Costmap) -> None:
-        self._costmap = costmap

@@ -6,11 +6,12 @@ is asked for a velocity whenever a new pose is known.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_sim.world.plane.geometry import Pose, drive
@@ -73,9 +74,12 @@ class Velocity(NamedTuple):
 STOP: Final = Velocity(0.0, 0.0)
 
 
-class Motion(Protocol):
-    """Something that drives the robot."""
+class Motion(ABC):
+    """Something that drives the robot, on a costmap."""
 
+    _costmap: Costmap
+
+    @abstractmethod
     def step(self, pose: Pose, now: float) -> Velocity | None:
         """Return the velocity to drive with, or None when the motion is complete.
 
@@ -84,7 +88,8 @@ class Motion(Protocol):
         """
 
     def update(self, costmap: Costmap) -> None:
-        """There is a new map."""
+        """Go on with another costmap, as there is a new map."""
+        self._costmap = costmap
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from .motions import (
     CommandedDrive,
     Inertia,
     KeepingApart,
+    Motion,
     Steering,
     TurnLimits,
     Velocity,
@@ -227,7 +228,7 @@ class PlaceOnPath(NamedTuple):
     to_goal: float
 
 
-class PathFollower:
+class PathFollower(Motion):
     """A follower of one path to its end, which turns to the heading of its last pose."""
 
     def __init__(
@@ -386,10 +387,6 @@ class PathFollower:
             passed=sum(one.track.index(math.inf) for one in before) + leg.track.index(self._at),
             to_goal=pose.distance(self._goal),
         )
-
-    def update(self, costmap: Costmap) -> None:
-        """See :class:`Motion`."""
-        self._costmap = costmap
 
     def _pursue(self, pose: Pose, now: float) -> Velocity | None:
         """Towards a point ahead on the path; where only the short cut to that is blocked, towards a nearer one."""

@@ -159,7 +159,7 @@ class Senses:
     seen_dock: Callable[[], Pose | None]
 
 
-class StagingMotion:
+class StagingMotion(Motion):
     """A drive to the staging pose by a motion that follows a path.
 
     When that fails the robot stands for WAIT_DURATION, and ``plan_again()`` is called; :meth:`go_on` or :meth:`fail` is
@@ -209,7 +209,7 @@ class StagingMotion:
             self._follow.update(costmap)
 
 
-class DockMotion:
+class DockMotion(Motion):
     """A drive from the staging pose onto a dock, which waits for the charge. If it fails, it goes back and tries again.
 
     ``state`` and ``retries`` are the contents of the feedback.
@@ -237,7 +237,7 @@ class DockMotion:
         self.state = DockState.INITIAL_PERCEPTION if staging is None else DockState.NAV_TO_STAGING_POSE
 
     def update(self, costmap: Costmap) -> None:
-        self._costmap = costmap
+        super().update(costmap)
         if self._staging is not None:
             self._staging.update(costmap)
 
@@ -315,7 +315,7 @@ class DockMotion:
         return velocity or self._enter(DockState.INITIAL_PERCEPTION, now)
 
 
-class UndockMotion:
+class UndockMotion(Motion):
     """A drive back from a dock to its staging pose, as far as the robot's own pose is that of the dock."""
 
     def __init__(
@@ -335,9 +335,6 @@ class UndockMotion:
         self._seconds = seconds
         self._began: float | None = None
         self._staging: Pose | None = None
-
-    def update(self, costmap: Costmap) -> None:
-        self._costmap = costmap
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
         """See :class:`Motion`.

@@ -34,7 +34,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, end_by, finish
 from flexbt_navigation.common.requests import asked_pose
 from flexbt_navigation.controller.motion_server import MotionArbiter, RunningMotion
-from flexbt_navigation.controller.motions import STOP, Velocity
+from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.controller.path_follower import PathFollower
 from flexbt_navigation.controller.server import ControllerParameters
 from flexbt_navigation.costmaps.costmap import Costmap
@@ -208,7 +208,7 @@ class DockingServer:
         self.arbiter.start(RunningMotion(goal, motion, lambda _motion: UndockRobot.Feedback(), on_end))
 
 
-class DockGoal:
+class DockGoal(Motion):
     """A goal of dock_robot: a motion that keeps the robot at rest until the way to the dock is known, then docks."""
 
     def __init__(self, server: DockingServer, goal: ServedGoal) -> None:

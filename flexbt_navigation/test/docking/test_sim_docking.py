@@ -13,7 +13,7 @@ from closed_loop import MODEL, Run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_navigation.controller.motions import STOP, Velocity
+from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.docking.dock_database import Dock, load_docks
 from flexbt_navigation.docking.motions import (
@@ -167,7 +167,7 @@ def test_a_dock_that_does_not_charge_is_left_and_tried_again_until_that_fails() 
     assert seen == [*once, *again, *once, *again, *once]
 
 
-class _Watched:
+class _Watched(Motion):
     """A motion whose states are noted."""
 
     def __init__(self, motion: DockMotion, seen: list[DockState]) -> None:
@@ -195,14 +195,14 @@ def test_a_dock_that_begins_to_charge_at_the_second_time_is_a_success() -> None:
     assert (done.code, motion.retries, station.is_charging) == ('', 1, True)
 
 
-class _Stepped:
+class _Stepped(Motion):
     """A motion by its step."""
 
     def __init__(self, step: Callable[[Pose, float], Velocity | None]) -> None:
-        self.step = step
+        self._step = step
 
-    def update(self, costmap: Costmap) -> None:
-        """There is none."""
+    def step(self, pose: Pose, now: float) -> Velocity | None:
+        return self._step(pose, now)
 
 
 def test_at_a_dock_that_does_not_charge_anything_nothing_is_waited_for() -> None:
