@@ -21,8 +21,8 @@ from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLib
 from flexbt_onboard.behaviors.run_building import RunRequest, definition_of
 from flexbt_onboard.behaviors.run_context import building
 from flexbt_onboard.errors import OnboardError, ParameterError
+from flexbt_testing.hostile_yaml import HOSTILE_YAML
 from flexbt_testing.nodes.state_bench import StateBench
-from flexbt_testing.pytest_plugin import HOSTILE_YAML
 from flexbt_testing.waiting import wait_until
 
 _numbers = itertools.count()

@@ -29,7 +29,7 @@ from flexbt_common.errors import UnknownTypeError, ValueConversionError
 from flexbt_common.values.entries import Encoding, check_value, from_entry, text_to_value, to_entry, value_to_text
 from flexbt_common.values.value_types import PRIMITIVES, resolve_type, type_name
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_testing.pytest_plugin import HOSTILE_YAML
+from flexbt_testing.hostile_yaml import HOSTILE_YAML
 
 COMMON_INTERFACES = (
     'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs', 'sensor_msgs', 'shape_msgs',

@@ -37,7 +37,7 @@ from flexbt_console.mirror.records import (
 )
 from flexbt_console.mirror.view import View
 from flexbt_console.present.rendering import decision_line, status_lines, structure_lines
-from flexbt_testing.pytest_plugin import HOSTILE_YAML
+from flexbt_testing.hostile_yaml import HOSTILE_YAML
 
 POSE = 'geometry_msgs/msg/PoseStamped'
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Nav/Plan', 'done', ('done', 'failed'), 2)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_core.values.yaml_data import MAX_YAML_DEPTH, YamlError, load_yaml
-from flexbt_testing.pytest_plugin import HOSTILE_YAML
+from flexbt_testing.hostile_yaml import HOSTILE_YAML
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=9) | st.dates()
 documents = st.recursive(

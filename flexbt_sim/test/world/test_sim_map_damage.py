@@ -16,7 +16,7 @@ from PIL import Image
 from flexbt_sim.errors import MapError
 from flexbt_sim.world import load_map
 from flexbt_sim.world.plane.occupancy_map import MAX_CELLS
-from flexbt_testing.pytest_plugin import HOSTILE_YAML
+from flexbt_testing.hostile_yaml import HOSTILE_YAML
 from flexbt_testing.waiting import uncontended_time
 
 

@@ -39,8 +39,8 @@ from flexbt_onboard.persistence.run_journal import RunJournal
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees import random_trees
 from flexbt_testing.behavior_trees.bt_tool import ACCEPTED, CORPUS, STOCK_TREES
+from flexbt_testing.hostile_yaml import HOSTILE_YAML
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
-from flexbt_testing.pytest_plugin import HOSTILE_YAML
 from flexbt_tools.tree_checks.check import findings
 
 from .fuzzer import Target
@@ -369,7 +369,7 @@ class JournalTarget(Target):
         for content in (data, _numbered(data)):
             file = Path(self._directory.name) / 'executive.journal'
             file.write_bytes(content)
-            journal = RunJournal(self._directory.name, '/executive', lambda _problem: None, ManualClock())
+            journal = RunJournal(file, lambda _problem: None, ManualClock())
             try:
                 counts['refused' if journal.corruption else 'read'] += 1
                 run = journal.interrupted

@@ -17,7 +17,7 @@ from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child, MachineDefinition, StateDefinition
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import MachineError
-from flexbt_testing.pytest_plugin import HOSTILE_YAML
+from flexbt_testing.hostile_yaml import HOSTILE_YAML
 from flexbt_testing.state_machines.bench import Scripted
 
 TEXT = """
