@@ -21,7 +21,7 @@ from flexbt_navigation.costmaps.costmap import Inflation
 from flexbt_navigation.costmaps.server import CostmapParameters, declare_inflation
 from flexbt_navigation.docking.server import DockingParameters, declare_docking_parameters
 from flexbt_navigation.planner.server import PlannerParameters
-from flexbt_navigation.routes.tracking import RouteParameters
+from flexbt_navigation.routes.server import RouteParameters
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.descriptions.models import RobotModel
 from flexbt_sim.world.descriptions.world_file import WorldFile

@@ -2,52 +2,339 @@
 """The actions compute_route and compute_and_track_route, and the graph that they plan on.
 
 Services replace the graph, close and open edges and make them dearer. The graph is shown on the latched topic
-route_graph, the path of the last route on plan.
+route_graph, the path of the last route on plan. A route that is tracked is followed while the robot drives, the
+operations of its edges and nodes are carried out, and it is planned again when it has to be another one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, Vector3
+from geometry_msgs.msg import Point, PoseStamped, Vector3
 from nav2_msgs.action import ComputeAndTrackRoute, ComputeRoute
+from nav2_msgs.msg import Route as RouteMessage
+from nav2_msgs.msg import RouteEdge, RouteNode, SpeedLimit
 from nav2_msgs.srv import DynamicEdges as DynamicEdgesService
 from nav2_msgs.srv import SetRouteGraph
 from nav_msgs.msg import Path
 from rclpy.task import Future
 from std_msgs.msg import ColorRGBA
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalServer, ServedGoal
+from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.files import resolve_file
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import duration_message
 from flexbt_core.errors import FlexbtError
-from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, finish
+from flexbt_core.values.parameter_fields import parameter
+from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, end_by, finish
 from flexbt_navigation.common.requests import Asked, asked_pose
 from flexbt_navigation.errors import NavigationError
-from flexbt_navigation.robot_interface import RobotInterface
+from flexbt_navigation.robot_interface import PoseWatch, RobotInterface
 from flexbt_sim.messages import path_message
 from flexbt_sim.world.plane.geometry import Pose
 
 from .edge_scorers import SCORERS, DynamicEdges, edge_scorer
-from .graph import RouteGraph, load_graph
-from .route import Ends, PlannedRoute, RoutePlanner, RouteProgress
-from .tracking import (
-    DYNAMIC_EDGES,
-    RouteOperations,
-    RouteParameters,
-    RouteTracking,
-    point_message,
-    route_message,
+from .graph import Operation, RouteGraph, load_graph, speed_limit
+from .route import (
+    AchievedRadii,
+    Ends,
+    PathShape,
+    PlannedRoute,
+    Route,
+    RoutePlanner,
+    RouteProgress,
+    RouteTracker,
+    blocked_edge,
 )
+
+DYNAMIC_EDGES: Final = 'DynamicEdgesScorer'
+ADJUST_SPEED_LIMIT: Final = 'AdjustSpeedLimit'
+REROUTING_SERVICE: Final = 'ReroutingService'
+COLLISION_MONITOR: Final = 'CollisionMonitor'
+TIME_MARKER: Final = 'TimeMarker'
+OPERATIONS: Final = (ADJUST_SPEED_LIMIT, REROUTING_SERVICE, COLLISION_MONITOR, TIME_MARKER)
+
+
+SCORER_NAMES: Final = (*SCORERS, DYNAMIC_EDGES)
+
+
+@dataclass(frozen=True)
+class RouteParameters:
+    """Parameters of the route server."""
+
+    graph_file: str = parameter('graph_filepath', '', 'GeoJSON file of the graph for routes; none when it is empty')
+    edge_scorers: tuple[str, ...] = parameter(
+        'edge_cost_functions',
+        ('DistanceScorer', DYNAMIC_EDGES),
+        'what edges of routes cost, added up: ' + ', '.join(SCORER_NAMES),
+        choices=SCORER_NAMES,
+    )
+    operations: tuple[str, ...] = parameter(
+        'operations',
+        (ADJUST_SPEED_LIMIT, REROUTING_SERVICE, COLLISION_MONITOR),
+        'what is done while a route is tracked: ' + ', '.join(OPERATIONS),
+        choices=OPERATIONS,
+    )
+    trigger_events: tuple[str, ...] = parameter(
+        'trigger_events',
+        ('TriggerEvent',),
+        'types of operations in the graph that call the service (std_srvs/Trigger) of their metadata: service_name',
+    )
+    shape: PathShape = field(default_factory=PathShape)
+    radii: AchievedRadii = field(default_factory=AchievedRadii)
+    collision_distance: float = parameter(
+        'max_collision_dist', 3.0, 'how far ahead on its route the CollisionMonitor looks, m', 0.1, 1000.0
+    )
+    collision_rate: float = parameter('collision_check_rate', 1.0, 'how often it looks, Hz', 0.01, 50.0)
+    planning_seconds: float = parameter(
+        'max_planning_time', 2.0, 'how long the search for a route may take, s of wall time', 0.01, 1000.0
+    )
+
+
+def route_message(route: Route, frame: str, stamp: Time) -> RouteMessage:
+    """Return a route: one node more than edges."""
+    message = RouteMessage(
+        route_cost=float(route.cost),
+        nodes=[RouteNode(nodeid=node.id, position=point_message(node.point)) for node in route.nodes],
+        edges=[
+            RouteEdge(edgeid=edge.id, start=point_message(edge.start.point), end=point_message(edge.end.point))
+            for edge in route.edges
+        ],
+    )
+    message.header.frame_id, message.header.stamp = frame, stamp
+    return message
+
+
+def point_message(place: tuple[float, float]) -> Point:
+    return Point(x=float(place[0]), y=float(place[1]))
+
+
+class RouteTracking:
+    """The tracking of one route, which begins with planning. On the executor thread."""
+
+    def __init__(self, server: RouteServer, goal: ServedGoal) -> None:
+        self._server = server
+        self.goal = goal
+        self.active = True
+        self._began = server.runtime.clock.now()
+        self._watch: PoseWatch | None = None
+        self._tracker: RouteTracker | None = None
+        server.operations.begin()
+        server.robot.on_pose.append(self._on_pose)
+        self._replan(None)
+
+    def end(self, end: GoalEnd) -> None:
+        """End the goal, once."""
+        if not self.active:
+            return
+        self.active = False
+        self._server.robot.on_pose.remove(self._on_pose)
+        if self._watch is not None:
+            self._watch.cancel()
+        self._server.operations.finish()
+        seconds = max(0.0, self._server.runtime.clock.now() - self._began)
+        result = ComputeAndTrackRoute.Result(execution_duration=duration_message(seconds))
+        self._server.finish(self.goal, result, end)
+
+    def _replan(self, progress: RouteProgress | None) -> None:
+        self._tracker = None
+        self._server.plan(self.goal, progress, self._on_planned, self.end)
+
+    def _on_planned(self, planned: PlannedRoute) -> None:
+        if not self.active:
+            return
+        self._tracker = RouteTracker(planned.route, self._server.parameters.radii, planned.edge)
+        self._route, self._path = self._server.shown(planned)
+        self._tell(self._tracker, rerouted=True)
+        if self._watch is None:
+            self._watch = self._server.robot.watch_pose(self.end)
+
+    def _on_pose(self, pose: Pose, now: float) -> None:
+        tracker = self._tracker
+        if tracker is None:
+            return
+        try:
+            done = OperationsStep(tracker.step(pose), tracker, pose, now)
+            self._server.operations.process(done)
+        except Exception as error:
+            self.end(end_by(self._server.runtime, error, 'tracking of a route'))
+            return
+        if done.changed or done.triggered:
+            self._tell(tracker, operations=done.triggered)
+        if tracker.is_complete:
+            self.end(SUCCEEDED)
+        elif done.reroute:
+            self._replan(RouteProgress(done.blocked, tracker.last_node, tracker.edge, pose))
+
+    def _tell(self, tracker: RouteTracker, *, rerouted: bool = False, operations: Sequence[str] = ()) -> None:
+        """Ids of what there is not are 0."""
+        last, ahead, edge = tracker.last_node, tracker.next_node, tracker.edge
+        self.goal.publish_feedback(
+            ComputeAndTrackRoute.Feedback(
+                last_node_id=last.id if last is not None else 0,
+                next_node_id=ahead.id if ahead is not None else 0,
+                current_edge_id=edge.id if edge is not None else 0,
+                route=self._route,
+                path=self._path,
+                operations_triggered=list(operations),
+                rerouted=rerouted,
+            )
+        )
+
+
+# Operations while a route is tracked: those of Nav2's route server.
+
+NO_LIMIT: Final = 0.0
+"""Limit that removes a speed limit: NO_SPEED_LIMIT of nav2_costmap_2d."""
+
+
+@dataclass
+class OperationsStep:
+    """What is known at a pose, at a time in s, for the operations; ``changed`` says whether a node was just achieved.
+
+    And what came of them: the names of those that did something, and whether the route has to be another one, without
+    some edges.
+    """
+
+    changed: bool
+    tracker: RouteTracker
+    pose: Pose
+    now: float
+    triggered: list[str] = field(default_factory=list)
+    reroute: bool = False
+    blocked: frozenset[int] = frozenset()
+
+
+class RouteOperations:
+    """On the executor thread. For one route at a time: ``begin``, ``process`` at each pose of the robot, ``finish``."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: RouteParameters, robot: RobotInterface) -> None:
+        self._runtime = runtime
+        self._parameters = parameters
+        self._robot = robot
+        self._services = ServiceLinks(runtime)
+        self._speed_limits = runtime.node.create_publisher(SpeedLimit, names.SPEED_LIMIT, 1)
+        self._frame = robot.parameters.map_frame
+        runtime.node.create_service(Trigger, names.REROUTE, self._on_reroute)
+        self._run = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """There is a new goal."""
+        self._run += 1  # what was triggered before does not concern it
+        self._is_reroute_wanted = False
+        self._is_limited = False
+        self._checked_at = self._entered_at = -math.inf
+        self._failure: str | None = None
+
+    def finish(self) -> None:
+        """Lift the speed limit: the goal has ended."""
+        self._run += 1
+        if self._is_limited:
+            self._limit(NO_LIMIT)
+
+    def process(self, step: OperationsStep) -> None:
+        """Do what is due.
+
+        Raises:
+            NavigationError: OPERATION_FAILED.
+        """
+        if self._failure is not None:
+            raise NavigationError('OPERATION_FAILED', self._failure)
+        if step.changed:
+            for operation in step.tracker.operations():
+                self._trigger(operation)
+                step.triggered.append(operation.type)
+        for name in self._parameters.operations:
+            if self._OPERATIONS[name](self, step):
+                step.triggered.append(name)
+
+    def _adjust_speed_limit(self, step: OperationsStep) -> bool:
+        if not step.changed or step.tracker.edge is None:
+            return False
+        percent = 100.0 * speed_limit(step.tracker.edge)
+        if percent == 100.0 and not self._is_limited:
+            return False
+        self._is_limited = percent < 100.0
+        self._limit(percent)
+        return True
+
+    def _limit(self, percent: float) -> None:
+        message = SpeedLimit(percentage=True, speed_limit=percent)
+        message.header.frame_id, message.header.stamp = self._frame, self._runtime.clock.stamp()
+        self._speed_limits.publish(message)
+
+    def _reroute(self, step: OperationsStep) -> bool:
+        wanted, self._is_reroute_wanted = self._is_reroute_wanted, False
+        if wanted and not step.tracker.is_complete:
+            step.reroute = True
+        return wanted
+
+    def _on_reroute(self, _request: Any, response: Any) -> Any:
+        self._is_reroute_wanted = True
+        response.success = True
+        return response
+
+    def _watch_collisions(self, step: OperationsStep) -> bool:
+        if step.now - self._checked_at < 1.0 / self._parameters.collision_rate:
+            return False
+        self._checked_at = step.now
+        edge = blocked_edge(step.tracker, step.pose, self._robot.costmaps.shared, self._parameters.collision_distance)
+        if edge is None:
+            return False
+        step.reroute, step.blocked = True, step.blocked | {edge.id}
+        return True
+
+    def _mark_time(self, step: OperationsStep) -> bool:
+        if not step.changed:
+            return False
+        began, self._entered_at = self._entered_at, step.now
+        if step.tracker.left is None or began == -math.inf:
+            return False
+        step.tracker.left.metadata['abs_time_taken'] = step.now - began
+        return True
+
+    def _trigger(self, operation: Operation) -> None:
+        if operation.type not in self._parameters.trigger_events:
+            raise NavigationError(
+                'OPERATION_FAILED',
+                f'the graph wants the operation {operation.type!r}, which trigger_events does not name',
+            )
+        service = operation.metadata.get('service_name')
+        if not isinstance(service, str) or not service:
+            raise NavigationError(
+                'OPERATION_FAILED', f'the metadata of the operation {operation.name!r} have no service_name'
+            )
+        link = self._services.link(Trigger, service)
+        ServiceCall(link, Trigger.Request(), on_done=partial(self._on_triggered, self._run, service))
+
+    def _on_triggered(self, run: int, service: str, outcome: ServiceOutcome) -> None:
+        if run != self._run:
+            return
+        if outcome.response is None:
+            self._failure = f'{service}: {outcome.reason}'
+        elif not outcome.response.success:
+            self._failure = f'{service} has failed: {outcome.response.message}'
+
+    _OPERATIONS: Final[dict[str, Callable[[RouteOperations, OperationsStep], bool]]] = {
+        ADJUST_SPEED_LIMIT: _adjust_speed_limit,
+        REROUTING_SERVICE: _reroute,
+        COLLISION_MONITOR: _watch_collisions,
+        TIME_MARKER: _mark_time,
+    }
+
 
 HIGHEST_COST: Final = 1e6
 """Highest cost of an edge that the service sets."""
@@ -63,15 +350,15 @@ class RouteServer:
 
     def __init__(self, runtime: NodeRuntime, parameters: RouteParameters, robot: RobotInterface) -> None:
         """Raise GraphError: the parameter ``graph_filepath`` names no graph."""
-        self._runtime = runtime
-        self._parameters = parameters
-        self._robot = robot
+        self.runtime = runtime
+        self.parameters = parameters
+        self.robot = robot
         self._graph: RouteGraph | None = None
         self._edges = DynamicEdges()
         scorers = {**SCORERS, DYNAMIC_EDGES: self._edges}
         self._score = edge_scorer(scorers[name] for name in parameters.edge_scorers)
         self._computation = Computation(runtime, 'the route planner')
-        self._operations = RouteOperations(runtime, parameters, robot)
+        self.operations = RouteOperations(runtime, parameters, robot)
         self._tracking: RouteTracking | None = None
         node = runtime.node
         self._plan = node.create_publisher(Path, names.PLAN, 1)
@@ -95,7 +382,7 @@ class RouteServer:
     # -- the graph ---------------------------------------------------------------------------------------------------
 
     async def _set_graph(self, request: Any, response: Any) -> Any:
-        done = Future(executor=self._runtime.node.executor)
+        done = Future(executor=self.runtime.node.executor)
 
         def on_taken(error: Exception | None) -> None:
             self._report_graph(error)
@@ -108,43 +395,43 @@ class RouteServer:
             else:
                 self._take_graph(graph, on_taken)
 
-        allowed = self._robot.parameters.allowed_directories
+        allowed = self.robot.parameters.allowed_directories
         self._computation.ask(lambda: load_graph(resolve_file(request.graph_filepath, allowed)), on_loaded)
         await done
         return response
 
     def _take_graph(self, graph: RouteGraph, on_taken: Callable[[Exception | None], None]) -> None:
         """Use a graph when all of it is known in the frame of the map; the one before it stays when that fails."""
-        frame = self._robot.parameters.map_frame
+        frame = self.robot.parameters.map_frame
         frames = sorted(graph.frames - {frame})
 
         def take(origins: list[Pose]) -> None:
             self._graph = graph.moved(frame, dict(zip(frames, origins, strict=True)))
-            self._markers.publish(graph_markers(self._graph, frame, self._runtime.clock.stamp()))
+            self._markers.publish(graph_markers(self._graph, frame, self.runtime.clock.stamp()))
             on_taken(None)
 
         origins = [PoseStamped() for _ in frames]
         for origin, name in zip(origins, frames, strict=True):
             origin.header.frame_id = name
         asked = [asked_pose(origin, 'the graph', 'TF_ERROR') for origin in origins]
-        self._robot.map_frame.poses(asked, take, on_taken, GRAPH_TIMEOUT)
+        self.robot.map_frame.poses(asked, take, on_taken, GRAPH_TIMEOUT)
 
     def _report_graph(self, error: Exception | None) -> None:
-        logger = self._runtime.node.get_logger()
+        logger = self.runtime.node.get_logger()
         if error is None:
             assert self._graph is not None
             logger.info(f'graph of routes with {len(self._graph.nodes)} nodes and {len(self._graph.edges)} edges')
         elif isinstance(error, FlexbtError):
             logger.error(f'no new graph of routes: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         else:
-            self._runtime.report_fault(error, 'a graph of routes')
+            self.runtime.report_fault(error, 'a graph of routes')
 
     def _adjust_edges(self, request: Any, response: Any) -> Any:
         try:
             check_limits(request)
             self._check_edges(request)
         except FlexbtError as error:
-            self._runtime.node.get_logger().warning(
+            self.runtime.node.get_logger().warning(
                 f'{names.ADJUST_EDGES}: nothing was changed: {error}', throttle_duration_sec=COMPLAINT_SECONDS
             )
             return response
@@ -169,50 +456,39 @@ class RouteServer:
     # -- routes ------------------------------------------------------------------------------------------------------
 
     def _serve(self, goal: ServedGoal) -> None:
-        began = self._runtime.steady.now()
+        began = self.runtime.steady.now()
 
         def on_end(end: GoalEnd) -> None:
-            result = ComputeRoute.Result(planning_time=duration_message(self._runtime.steady.now() - began))
-            self._finish(goal, result, end)
+            result = ComputeRoute.Result(planning_time=duration_message(self.runtime.steady.now() - began))
+            self.finish(goal, result, end)
 
         def on_planned(planned: PlannedRoute) -> None:
-            stamp = self._runtime.clock.stamp()
-            path = path_message(planned.path, self._robot.parameters.map_frame, stamp)
-            self._plan.publish(path)
-            result = ComputeRoute.Result(
-                planning_time=duration_message(self._runtime.steady.now() - began),
-                route=route_message(planned.route, self._robot.parameters.map_frame, stamp),
-                path=path,
-            )
-            self._finish(goal, result, SUCCEEDED)
+            route, path = self.shown(planned)
+            spent = duration_message(self.runtime.steady.now() - began)
+            self.finish(goal, ComputeRoute.Result(planning_time=spent, route=route, path=path), SUCCEEDED)
 
         self.plan(goal, None, on_planned, on_end)
 
     def _track(self, goal: ServedGoal) -> None:
         """Track the newest goal."""
         self.end_all(GoalEnd(message='a newer goal has taken over'))
+        self._tracking = RouteTracking(self, goal)
 
-        def on_end(end: GoalEnd, seconds: float) -> None:
-            self._finish(goal, ComputeAndTrackRoute.Result(execution_duration=duration_message(seconds)), end)
-
-        self._tracking = RouteTracking(
-            self._runtime,
-            self._parameters,
-            self._robot,
-            self._operations,
-            goal,
-            self.plan,
-            self._plan.publish,
-            on_end,
-        )
+    def shown(self, planned: PlannedRoute) -> tuple[RouteMessage, Path]:
+        """Return a route and its path as messages, and publish the path."""
+        frame, stamp = self.robot.parameters.map_frame, self.runtime.clock.stamp()
+        path = path_message(planned.path, frame, stamp)
+        self._plan.publish(path)
+        return route_message(planned.route, frame, stamp), path
 
     def _cancel_tracking(self, goal: ServedGoal) -> None:
         if self._tracking is not None and self._tracking.goal is goal:
             self._tracking.end(CANCELED)
 
-    def _finish(self, goal: ServedGoal, result: Any, end: GoalEnd) -> None:
-        if end.code != 'NONE':  # the result has no room for it
-            self._runtime.node.get_logger().warning(
+    def finish(self, goal: ServedGoal, result: Any, end: GoalEnd) -> None:
+        """End a goal, and log an error, for which its result has no room."""
+        if end.code != 'NONE':
+            self.runtime.node.get_logger().warning(
                 f'no route: {end.code}: {end.message}', throttle_duration_sec=COMPLAINT_SECONDS
             )
         finish(goal, result, end)
@@ -231,12 +507,12 @@ class RouteServer:
             planner, check_time = self._planner(goal.request), self._limit(goal)
             self._computation.run(goal, lambda: planner.plan(start, last, progress, check_time), on_planned, on_end)
 
-        self._robot.with_poses(goal, _asked, search, on_end, 'the route planner')
+        self.robot.with_poses(goal, _asked, search, on_end, 'the route planner')
 
     def _ends(self, request: Any, poses: list[Pose]) -> tuple[Ends, Ends]:
         if not request.use_poses:
             return Ends(request.start_id), Ends(request.goal_id)
-        return Ends(pose=poses[1] if request.use_start else self._robot.pose), Ends(pose=poses[0])
+        return Ends(pose=poses[1] if request.use_start else self.robot.pose), Ends(pose=poses[0])
 
     def _planner(self, request: Any) -> RoutePlanner:
         if self._graph is None:
@@ -244,12 +520,12 @@ class RouteServer:
                 'NO_VALID_GRAPH',
                 f'there is no graph: set the parameter graph_filepath, or call {names.SET_ROUTE_GRAPH}',
             )
-        needs_costmap = request.use_poses or 'CostmapScorer' in self._parameters.edge_scorers
-        costmap = self._robot.costmaps.shared if needs_costmap else None
-        return RoutePlanner(self._graph, self._score, self._parameters.shape, costmap)
+        needs_costmap = request.use_poses or 'CostmapScorer' in self.parameters.edge_scorers
+        costmap = self.robot.costmaps.shared if needs_costmap else None
+        return RoutePlanner(self._graph, self._score, self.parameters.shape, costmap)
 
     def _limit(self, goal: ServedGoal) -> Callable[[], None]:
-        steady, seconds = self._runtime.steady, self._parameters.planning_seconds
+        steady, seconds = self.runtime.steady, self.parameters.planning_seconds
         end = steady.now() + seconds
 
         def check_time() -> None:
