@@ -41,6 +41,7 @@ from flexbt_onboard.link.executive_status import ShownStatus, StatusPicture, Sta
 from flexbt_onboard.link.peers import PeersWatch
 from flexbt_onboard.link.robot_state import RobotPlan, RobotPose
 from flexbt_onboard.persistence.event_log import EventLog
+from flexbt_onboard.persistence.journal import await_closed
 from flexbt_onboard.persistence.reporter import Reporter, StorageProblems
 from flexbt_onboard.persistence.run_journal import RunJournal
 from flexbt_onboard.runs.behavior_run import BehaviorRun
@@ -98,7 +99,9 @@ class Executive(RunReader):
         self._problems = problems = StorageProblems(self._link.log, self._storage_changed)
         # First, since it may raise: nothing has asked by then for a status, which lacks what comes below.
         self._journal = journal = RunJournal(
-            parameters.journal_directory, node_name, problems.of('journal', ExecutiveLog.ERROR), runtime.steady
+            node_file(parameters.journal_directory, node_name, '.journal'),
+            problems.of('journal', ExecutiveLog.ERROR),
+            runtime.steady,
         )
         event_log = EventLog(
             node_file(parameters.event_log_directory, node_name, '.jsonl'),
@@ -361,7 +364,7 @@ def open_executive(
     runtime.default_context.open()
     found = BehaviorLibrary.discover() if library is None else library
     # It delays nobody here: opening the journal waits for the same, on the executor thread.
-    RunJournal.await_closed(parameters.journal_directory, runtime.node.get_fully_qualified_name())
+    await_closed(node_file(parameters.journal_directory, runtime.node.get_fully_qualified_name(), '.journal'))
     executive = runtime.call(lambda: Executive(runtime, parameters, found, refusal))
     runtime.on_close(executive.close)
     return executive

@@ -65,7 +65,7 @@ class UnconfiguredExecutive:
         self._link = ConsoleLink(runtime, uuid.uuid4().hex, heartbeat_period)
         self._status = StatusPublisher(runtime, self._publish, heartbeat_period)
         problems = StorageProblems(self._link.log)
-        journal = RunJournal('', '', problems.of('journal', ExecutiveLog.ERROR), runtime.steady)
+        journal = RunJournal(None, problems.of('journal', ExecutiveLog.ERROR), runtime.steady)
         event_log = EventLog(None, runtime.clock, runtime.steady, problems.of('event log', ExecutiveLog.WARN))
         report = Reporter(self._link.log, event_log)
         self._ledger = CommandLedger(runtime, self, journal, report, self._status.changed)

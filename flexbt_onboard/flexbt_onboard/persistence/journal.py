@@ -103,13 +103,13 @@ _closing: WeakValueDictionary[Path, threading.Thread] = WeakValueDictionary()
 """The threads of closed journals of this process, which keep them as long as a slow disk has not answered."""
 
 
-def await_closed(file: Path) -> None:
+def await_closed(file: Path | None) -> None:
     """Wait for a limited time until the disk has taken what was written last to a closed journal of this process.
 
     Raises:
         OnboardError: it has not.
     """
-    if (before := _closing.get(file)) is not None:
+    if file is not None and (before := _closing.get(file)) is not None:
         before.join(_OPEN_SECONDS)
         if before.is_alive():
             raise _unusable(
@@ -136,16 +136,15 @@ class Journal:
 
     ``on_problem`` is called when it cannot be written any more, once for each reason, and with '' when it can be
     written again. The executive continues, but after a crash it would not know later events. It is called before
-    anything that is not written is reported.
+    anything that is not written is reported. Without ``file`` nothing is written, and all counts as durable.
     """
 
-    def __init__(self, file: Path, on_problem: Callable[[str], None], clock: Clock) -> None:
+    def __init__(self, file: Path | None, on_problem: Callable[[str], None], clock: Clock) -> None:
         """Open the journal; ``clock`` is that of the wall, for how long the disk takes.
 
         Raises:
             OnboardError: the directory cannot be used, the file cannot be read, or another process has the journal.
         """
-        self.file = file
         self.state = JournalState()
         self.corruption = ''
         """Corruption of the file that was found, for the operator; '' if it is intact."""
@@ -162,6 +161,12 @@ class Journal:
         self._is_closed = False
         self._count = self._size = self._least_size = 0
         self._descriptor = self._guard = -1
+        self.is_kept = file is not None
+        """True if there is a file for it."""
+        if file is None:
+            self._is_closed = True
+            return
+        self.file = file
         await_closed(file)
         try:
             self._take_guard()
@@ -180,7 +185,7 @@ class Journal:
             line['commands'] = [list(command) for command in commands]
         with self._changed:
             if self._is_closed:
-                return  # a run that was left behind at the end of the process
+                return  # a run that was left behind at the end of the process, or there is no file
             self.state.apply(line)
             self._lines.append(line)
             self._appended += 1
@@ -209,6 +214,8 @@ class Journal:
 
     def close(self) -> None:
         """Have what waits written, and give the journal up to another process; waits for a limited time."""
+        if not self.is_kept:
+            return
         _closing[self.file] = self._thread
         with self._changed:
             self._is_closed = True

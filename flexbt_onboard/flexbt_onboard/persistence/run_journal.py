@@ -15,7 +15,6 @@ from typing import Any, Final
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-from flexbt_common.files import node_file
 from flexbt_common.values.value_types import message_type_name, resolve_type
 from flexbt_core.clock.clock import Clock
 from flexbt_core.errors import FlexbtError
@@ -28,7 +27,7 @@ from flexbt_msgs.msg import BlackboardEntry, CommandResult
 from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.errors import CommandRefusedError
 
-from .journal import Journal, JournaledResult, await_closed
+from .journal import Journal, JournaledResult
 
 REASON_LENGTH: Final = 2000
 """Characters of the reason of a refusal; the middle of a longer one is left out."""
@@ -43,40 +42,14 @@ class InterruptedRun:
     arguments: Sequence[tuple[str, str]]
     inputs: Sequence[BlackboardEntry]
     by: str
-    first_autonomy: int
+    autonomy: int
+    active: Sequence[str]
+    """Paths of the states that were active, or were to be entered."""
+    is_paused: bool
+    levels: Mapping[str, int]
+    locked: Sequence[str]
+    breakpoints: Sequence[str]
     plain_position: Any
-
-    @property
-    def active(self) -> list[str]:
-        """Paths of the states that were active, or were to be entered."""
-        paths: list[str] = [*self._part('active', []), *self._part('coming', [])]
-        around = {path[:place] for path in paths for place, sign in enumerate(path) if sign == '/'}
-        return [path for path in paths if path not in around]
-
-    @property
-    def is_paused(self) -> bool:
-        """Return whether it was paused, and so is again when it is resumed."""
-        return bool(self._part('is_paused', False))
-
-    @property
-    def levels(self) -> Mapping[str, int]:
-        """Levels of autonomy by path, including that of the root."""
-        return dict(self._part('levels', {}))
-
-    @property
-    def locked(self) -> list[str]:
-        """Paths that were locked."""
-        return list(self._part('locked', []))
-
-    @property
-    def breakpoints(self) -> list[str]:
-        """Paths that had a breakpoint."""
-        return list(self._part('breakpoints', []))
-
-    @property
-    def autonomy(self) -> int:
-        """The level of the run; that of its start as long as it had no other."""
-        return self.levels.get(ROOT_PATH, self.first_autonomy)
 
     def position(self) -> RunPosition | None:
         """Return the position at which the run continues; None at its beginning.
@@ -93,60 +66,34 @@ class InterruptedRun:
                 f'run {self.run_id} cannot go on where it was: {error}; abort it, and start the behavior anew'
             ) from error
 
-    def _part(self, name: str, nothing: Any) -> Any:
-        return self.plain_position.get(name, nothing) if isinstance(self.plain_position, dict) else nothing
 
+class RunJournal(Journal):
+    """The journal of an executive's runs. From any thread."""
 
-class RunJournal:
-    """A journal of a run, written if there is a ``directory`` for it. From any thread."""
-
-    def __init__(self, directory: str, node_name: str, on_problem: Callable[[str], None], clock: Clock) -> None:
-        """Open the journal of a node (fully qualified name); see :class:`Journal`.
-
-        Raises:
-            OnboardError: it cannot be opened.
-        """
+    def __init__(self, file: Path | None, on_problem: Callable[[str], None], clock: Clock) -> None:
+        """Open the journal; see :class:`Journal`."""
+        super().__init__(file, on_problem, clock)
         self._lost: set[str] = set()
-        file = _file(directory, node_name)
-        self._journal = Journal(file, on_problem, clock) if file is not None else None
-
-    @staticmethod
-    def await_closed(directory: str, node_name: str) -> None:
-        """Wait until the journal can be opened that was closed last, which a slow disk may hold up for some seconds.
-
-        Raises:
-            OnboardError: it takes longer.
-        """
-        if (file := _file(directory, node_name)) is not None:
-            await_closed(file)
-
-    @property
-    def corruption(self) -> str:
-        """Corruption of the journal that was found, for the operator; '' if it is intact."""
-        return self._journal.corruption if self._journal is not None else ''
-
-    @property
-    def torn(self) -> str:
-        """Description of the part of the journal that a crash cut off; '' for none."""
-        return self._journal.torn if self._journal is not None else ''
 
     @property
     def results(self) -> Sequence[CommandResult]:
         """Results of the commands that were decided before, the oldest first."""
-        known = self._journal.state.commands if self._journal is not None else {}
         return [
             CommandResult(
                 command_id=command_id, code=code, reason=sanitize_for_message(reason)
             )  # cut when it was written
-            for command_id, (code, reason) in known.items()
+            for command_id, (code, reason) in self.state.commands.items()
         ]
 
     @property
     def interrupted(self) -> InterruptedRun | None:
         """The run that has begun and not ended; to be asked while none runs."""
-        begin = self._journal.state.begin if self._journal is not None else None
-        if begin is None or self._journal is None:
+        begin, position = self.state.begin, self.state.position or {}
+        if begin is None:
             return None
+        paths: list[str] = [*position.get('active', ()), *position.get('coming', ())]
+        around = {path[:place] for path in paths for place, sign in enumerate(path) if sign == '/'}
+        levels = position.get('levels', {})
         return InterruptedRun(
             run_id=begin['run'],
             behavior=begin['behavior'],
@@ -156,23 +103,24 @@ class RunJournal:
                 for key, type, text, data in begin['inputs']
             ],
             by=begin['by'],
-            first_autonomy=begin['autonomy'],
-            plain_position=self._journal.state.position,
+            autonomy=levels.get(ROOT_PATH, begin['autonomy']),
+            active=[path for path in paths if path not in around],
+            is_paused=bool(position.get('is_paused')),
+            levels=levels,
+            locked=position.get('locked', []),
+            breakpoints=position.get('breakpoints', []),
+            plain_position=self.state.position,
         )
 
     def begin(self, run_id: str, request: RunRequest) -> None:
         """Write that a run begins or continues, by the command that has requested it."""
-        if self._journal is None or not request.is_durable:
-            return
-        applied = CommandDecided(request.command_id, None)
-        if request.at is None:
-            self._journal.append(_results([applied]), begin=_begin(run_id, request))
-        else:
-            self._journal.append(_results([applied]))
+        if request.is_durable:
+            applied = _results([CommandDecided(request.command_id, None)])
+            self.append(applied, **({'begin': _begin(run_id, request)} if request.at is None else {}))
 
     def has(self, run_id: str) -> bool:
         """Return whether the journal keeps a run: it is durable, and has not ended."""
-        begin = self._journal.state.begin if self._journal is not None else None
+        begin = self.state.begin
         return begin is not None and begin['run'] == run_id
 
     def move(
@@ -186,56 +134,34 @@ class RunJournal:
 
         Return the types of values that could not be written, each once.
         """
-        assert self._journal is not None
         lost: set[str] = set()
         line: dict[str, Any] = {'run': run_id, 'position': to_plain_form(position.to_plain(), lost.add)}
         if switched_to is not None:
             line['begin'] = _begin(run_id, switched_to)
-        self._journal.append(_results(decided), **line)
+        self.append(_results(decided), **line)
         new = sorted(lost - self._lost)
         self._lost |= lost
         return new
 
     def decide(self, command_id: str, reason: str | None) -> None:
         """Write that a command was decided, if that is not written yet."""
-        if self._journal is not None and command_id not in self._journal.state.commands:
-            self._journal.append([_result(command_id, reason)])
+        if command_id not in self.state.commands:
+            self.append([_result(command_id, reason)])
 
     def end(self, run_id: str, why: str) -> None:
         """Write that the run has ended, or will not continue."""
-        if self._journal is not None and self.has(run_id):
-            self._journal.append(run=run_id, end=why)
+        if self.has(run_id):
+            self.append(run=run_id, end=why)
 
     @property
     def next_autonomy(self) -> int | None:
         """The level for the next run that an operator set before a crash; None if there is none."""
-        return self._journal.state.autonomy if self._journal is not None else None
+        return self.state.autonomy
 
     def set_next_autonomy(self, level: int | None) -> None:
         """Write the level for the next run; None when the executive ends in order, and nobody has to know."""
-        if self._journal is not None and level != self._journal.state.autonomy:
-            self._journal.append(autonomy=level)
-
-    def when_durable(self, then: Callable[[], object]) -> None:
-        """Have ``then`` called when what was written before survives a crash; see :meth:`Journal.when_durable`."""
-        if self._journal is None:
-            then()
-        else:
-            self._journal.when_durable(then)
-
-    def sync(self, within: float) -> None:
-        """Wait for that, for that many seconds at most."""
-        if self._journal is not None:
-            self._journal.sync(within)
-
-    def close(self) -> None:
-        """Give the journal up to another process."""
-        if self._journal is not None:
-            self._journal.close()
-
-
-def _file(directory: str, node_name: str) -> Path | None:
-    return node_file(directory, node_name, '.journal')
+        if level != self.state.autonomy:
+            self.append(autonomy=level)
 
 
 def _begin(run_id: str, request: RunRequest) -> dict[str, Any]:

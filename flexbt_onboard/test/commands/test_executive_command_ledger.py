@@ -34,7 +34,9 @@ class Books:
         self.changes = 0
         self.time = 100.0
         self.told: list[str] = []
-        self.journal = RunJournal(directory, '/executive', self.told.append, SteadyClock())
+        self.journal = RunJournal(
+            Path(directory, 'executive.journal') if directory else None, self.told.append, SteadyClock()
+        )
         clock: Any = SimpleNamespace(stamp=None)
         report = Reporter(
             lambda _severity, text, path='', run_id='': self.told.append(text), EventLog(None, clock, clock, print)

@@ -14,7 +14,7 @@ import random
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
@@ -121,9 +121,10 @@ def bench(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
 
 def started_again(parent: Path, content: bytes) -> RunJournal:
     """Return what an executive knows that finds this on its disk."""
-    directory = mkdtemp(dir=parent)  # of its own: on a slow disk the one before may not have let go of its files yet
-    Path(directory, 'onboard_executive.journal').write_bytes(content)
-    journal = RunJournal(directory, NAME, lambda _problem: None, ManualClock())
+    # In a directory of its own: on a slow disk the one before may not have let go of its files yet.
+    file = Path(mkdtemp(dir=parent), 'onboard_executive.journal')
+    file.write_bytes(content)
+    journal = RunJournal(file, lambda _problem: None, ManualClock())
     journal.sync(20.0)
     journal.close()
     assert not journal.corruption
@@ -176,8 +177,7 @@ def check(status: ExecutiveStatus, found: RunJournal, lines: Sequence[JournalLin
 def said(found: RunJournal, state: JournalState) -> tuple[Any, ...]:
     """Return what is shown by an executive that finds a journal that says this."""
     found = copy.copy(found)
-    found._journal = copy.copy(found._journal)
-    cast(Any, found._journal).state = state
+    found.state = state
     run = found.interrupted
     if run is None:
         return '', Autonomy.Low if found.next_autonomy is None else found.next_autonomy
