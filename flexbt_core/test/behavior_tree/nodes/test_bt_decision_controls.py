@@ -232,3 +232,12 @@ def test_try_catch_is_a_fallback_of_a_sequence_and_a_forced_failure(tries: list[
         else:
             assert NAMES[one.tick_once()] == NAMES[other.tick_once()]
         assert calls == other_calls
+
+
+@pytest.mark.parametrize(
+    ('port', 'never'), [('success_count', 'it can never succeed'), ('failure_count', 'it can never fail')]
+)
+def test_a_threshold_above_the_number_of_children_is_an_error(port: str, never: str) -> None:
+    tree, _ = make(control('Parallel', 'S', 'S', **{port: '3'}))
+    with pytest.raises(NodeExecutionError, match=f'{port} 3 is more than its 2 children: {never}'):
+        tree.tick_once()

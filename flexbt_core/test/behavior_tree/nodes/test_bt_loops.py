@@ -164,6 +164,13 @@ def test_what_is_wrong_is_said_at_load(body: str, message: str) -> None:
         make(body)
 
 
+def test_text_on_the_blackboard_that_is_no_queue_is_an_error_of_the_port() -> None:
+    tree, _ = make(loop('S', '{q}'))
+    tree.blackboard.set('q', '1;x')
+    with pytest.raises(NodeExecutionError, match=r'port \[queue\]'):
+        tree.tick_once()
+
+
 def test_a_write_through_a_remapping_is_seen_and_two_watchers_see_it_independently() -> None:
     tree, _ = make(f'<Sequence>{"".join(watch("SkipUnlessUpdated", "S") for _ in range(2))}</Sequence>')
     assert NAMES[tree.tick_once()] == 'K'

@@ -108,6 +108,9 @@ ELSEWHERE = ((0.0, 0.0), (0.0, 2.0), (5.0, 2.0))
 FAR = ((-4.0, 0.0), (1.0, 0.0))
 
 
+REMOVED = ((-1.0, -1.0),)
+
+
 def over_paths(script: str, *paths: tuple[tuple[float, float], ...] | None, **ports: str) -> str:
     """Return result and calls for each path in turn, below a control that keeps the node's status."""
     attributes = ''.join(f' {name}="{value}"' for name, value in ports.items())
@@ -118,7 +121,9 @@ def over_paths(script: str, *paths: tuple[tuple[float, float], ...] | None, **po
     decorator = tree.nodes[1]
     results = []
     for points in paths:
-        if points is not None:
+        if points is REMOVED:
+            tree.blackboard.unset('path')
+        elif points is not None:
             tree.blackboard.set('path', path(*points))
         calls.clear()
         results.append(NAMES[decorator.execute()] + ''.join(calls))
@@ -135,6 +140,10 @@ def test_the_child_goes_on_with_the_path_with_which_it_began() -> None:
     # As in Nav2, a path that is short again leaves it as it is.
     assert over_paths('RS', STRAIGHT, ROUND, STRAIGHT, ROUND) == 'S R0R S S0S'
     assert over_paths('KS', STRAIGHT, ROUND, ROUND) == 'S K0K S0S'
+
+
+def test_the_last_path_counts_while_there_is_none() -> None:
+    assert over_paths('S', STRAIGHT, REMOVED, ROUND) == 'S S S0S'
 
 
 def test_no_path_another_goal_a_long_way_or_a_little_more_is_fine() -> None:

@@ -187,7 +187,7 @@ def test_the_type_of_an_entry_cannot_be_changed_by_a_copy(registry: NodeRegistry
     clock = tree.context.clock
     assert isinstance(clock, ManualClock)
     clock.advance(0.005)
-    with pytest.raises(NodeExecutionError):
+    with pytest.raises(NodeExecutionError, match=r'entry \[other\] of type .* cannot be written as text'):
         tree.tick_once()
 
 
