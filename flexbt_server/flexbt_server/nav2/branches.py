@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Differences between the branches of Nav2: fields of goals and requests, and statuses of waypoints."""
+"""The result of each waypoint of a mission, as the branch main of Nav2 keeps it on the blackboard."""
 
 from __future__ import annotations
 
@@ -10,39 +10,7 @@ from typing import Any, Final
 import nav2_msgs.msg
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common.values.value_types import message_type_name
-from flexbt_server.leaves.action_leaf import ActionLeaf
-from flexbt_server.leaves.service_leaf import ServiceNode
 from flexbt_server.trees.ros_ports import WaypointStatus
-
-
-def set_ports(leaf: ActionLeaf | ServiceNode, message: Any, *names: str) -> None:
-    """Give fields the values of the ports of the same names, which the interfaces of some branch have.
-
-    One that the installed interfaces lack is left out. This is logged once if a tree gives the port another value than
-    its default.
-    """
-    for name in names:
-        if has_field(leaf, message, name):
-            value = leaf.get_input_or(name, None)
-            if value is not None:
-                setattr(message, name, value)
-
-
-def has_field(leaf: ActionLeaf | ServiceNode, message: Any, port: str) -> bool:
-    """Return whether the message has the field of this port; logs when a tree gives a port that has no effect."""
-    if hasattr(message, port):
-        return True
-    given = leaf.port_text(port)
-    if given is not None and given != leaf.ports[port].default:
-        leaf.host.warn_once(
-            f'{leaf.id}: the port [{port}] has no effect: {message_type_name(type(message))}, as it is installed, has '
-            f'no field of this name'
-        )
-    return False
-
-
-# The result of each waypoint of a mission, as the branch main of Nav2 keeps it on the blackboard.
 
 PENDING: Final = 0
 COMPLETED: Final = 1

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs import srv
-from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
@@ -19,10 +18,11 @@ from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, STRING, UNSIGNED
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.skills.skill import Skill
-from flexbt_server.leaves.service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf, ServiceNode
+from flexbt_server.leaves.service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf
 from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, WAYPOINT_STATUSES
 
-from .branches import SKIPPED, mark, set_ports
+from .branches import SKIPPED, mark
+from .field_ports import FieldService
 from .motion_actions import VALID, count_recovery
 from .path_tracking import yaw_of
 
@@ -34,16 +34,13 @@ _PLUGINS: Final = input_port(
 _DISTANCE: Final = input_port(DOUBLE, default='1.0', description='side of the square that is meant, m')
 
 
-class _ClearCostmap(ServiceLeaf):
+class _ClearCostmap(FieldService, ServiceLeaf):
     """A leaf that has a costmap forget what it has seen. Counts as a recovery."""
 
     __slots__ = ()
 
-    fields: ClassVar[tuple[str, ...]] = ('reset_distance', 'plugins')
-
     def make_request(self) -> Any:
-        request = self.service_type.Request()
-        set_ports(self, request, *self.fields)
+        request = super().make_request()
         count_recovery(self.blackboard)
         return request
 
@@ -62,7 +59,6 @@ class ClearEntireCostmap(_ClearCostmap):
     service_type = srv.ClearEntireCostmap
     default_service = names.CLEAR_GLOBAL_COSTMAP
     ports = SERVICE_PORTS | {'plugins': _PLUGINS}
-    fields = ('plugins',)
     example = Example('<ClearEntireCostmap service_name="local_costmap/clear_entirely_local_costmap"/>')
 
 
@@ -104,13 +100,12 @@ class ClearCostmapAroundPose(_ClearCostmap):
         'reset_distance': _DISTANCE,
         'plugins': _PLUGINS,
     }
-    fields = ('pose', 'reset_distance', 'plugins')
     example = Example(
         '<ClearCostmapAroundPose service_name="global_costmap/clear_around_pose_global_costmap" pose="{goal}"/>'
     )
 
 
-class _PathChecker(ServiceNode):
+class _PathChecker(FieldService):
     """A leaf that asks whether a path is free."""
 
     __slots__ = ()
@@ -118,17 +113,11 @@ class _PathChecker(ServiceNode):
     service_type = srv.IsPathValid
     default_service = names.IS_PATH_VALID
     skill = Skill.measuring(VALID)
-    fields: ClassVar[Sequence[str]] = ('max_cost', 'consider_unknown_as_obstacle')
     ports = SERVICE_PORTS | {
         'path': input_port(PATH, optional=True, description='the path to check'),
         'max_cost': input_port(UNSIGNED, default='253', description='cost from which a cell is in collision'),
         'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
     }
-
-    def make_request(self) -> Any:
-        request = self.service_type.Request(path=self.get_input_or('path', Path()))
-        set_ports(self, request, *self.fields)
-        return request
 
     def on_response(self, response: Any) -> NodeStatus:
         return NodeStatus.SUCCESS if response.is_valid else self.fail('the path is not valid')
@@ -154,13 +143,6 @@ class ValidatePath(_PathChecker, ServiceLeaf):
 
     nav2_branch = 'main'
     skill = _PathChecker.skill
-    fields = (
-        *_PathChecker.fields,
-        'layer_name',
-        'footprint',
-        'stop_at_first_collision',
-        'max_lookahead_distance',
-    )
     ports = _PathChecker.ports | {
         'max_cost': input_port(UNSIGNED, default='254', description='cost from which a cell is in collision'),
         'layer_name': input_port(STRING, default='', description='layer of the costmap to look at; all if empty'),

@@ -8,13 +8,12 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
-from geometry_msgs.msg import Point
 from nav2_msgs import action
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.errors import TransformError
-from flexbt_common.values.message_fields import duration_message, set_poses
+from flexbt_common.values.message_fields import duration_message
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.errors import PortError
@@ -23,11 +22,11 @@ from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, FLOAT, STRING, U
 from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
 from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.skills.skill import Skill
-from flexbt_server.leaves.action_leaf import ACTION_PORTS, BASE, ActionLeaf
+from flexbt_server.leaves.action_leaf import ACTION_PORTS, BASE
 from flexbt_server.trees.blackboards import RECOVERIES_KEY
 from flexbt_server.trees.ros_ports import DURATION, PATH, POSE_STAMPED, POSES, TRACKING_FEEDBACK, TrackingFeedback
 
-from .branches import set_ports
+from .field_ports import FieldAction
 from .path_tracking import PathTracker
 from .pose_leaves import AT
 
@@ -44,7 +43,7 @@ def count_recovery(board: Blackboard) -> None:
     board.root.set(RECOVERIES_KEY, int(count) + 1)
 
 
-class RecoveryLeaf(ActionLeaf):
+class RecoveryLeaf(FieldAction):
     """A leaf that counts as a recovery when it starts, in the blackboard key ``number_recoveries``."""
 
     __slots__ = ()
@@ -59,7 +58,7 @@ class RecoveryLeaf(ActionLeaf):
         return super().on_start()
 
 
-class FollowPath(ActionLeaf):
+class FollowPath(FieldAction):
     """Drives along ``path``. A new path or another controller on the blackboard replaces the goal without a stop.
 
     A path without poses replaces none: while a planner that has failed is tried again, the robot goes on along the path
@@ -113,9 +112,7 @@ class FollowPath(ActionLeaf):
 
     def make_goal(self) -> Any:
         self._sent = self._wanted()
-        goal = self.action_type.Goal(path=self._sent[0])
-        set_ports(self, goal, *_PLUGINS)
-        return goal
+        return self.filled(self.action_type.Goal(path=self._sent[0]), *_PLUGINS)
 
     def newer_goal(self, feedback: Any) -> Any | None:
         if feedback is not None and self.port_key('tracking_feedback') is not None:
@@ -173,6 +170,7 @@ class Spin(RecoveryLeaf):
 
     action_type = action.Spin
     default_server = names.SPIN
+    renamed = {'spin_dist': 'target_yaw', 'is_recovery': ''}
     skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'spin_dist': input_port(DOUBLE, default='1.57', description='angle, rad, positive to the left'),
@@ -181,14 +179,6 @@ class Spin(RecoveryLeaf):
         'is_recovery': input_port(BOOL, default='true', description='whether it counts as a recovery'),
     }
     example = Example('<Spin spin_dist="1.57"/>')
-
-    def make_goal(self) -> Any:
-        goal = self.action_type.Goal(
-            target_yaw=float(self.get_input('spin_dist')),
-            time_allowance=duration_message(self.get_input('time_allowance')),
-        )
-        set_ports(self, goal, 'disable_collision_checks')
-        return goal
 
     def resumed_goal(self, goal: Any, feedback: Any) -> Any:
         turned = 0.0 if feedback is None else feedback.angular_distance_traveled
@@ -203,29 +193,25 @@ def _rest(whole: float, done: float) -> float:
     return math.copysign(max(0.0, abs(whole) - abs(done)), whole)
 
 
-def _rest_of_drive(goal: Any, feedback: Any) -> Any:
-    if feedback is not None:
-        goal.target.x = _rest(goal.target.x, feedback.distance_traveled)
-    return goal
+class _Drive(FieldAction):
+    """A leaf that drives straight on, as far as the port that is the target says."""
+
+    __slots__ = ()
+
+    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
+        if feedback is not None:
+            goal.target.x = _rest(goal.target.x, feedback.distance_traveled)
+        return goal
 
 
-def _drive_goal(leaf: ActionLeaf, distance: str, speed: str) -> Any:
-    goal = leaf.action_type.Goal(
-        target=Point(x=float(leaf.get_input(distance))),
-        speed=float(leaf.get_input(speed)),
-        time_allowance=duration_message(leaf.get_input('time_allowance')),
-    )
-    set_ports(leaf, goal, 'disable_collision_checks')
-    return goal
-
-
-class BackUp(RecoveryLeaf):
+class BackUp(_Drive, RecoveryLeaf):
     """Drives backward by ``backup_dist``."""
 
     __slots__ = ()
 
     action_type = action.BackUp
     default_server = names.BACKUP
+    renamed = {'backup_dist': 'target', 'backup_speed': 'speed'}
     skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'backup_dist': input_port(DOUBLE, default='0.15', description='distance, m'),
@@ -235,20 +221,15 @@ class BackUp(RecoveryLeaf):
     }
     example = Example('<BackUp backup_dist="0.3" backup_speed="0.1"/>')
 
-    def make_goal(self) -> Any:
-        return _drive_goal(self, 'backup_dist', 'backup_speed')
 
-    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
-        return _rest_of_drive(goal, feedback)
-
-
-class DriveOnHeading(ActionLeaf):
+class DriveOnHeading(_Drive):
     """Drives straight on by ``dist_to_travel``."""
 
     __slots__ = ()
 
     action_type = action.DriveOnHeading
     default_server = names.DRIVE_ON_HEADING
+    renamed = {'dist_to_travel': 'target'}
     skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'dist_to_travel': input_port(DOUBLE, default='0.15', description='distance, m; negative is backward'),
@@ -257,12 +238,6 @@ class DriveOnHeading(ActionLeaf):
         'disable_collision_checks': _UNCHECKED,
     }
     example = Example('<DriveOnHeading dist_to_travel="0.5" speed="0.1"/>')
-
-    def make_goal(self) -> Any:
-        return _drive_goal(self, 'dist_to_travel', 'speed')
-
-    def resumed_goal(self, goal: Any, feedback: Any) -> Any:
-        return _rest_of_drive(goal, feedback)
 
 
 class Wait(RecoveryLeaf):
@@ -302,6 +277,7 @@ class AssistedTeleop(RecoveryLeaf):
 
     action_type = action.AssistedTeleop
     default_server = names.ASSISTED_TELEOP
+    renamed = {'is_recovery': ''}
     skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'time_allowance': _ALLOWANCE,
@@ -309,15 +285,12 @@ class AssistedTeleop(RecoveryLeaf):
     }
     example = Example('<AssistedTeleop time_allowance="30.0"/>')
 
-    def make_goal(self) -> Any:
-        return self.action_type.Goal(time_allowance=duration_message(self.get_input('time_allowance')))
-
     def on_failure(self, outcome: GoalOutcome) -> NodeStatus | None:
         gave_up = outcome.status is GoalStatus.ABORTED and not self.counts()
         return NodeStatus.SUCCESS if gave_up else None
 
 
-class FollowObject(ActionLeaf):
+class FollowObject(FieldAction):
     """Follows an object, whose pose is a topic or a frame."""
 
     __slots__ = ()
@@ -334,21 +307,6 @@ class FollowObject(ActionLeaf):
     }
     example = Example('<FollowObject pose_topic="person_pose" max_duration="60.0"/>')
 
-    def make_goal(self) -> Any:
-        return self.action_type.Goal(
-            pose_topic=str(self.get_input('pose_topic')),
-            tracked_frame=str(self.get_input_or('tracked_frame', '')),
-            max_duration=duration_message(self.get_input('max_duration')),
-        )
-
-    def on_success(self, result: Any) -> NodeStatus:
-        self.set_output('total_elapsed_time', result.total_elapsed_time)
-        return NodeStatus.SUCCESS
-
-    def on_failure(self, outcome: GoalOutcome) -> None:
-        result = self.action_type.Result() if outcome.result is None else outcome.result
-        self.set_output('total_elapsed_time', result.total_elapsed_time)
-
 
 # Leaves that hand a whole task to another server of Nav2: to navigate, to dock and to undock.
 
@@ -358,13 +316,14 @@ DOCKED: Final = Predicate('docked')
 _TREE: Final = input_port(STRING, optional=True, description="tree of that server, if not the server's default")
 
 
-class NavigateToPose(ActionLeaf):
+class NavigateToPose(FieldAction):
     """Drives to ``goal`` by a navigator, which runs its own tree."""
 
     __slots__ = ()
 
     action_type = action.NavigateToPose
     default_server = names.NAVIGATE_TO_POSE
+    renamed = {'goal': 'pose'}
     skill = Skill.of(
         parameters={'goal': 'pose'},
         outcomes={'SUCCESS': ['at(goal)']},
@@ -378,19 +337,15 @@ class NavigateToPose(ActionLeaf):
     }
     example = Example('<NavigateToPose goal="{goal}" error_msg="{why}"/>')
 
-    def make_goal(self) -> Any:
-        goal = self.action_type.Goal(pose=self.get_input('goal'))
-        set_ports(self, goal, 'behavior_tree')
-        return goal
 
-
-class NavigateThroughPoses(ActionLeaf):
+class NavigateThroughPoses(FieldAction):
     """Drives through ``goals`` by a navigator, which runs its own tree."""
 
     __slots__ = ()
 
     action_type = action.NavigateThroughPoses
     default_server = names.NAVIGATE_THROUGH_POSES
+    renamed = {'goals': 'poses'}
     skill = Skill.of(resources=[BASE])
     ports = ACTION_PORTS | {
         'goals': input_port(POSES, description='poses to pass; the last is where to drive'),
@@ -398,14 +353,8 @@ class NavigateThroughPoses(ActionLeaf):
     }
     example = Example('<NavigateThroughPoses goals="{goals}"/>')
 
-    def make_goal(self) -> Any:
-        goal = self.action_type.Goal()
-        set_poses(goal, 'poses', self.get_input('goals'))
-        set_ports(self, goal, 'behavior_tree')
-        return goal
 
-
-class DockRobot(ActionLeaf):
+class DockRobot(FieldAction):
     """Docks the robot: to the dock ``dock_id`` of the server's list, or to one of a type at a pose."""
 
     __slots__ = ()
@@ -428,25 +377,13 @@ class DockRobot(ActionLeaf):
     example = Example('<DockRobot dock_id="home" num_retries="{retries}"/>')
 
     def make_goal(self) -> Any:
-        goal = self.action_type.Goal()
-        set_ports(self, goal, 'use_dock_id', 'navigate_to_staging_pose')
-        if goal.use_dock_id:
-            set_ports(self, goal, 'dock_id')
-        else:
-            set_ports(self, goal, 'dock_pose', 'dock_type', 'max_staging_time')
-        return goal
-
-    def on_success(self, result: Any) -> NodeStatus:
-        self.set_output('success', result.success)
-        self.set_output('num_retries', result.num_retries)
-        return NodeStatus.SUCCESS
-
-    def on_failure(self, outcome: GoalOutcome) -> None:
-        self.set_output('success', False)
-        self.set_output('num_retries', getattr(outcome.result, 'num_retries', 0))
+        goal = self.filled(self.action_type.Goal(), 'use_dock_id', 'navigate_to_staging_pose')
+        return self.filled(
+            goal, *(('dock_id',) if goal.use_dock_id else ('dock_pose', 'dock_type', 'max_staging_time'))
+        )
 
 
-class UndockRobot(ActionLeaf):
+class UndockRobot(FieldAction):
     """Undocks the robot."""
 
     __slots__ = ()
@@ -460,18 +397,6 @@ class UndockRobot(ActionLeaf):
         'success': output_port(BOOL, description='whether the robot is undocked'),
     }
     example = Example('<UndockRobot dock_type="simple_charging_dock"/>')
-
-    def make_goal(self) -> Any:
-        goal = self.action_type.Goal()
-        set_ports(self, goal, 'dock_type', 'max_undocking_time')
-        return goal
-
-    def on_success(self, result: Any) -> NodeStatus:
-        self.set_output('success', result.success)
-        return NodeStatus.SUCCESS
-
-    def on_failure(self, outcome: GoalOutcome) -> None:
-        self.set_output('success', False)
 
 
 NODES: Final = (

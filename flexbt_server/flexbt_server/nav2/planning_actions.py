@@ -11,25 +11,22 @@ from __future__ import annotations
 from typing import Any, ClassVar, Final
 
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import PoseStamped
 from nav2_msgs import action
-from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalOutcome
-from flexbt_common.values.message_fields import duration_message, seconds_of, set_poses
 from flexbt_core.behavior_tree.model.outcomes import Example
 from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, INT, STRING, UINT16, UNSIGNED, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
-from flexbt_server.leaves.action_leaf import ACTION_PORTS, ActionLeaf
+from flexbt_server.leaves.action_leaf import ACTION_PORTS
 from flexbt_server.trees.ros_ports import DURATION, PATH, POSE_STAMPED, POSES, ROUTE
 
-from .branches import set_ports
+from .field_ports import FieldAction
 
 _START: Final = input_port(POSE_STAMPED, optional=True, description="where it begins, instead of the robot's pose")
 
 
-class _Planner(ActionLeaf):
+class _Planner(FieldAction):
     """A leaf that plans. If it is halted, there is no plan."""
 
     __slots__ = ()
@@ -42,8 +39,26 @@ class _Planner(ActionLeaf):
         for port in self.begins_without:
             self.empty_output(port)
 
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        self.write(self.action_type.Result())
 
-class ComputePathToPose(_Planner):
+
+class _PathPlanner(_Planner):
+    """A leaf that plans a path, from the robot's pose or from ``start``."""
+
+    __slots__ = ()
+
+    renamed = {'use_start': ''}
+
+    def make_goal(self) -> Any:
+        goal = super().make_goal()
+        goal.use_start = self.get_input_or('start', None) is not None
+        if 'use_start' in self.ports:
+            goal.use_start = bool(self.get_input_or('use_start', goal.use_start))
+        return goal
+
+
+class ComputePathToPose(_PathPlanner):
     """Plans a path to ``goal``, from the robot's pose or from ``start``."""
 
     __slots__ = ()
@@ -62,26 +77,8 @@ class ComputePathToPose(_Planner):
     }
     example = Example('<ComputePathToPose goal="{goal}" path="{path}" error_code_id="{compute_path_error_code}"/>')
 
-    def make_goal(self) -> Any:
-        start = self.get_input_or('start', None)
-        goal = self.action_type.Goal(
-            goal=self.get_input('goal'),
-            start=start or PoseStamped(),
-            use_start=bool(self.get_input_or('use_start', start is not None)),
-            planner_id=str(self.get_input_or('planner_id', '')),
-        )
-        set_ports(self, goal, 'viapoints')
-        return goal
 
-    def on_success(self, result: Any) -> NodeStatus:
-        self.set_output('path', result.path)
-        return NodeStatus.SUCCESS
-
-    def on_failure(self, outcome: GoalOutcome) -> None:
-        self.set_output('path', Path())
-
-
-class ComputePathThroughPoses(_Planner):
+class ComputePathThroughPoses(_PathPlanner):
     """Plans a path through ``goals``, in their order."""
 
     __slots__ = ()
@@ -101,36 +98,20 @@ class ComputePathThroughPoses(_Planner):
     }
     example = Example('<ComputePathThroughPoses goals="{goals}" path="{path}"/>')
 
-    def make_goal(self) -> Any:
-        start = self.get_input_or('start', None)
-        goal = self.action_type.Goal(
-            start=start or PoseStamped(),
-            use_start=start is not None,
-            planner_id=str(self.get_input_or('planner_id', '')),
-        )
-        set_poses(goal, 'goals', self.get_input('goals'))
-        return goal
-
-    def on_success(self, result: Any) -> NodeStatus:
-        self._write(result)
-        return NodeStatus.SUCCESS
-
-    def on_failure(self, outcome: GoalOutcome) -> None:
-        self._write(self.action_type.Result())
-
-    def _write(self, result: Any) -> None:
-        self.set_output('path', result.path)
+    def write(self, message: Any) -> None:
+        super().write(message)
         # Where the planner does not say, the path goes through all.
-        self.set_output('last_reached_index', getattr(result, 'last_reached_index', -1))
+        self.set_output('last_reached_index', getattr(message, 'last_reached_index', -1))
 
 
-class SmoothPath(ActionLeaf):
+class SmoothPath(FieldAction):
     """Smooths ``unsmoothed_path``."""
 
     __slots__ = ()
 
     action_type = action.SmoothPath
     default_server = names.SMOOTH_PATH
+    renamed = {'unsmoothed_path': 'path', 'smoothed_path': 'path'}
     cancels_on_pause = False  # nothing moves by it
     ports = ACTION_PORTS | {
         'unsmoothed_path': input_port(PATH, description='the path to smooth'),
@@ -143,20 +124,8 @@ class SmoothPath(ActionLeaf):
     }
     example = Example('<SmoothPath unsmoothed_path="{path}" max_smoothing_duration="1.0" smoothed_path="{path}"/>')
 
-    def make_goal(self) -> Any:
-        return self.action_type.Goal(
-            path=self.get_input('unsmoothed_path'),
-            smoother_id=str(self.get_input_or('smoother_id', '')),
-            max_smoothing_duration=duration_message(self.get_input('max_smoothing_duration')),
-            check_for_collisions=bool(self.get_input('check_for_collisions')),
-        )
-
-    def on_success(self, result: Any) -> NodeStatus:
-        self.set_output('smoothed_path', result.path)
-        took = result.smoothing_duration
-        self.set_output('smoothing_duration', seconds_of(took))
-        self.set_output('was_completed', result.was_completed)
-        return NodeStatus.SUCCESS
+    def on_failure(self, outcome: GoalOutcome) -> None:
+        """Keep what the ports have: ``smoothed_path`` may be the path itself."""
 
 
 _ROUTE_GOAL_PORTS: Final = {
@@ -169,7 +138,7 @@ _ROUTE_GOAL_PORTS: Final = {
 }
 
 
-class _RouteLeaf(ActionLeaf):
+class _RouteLeaf(FieldAction):
     """A leaf whose goal is a route in the graph of the route server: by poses, or by IDs of nodes."""
 
     __slots__ = ()
@@ -179,8 +148,7 @@ class _RouteLeaf(ActionLeaf):
     def make_goal(self) -> Any:
         goal = self.action_type.Goal(use_poses=bool(self.get_input('use_poses')))
         if not goal.use_poses:
-            set_ports(self, goal, 'start_id', 'goal_id')
-            return goal
+            return self.filled(goal, 'start_id', 'goal_id')
         goal.goal = self.get_input('goal')
         goal.use_start = bool(self.get_input('use_start'))
         if goal.use_start:
@@ -206,17 +174,6 @@ class ComputeRoute(_RouteLeaf, _Planner):
         }
     )
     example = Example('<ComputeRoute start_id="1" goal_id="7" route="{route}" path="{path}"/>')
-
-    def on_success(self, result: Any) -> NodeStatus:
-        self._write(result)
-        return NodeStatus.SUCCESS
-
-    def on_failure(self, outcome: GoalOutcome) -> None:
-        self._write(self.action_type.Result())
-
-    def _write(self, result: Any) -> None:
-        for port in ('path', 'route', 'planning_time'):
-            self.set_output(port, getattr(result, port))
 
 
 class ComputeAndTrackRoute(_RouteLeaf):
@@ -247,7 +204,7 @@ class ComputeAndTrackRoute(_RouteLeaf):
 
     def newer_goal(self, feedback: Any) -> Any | None:
         if feedback is not None:
-            self._write(feedback)
+            self.write(feedback)
         wanted = self.make_goal()
         return None if wanted == self.sent_goal else wanted
 
@@ -259,12 +216,8 @@ class ComputeAndTrackRoute(_RouteLeaf):
         self._end(Duration())
 
     def _end(self, duration: Duration) -> None:
-        self._write(self.action_type.Feedback())
+        self.write(self.action_type.Feedback())
         self.set_output('execution_duration', duration)
-
-    def _write(self, feedback: Any) -> None:
-        for port in ('last_node_id', 'next_node_id', 'current_edge_id', 'route', 'path', 'rerouted'):
-            self.set_output(port, getattr(feedback, port))
 
 
 NODES: Final = (

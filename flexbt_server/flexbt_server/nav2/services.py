@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Final
+from abc import ABCMeta
+from typing import Any, ClassVar, Final, cast
 
 from action_msgs.srv import CancelGoal
 from nav2_msgs import srv
@@ -16,7 +17,7 @@ from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_server.leaves.action_leaf import SERVER_PORTS
 from flexbt_server.leaves.service_leaf import SERVICE_PORTS, ServiceLeaf, ServiceSyncAction
 
-from .branches import set_ports
+from .field_ports import FieldService
 
 
 class CancelAction(ServiceSyncAction):
@@ -41,73 +42,20 @@ class CancelAction(ServiceSyncAction):
         return self.fail(f'{self.service_name} refused to cancel (return code {response.return_code})')
 
 
-class CancelControl(CancelAction):
-    """Cancels all goals of follow_path."""
-
-    __slots__ = ()
-    default_action = names.FOLLOW_PATH
-    example = Example('<CancelControl server_name="follow_path"/>')
-
-
-class CancelSpin(CancelAction):
-    """Cancels all goals of spin."""
-
-    __slots__ = ()
-    default_action = names.SPIN
-    example = Example('<CancelSpin/>')
+def _cancel(id: str, action: str, nav2_branch: str = '') -> type[CancelAction]:
+    """Return the leaf that cancels all goals of an action."""
+    attributes = {
+        '__doc__': f'Cancels all goals of {action}.',
+        '__module__': __name__,
+        '__slots__': (),
+        'default_action': action,
+        'nav2_branch': nav2_branch,
+        'example': Example(f'<{id}/>'),
+    }
+    return cast('type[CancelAction]', ABCMeta(id, (CancelAction,), attributes))
 
 
-class CancelBackUp(CancelAction):
-    """Cancels all goals of backup."""
-
-    __slots__ = ()
-    default_action = names.BACKUP
-    example = Example('<CancelBackUp/>')
-
-
-class CancelWait(CancelAction):
-    """Cancels all goals of wait."""
-
-    __slots__ = ()
-    default_action = names.WAIT
-    example = Example('<CancelWait/>')
-
-
-class CancelDriveOnHeading(CancelAction):
-    """Cancels all goals of drive_on_heading."""
-
-    __slots__ = ()
-    default_action = names.DRIVE_ON_HEADING
-    example = Example('<CancelDriveOnHeading/>')
-
-
-class CancelAssistedTeleop(CancelAction):
-    """Cancels all goals of assisted_teleop."""
-
-    __slots__ = ()
-    default_action = names.ASSISTED_TELEOP
-    example = Example('<CancelAssistedTeleop/>')
-
-
-class CancelComputeAndTrackRoute(CancelAction):
-    """Cancels all goals of compute_and_track_route."""
-
-    __slots__ = ()
-    default_action = names.COMPUTE_AND_TRACK_ROUTE
-    example = Example('<CancelComputeAndTrackRoute/>')
-
-
-class CancelFollowObject(CancelAction):
-    """Cancels all goals of follow_object."""
-
-    __slots__ = ()
-
-    nav2_branch = 'main'
-    default_action = names.FOLLOW_OBJECT
-    example = Example('<CancelFollowObject/>')
-
-
-class ReinitializeGlobalLocalization(ServiceLeaf):
+class ReinitializeGlobalLocalization(FieldService, ServiceLeaf):
     """Restarts the localization, with the robot anywhere on the map."""
 
     __slots__ = ()
@@ -116,11 +64,8 @@ class ReinitializeGlobalLocalization(ServiceLeaf):
     default_service = 'reinitialize_global_localization'
     example = Example('<ReinitializeGlobalLocalization/>')
 
-    def make_request(self) -> Any:
-        return Empty.Request()
 
-
-class ToggleCollisionMonitor(ServiceLeaf):
+class ToggleCollisionMonitor(FieldService, ServiceLeaf):
     """Switches the collision monitor on or off."""
 
     __slots__ = ()
@@ -131,11 +76,6 @@ class ToggleCollisionMonitor(ServiceLeaf):
     ports = SERVICE_PORTS | {'enable': input_port(BOOL, default='true', description='whether it is to be on')}
     example = Example('<ToggleCollisionMonitor enable="false"/>')
 
-    def make_request(self) -> Any:
-        request = srv.Toggle.Request()
-        set_ports(self, request, 'enable')
-        return request
-
     def on_response(self, response: Any) -> NodeStatus:
         if response.success:
             return NodeStatus.SUCCESS
@@ -145,12 +85,12 @@ class ToggleCollisionMonitor(ServiceLeaf):
 NODES: Final = (
     ReinitializeGlobalLocalization,
     ToggleCollisionMonitor,
-    CancelControl,
-    CancelSpin,
-    CancelBackUp,
-    CancelWait,
-    CancelDriveOnHeading,
-    CancelAssistedTeleop,
-    CancelComputeAndTrackRoute,
-    CancelFollowObject,
+    _cancel('CancelControl', names.FOLLOW_PATH),
+    _cancel('CancelSpin', names.SPIN),
+    _cancel('CancelBackUp', names.BACKUP),
+    _cancel('CancelWait', names.WAIT),
+    _cancel('CancelDriveOnHeading', names.DRIVE_ON_HEADING),
+    _cancel('CancelAssistedTeleop', names.ASSISTED_TELEOP),
+    _cancel('CancelComputeAndTrackRoute', names.COMPUTE_AND_TRACK_ROUTE),
+    _cancel('CancelFollowObject', names.FOLLOW_OBJECT, 'main'),
 )

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Final
+from abc import ABCMeta
+from collections.abc import Sequence
+from typing import Any, ClassVar, Final, cast
 
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
@@ -16,7 +17,7 @@ from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction, SyncAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.outcomes import Example, WithDefault
-from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, STRING, UNSIGNED, Port, input_port, output_port
+from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, STRING, UNSIGNED, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.skills.skill import Skill
@@ -213,86 +214,36 @@ class _Selector(SyncAction):
         return NodeStatus.SUCCESS
 
 
-def _selector_ports(kind: str) -> Mapping[str, Port]:
+def _selector(kind: str, example: str, key: str, what_for: str = '', nav2_branch: str = '') -> type[_Selector]:
+    """Return the leaf that selects plugins of a kind, such as 'goal_checker'."""
     what = kind.replace('_', ' ')
-    return {
-        'topic_name': input_port(STRING, default=f'{kind}_selector', description='latched topic, std_msgs/String'),
-        f'default_{kind}': input_port(STRING, optional=True, description=f'{what} while nothing was published'),
-        f'selected_{kind}': output_port(STRING, description=f'name of the {what}'),
+    id = f'{what.title().replace(" ", "")}Selector'
+    default, selected = f'default_{kind}', f'selected_{kind}'
+    attributes = {
+        '__doc__': f'Selects the {what}{what_for}.',
+        '__module__': __name__,
+        '__slots__': (),
+        'nav2_branch': nav2_branch,
+        'selected': selected,
+        'default': default,
+        'ports': {
+            'topic_name': input_port(STRING, default=f'{kind}_selector', description='latched topic, std_msgs/String'),
+            default: input_port(STRING, optional=True, description=f'{what} while nothing was published'),
+            selected: output_port(STRING, description=f'name of the {what}'),
+        },
+        'outcomes': WithDefault(default),
+        'example': Example(f'<{id} {default}="{example}" {selected}="{{{key}}}"/>'),
     }
-
-
-class ControllerSelector(_Selector):
-    """Selects the controller for FollowPath."""
-
-    __slots__ = ()
-    selected, default = 'selected_controller', 'default_controller'
-    ports = _selector_ports('controller')
-    outcomes = WithDefault('default_controller')
-    example = Example('<ControllerSelector default_controller="FollowPath" selected_controller="{controller}"/>')
-
-
-class PlannerSelector(_Selector):
-    """Selects the planner for ComputePath nodes."""
-
-    __slots__ = ()
-    selected, default = 'selected_planner', 'default_planner'
-    ports = _selector_ports('planner')
-    outcomes = WithDefault('default_planner')
-    example = Example('<PlannerSelector default_planner="GridBased" selected_planner="{planner}"/>')
-
-
-class SmootherSelector(_Selector):
-    """Selects the smoother."""
-
-    __slots__ = ()
-    selected, default = 'selected_smoother', 'default_smoother'
-    ports = _selector_ports('smoother')
-    outcomes = WithDefault('default_smoother')
-    example = Example('<SmootherSelector default_smoother="simple_smoother" selected_smoother="{smoother}"/>')
-
-
-class GoalCheckerSelector(_Selector):
-    """Selects the goal checker for FollowPath."""
-
-    __slots__ = ()
-    selected, default = 'selected_goal_checker', 'default_goal_checker'
-    ports = _selector_ports('goal_checker')
-    outcomes = WithDefault('default_goal_checker')
-    example = Example('<GoalCheckerSelector default_goal_checker="goal_checker" selected_goal_checker="{checker}"/>')
-
-
-class ProgressCheckerSelector(_Selector):
-    """Selects the progress checker for FollowPath."""
-
-    __slots__ = ()
-    selected, default = 'selected_progress_checker', 'default_progress_checker'
-    ports = _selector_ports('progress_checker')
-    outcomes = WithDefault('default_progress_checker')
-    example = Example(
-        '<ProgressCheckerSelector default_progress_checker="progress_checker" selected_progress_checker="{checker}"/>'
-    )
-
-
-class PathHandlerSelector(_Selector):
-    """Selects the path handler for FollowPath."""
-
-    __slots__ = ()
-
-    nav2_branch = 'main'
-    selected, default = 'selected_path_handler', 'default_path_handler'
-    ports = _selector_ports('path_handler')
-    outcomes = WithDefault('default_path_handler')
-    example = Example('<PathHandlerSelector default_path_handler="PathHandler" selected_path_handler="{handler}"/>')
+    return cast('type[_Selector]', ABCMeta(id, (_Selector,), attributes))
 
 
 NODES: Final = (
-    ControllerSelector,
-    PlannerSelector,
-    SmootherSelector,
-    GoalCheckerSelector,
-    ProgressCheckerSelector,
-    PathHandlerSelector,
+    _selector('controller', 'FollowPath', 'controller', ' for FollowPath'),
+    _selector('planner', 'GridBased', 'planner', ' for ComputePath nodes'),
+    _selector('smoother', 'simple_smoother', 'smoother'),
+    _selector('goal_checker', 'goal_checker', 'checker', ' for FollowPath'),
+    _selector('progress_checker', 'progress_checker', 'checker', ' for FollowPath'),
+    _selector('path_handler', 'PathHandler', 'handler', ' for FollowPath', 'main'),
     IsBatteryLow,
     IsBatteryCharging,
     CheckStopStatus,

@@ -62,7 +62,8 @@ def fail(point: str, error: Exception) -> None:
 def node_classes(room: ModuleType) -> Iterator[type[TreeNode]]:
     """Yield the node classes that the modules of a room define."""
     for found in pkgutil.walk_packages(room.__path__, f'{room.__name__}.'):
-        for value in vars(importlib.import_module(found.name)).values():
+        module = importlib.import_module(found.name)
+        for value in (*vars(module).values(), *getattr(module, 'NODES', ())):
             if isinstance(value, type) and issubclass(value, TreeNode) and value.__module__ == found.name:
                 yield value
 

@@ -16,7 +16,7 @@ from flexbt_common import names
 from flexbt_core.behavior_tree.model.definition import NodeDefinition
 from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.behavior_tree.xml.reader import load_xml
-from flexbt_msgs.action import BtExecute
+from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
 from flexbt_testing.nodes.server_world import ServerWorld, open_server_world, pose_stamped
@@ -167,7 +167,7 @@ def test_counts_of_the_default_tree(case: str, branch: Nav2Branch) -> None:
             server, error_code = short[name]
             world.navigation.fail[server] = (number, error_code)
         set_clock(world, 100)
-        assert world.client.load(xml=tree).code == 1
+        assert world.client.load(xml=tree).code == BtLoad.Result.SUCCESS
         if case == 'RecoverySubtreeGoalUpdated':
             result = with_another_goal_while_it_spins(world, id)
         else:

@@ -20,7 +20,7 @@ from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry
-from flexbt_msgs.action import BtExecute
+from flexbt_msgs.action import BtExecute, BtGetData
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
 from flexbt_testing.behavior_trees.faulty_leaves import Held
@@ -183,7 +183,7 @@ def test_pause_is_answered_when_the_tick_that_is_under_way_is_over(world: Server
     goal = world.client.execute()
     assert Held.entered.wait(DEADLINE)
     pause = operator.send(PAUSE)
-    assert world.client.get('nothing').code != 0  # the server does not wait
+    assert world.client.get('nothing').code == BtGetData.Result.FAILURE  # the server does not wait
     assert not pause.done()
     Held.release.set()
     assert answer(pause) == ''

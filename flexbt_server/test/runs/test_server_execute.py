@@ -19,7 +19,7 @@ from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry
-from flexbt_msgs.action import BtExecute
+from flexbt_msgs.action import BtExecute, BtGetData, BtLoad
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work
 from flexbt_testing.nodes import server_nodes
@@ -294,7 +294,7 @@ def test_a_tree_that_blocks_holds_up_nobody_else(world: ServerWorld) -> None:
     blocked = world.client.execute('Blocked')
     assert Held.entered.wait(DEADLINE)
     assert world.client.execute().result.code == Result.SUCCESS
-    assert world.client.get().code != 0
+    assert world.client.get().code == BtGetData.Result.SUCCESS
     Held.release.set()
     assert blocked.result.code == Result.SUCCESS
 
@@ -486,7 +486,7 @@ def test_a_failure_and_an_error_carry_the_reasons_up_to_the_root(world: ServerWo
     inner = document(
         '<RetryUntilSuccessful num_attempts="2" name="again"><Spin name="turn"/></RetryUntilSuccessful>', 'Inner'
     )
-    assert world.client.load(xml=inner).code == 1
+    assert world.client.load(xml=inner).code == BtLoad.Result.SUCCESS
     world.client.load_tree('<Sequence name="all"><AlwaysSuccess/><SubTree ID="Inner" name="in"/></Sequence>')
     result = world.client.execute().result
     assert result.code == Result.FAILURE

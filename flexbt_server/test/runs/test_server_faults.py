@@ -25,7 +25,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree.model.definition import TreeKey
 from flexbt_core.behavior_tree.model.status import NodeStatus
-from flexbt_msgs.action import BtExecute, BtLoad
+from flexbt_msgs.action import BtExecute, BtLoad, BtSetData
 from flexbt_server.bt_server import BtServer
 from flexbt_server.runs.tree_run import TickOverrunWarner
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
@@ -83,7 +83,7 @@ def test_a_leaf_that_never_returns_is_given_up_and_holds_up_nobody(world: Server
     goal = world.client.execute()
     assert Held.entered.wait(DEADLINE)
     assert quickest_answer(world) < 0.1
-    assert world.client.set(to_entry('a', 1, encoding=Encoding.TEXT)).code == 1
+    assert world.client.set(to_entry('a', 1, encoding=Encoding.TEXT)).code == BtSetData.Result.SUCCESS
     began, uncontended = time.monotonic(), uncontended_time()
     goal.call.cancel(DEADLINE)
     outcome, result = goal.wait(), goal.result

@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 
 from flexbt_common import names
 from flexbt_common.values.entries import from_entry, to_entry
-from flexbt_msgs.action import BtExecute
+from flexbt_msgs.action import BtExecute, BtSetData
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.server_world import ServerWorld, install_nodes, open_server_world
@@ -72,7 +72,7 @@ class Simulation:
     def everybody_is_ticked(self) -> None:
         """Wake the trees of a blackboard by data from outside."""
         for name in self._goals:
-            assert self.world.client.set(to_entry('woken', True), blackboard=name).code == 1
+            assert self.world.client.set(to_entry('woken', True), blackboard=name).code == BtSetData.Result.SUCCESS
         assert self.world.client.execute('Quick', blackboard='quick').result.code == Result.SUCCESS
 
     def start(self) -> None:

@@ -78,7 +78,9 @@ def test_a_refused_entry_writes_nothing_of_the_goal(
     world: ServerWorld, bad: BlackboardEntry, fragments: list[str]
 ) -> None:
     board = f'refused {bad.key} {bad.type}'
-    assert world.client.set(to_entry('typed', Path()), to_entry('a', 1), blackboard=board).code == 1
+    assert (
+        world.client.set(to_entry('typed', Path()), to_entry('a', 1), blackboard=board).code == BtSetData.Result.SUCCESS
+    )
     result = world.client.set(to_entry('a', 2), bad, blackboard=board)
     assert result.code == BtSetData.Result.FAILURE
     for fragment in fragments:
