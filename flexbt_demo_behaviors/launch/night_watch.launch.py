@@ -9,7 +9,7 @@ ros2 run flexbt_console console --namespace beta
 from launch import LaunchDescription
 
 from flexbt_demo_behaviors.demonstration.launching import launch_at_speed
-from flexbt_demo_behaviors.night_watch.processes import watch_processes
+from flexbt_demo_behaviors.night_watch.watch import watch_processes
 
 
 def generate_launch_description() -> LaunchDescription:

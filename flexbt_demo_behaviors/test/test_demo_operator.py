@@ -27,8 +27,7 @@ from flexbt_console.mirror.records import (
 from flexbt_console.mirror.records import FramedPose as Place
 from flexbt_console.mirror.view import View
 from flexbt_core import ManualClock
-from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
+from flexbt_demo_behaviors.demonstration.report import DemoError, RobotTrack, Timeline
 from flexbt_demo_behaviors.demonstration.scripted_operator import ScriptedOperator
 from flexbt_sim.world import Pose
 

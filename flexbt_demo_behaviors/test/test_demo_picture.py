@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from flexbt_demo_behaviors.demonstration.report import draw_tracks, write_picture
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
+from flexbt_demo_behaviors.demonstration.report import RobotTrack, draw_tracks, write_picture
 from flexbt_demo_behaviors.demonstration.simulation import SimulatedBox
 from flexbt_sim.world import OccupancyMap, Pose, RobotModel, World
 

@@ -6,8 +6,14 @@ import math
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration.report import DemoReport, GoalResult, Timeline
-from flexbt_demo_behaviors.demonstration.robot_track import POINT_DISTANCE, RobotTrack, pose_text
+from flexbt_demo_behaviors.demonstration.report import (
+    POINT_DISTANCE,
+    DemoReport,
+    GoalResult,
+    RobotTrack,
+    Timeline,
+    pose_text,
+)
 from flexbt_sim.world import Pose
 
 

@@ -4,10 +4,8 @@
 import math
 from pathlib import Path
 
-from flexbt_demo_behaviors.demonstration.report import draw_tracks, world_with_places
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
-from flexbt_demo_behaviors.night_watch.processes import PLACES, ROBOTS, WORLD, watch_processes
-from flexbt_demo_behaviors.night_watch.watch import ROUNDS
+from flexbt_demo_behaviors.demonstration.report import RobotTrack, draw_tracks, world_with_places
+from flexbt_demo_behaviors.night_watch.watch import PLACES, ROBOTS, ROUNDS, WORLD, watch_processes
 from flexbt_sim.world import Pose
 
 

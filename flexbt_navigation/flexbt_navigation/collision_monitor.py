@@ -13,8 +13,8 @@ from flexbt_common import names
 from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.values.parameter_fields import parameter
-from flexbt_navigation.controller.motion_server import MotionArbiter
 from flexbt_navigation.controller.motions import STOP, Velocity, slowed
+from flexbt_navigation.controller.server import MotionArbiter
 from flexbt_sim.world.plane.geometry import Pose
 
 POLYGON: Final = 'FootprintApproach'

@@ -21,11 +21,9 @@ from flexbt_common.runtime.health import Hang
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_navigation.behaviors.server import BehaviorServer, TeleopServer, WaitServer
 from flexbt_navigation.common.goals import GoalEnd, finish
-from flexbt_navigation.controller.motion_server import MotionArbiter
-from flexbt_navigation.controller.server import ControllerServer
+from flexbt_navigation.controller.server import ControllerServer, MotionArbiter
 from flexbt_navigation.docking.server import DockingServer
-from flexbt_navigation.planner.server import PlannerServer
-from flexbt_navigation.planner.smoother_server import SmootherServer
+from flexbt_navigation.planner.server import PlannerServer, SmootherServer
 from flexbt_navigation.routes.server import RouteServer
 from flexbt_sim.intra_process import IntraProcessTopics
 

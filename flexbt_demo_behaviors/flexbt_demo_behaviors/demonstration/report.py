@@ -1,23 +1,181 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The report of a demonstration while it runs, its result, and its picture."""
+"""The report of a demonstration while it runs, its result, and its picture; and the track of a robot: poses, speed and
+plans, and the subscriptions that fill it.
+"""
 
 from __future__ import annotations
 
 import copy
+import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
 
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import Path as PathMessage
 from PIL import Image
+from rclpy.qos import QoSProfile
 
+from flexbt_common import names
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import MESSAGE
+from flexbt_common.values.message_fields import seconds_of
 from flexbt_core import load_places
-from flexbt_sim.world import Pose, Trace, TraceFrame, World, draw_world
+from flexbt_msgs.msg import TreeStatus, TreeStructure
+from flexbt_sim.messages import map_of, pose_of
+from flexbt_sim.world import OccupancyMap, Point, Pose, Trace, TraceFrame, World, draw_world, wrap
 
-from .robot_track import RobotTrack, pose_text
+# A new point of the driven path is kept when the robot has moved this far, in metres.
+POINT_DISTANCE = 0.02
+
+# Slower than this the robot is at rest: m/s and rad/s.
+REST_SPEED = 0.005
+REST_TURN = 0.01
+
+
+def pose_text(pose: Pose | None) -> str:
+    """Return a pose for a person, with the heading in degrees."""
+    return 'nowhere' if pose is None else f'({pose.x:.2f}, {pose.y:.2f}, {math.degrees(pose.yaw):.0f}°)'
+
+
+class RobotTrack:
+    """The robot's track. Written by the subscriptions, read by the scripted operator, each on its own thread.
+
+    ``map`` and ``pose`` are None until they have come; ``time`` is the simulated time of the pose, s. ``way`` are the
+    places of the robot with their times, ``length`` is that of the way, m, and ``plans`` are the first plan for each
+    place that was planned to, in order. `on_change` is called after every change, on the writer's thread.
+    """
+
+    def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
+        self.on_change = on_change
+        self.map: OccupancyMap | None = None
+        self.pose: Pose | None = None
+        self.time = 0.0
+        self.at_rest = True
+        self.way: list[tuple[float, Pose]] = []
+        self.length = 0.0
+        self.plans: list[list[Point]] = []
+        self._lock = threading.Lock()
+        self._nodes: dict[str, Mapping[int, str]] = {}
+        self._begun: set[tuple[str, int]] = set()
+
+    def restart(self) -> None:
+        """Forget the driven path, the plans and what trees have done; the track begins where the robot is."""
+        with self._lock:
+            self.way = [(self.time, self.pose)] if self.pose else []
+            self.length = 0.0
+            self.plans = []
+            self._begun.clear()
+
+    def set_map(self, grid: OccupancyMap) -> None:
+        """Take the map."""
+        self.map = grid
+        self.on_change()
+
+    def add_pose(self, pose: Pose, time: float) -> None:
+        """Take the true pose of the robot at a simulated time, in seconds."""
+        with self._lock:
+            before, passed = self.pose, time - self.time
+            if before is not None and passed > 0.0:
+                turned = abs(wrap(pose.yaw - before.yaw))
+                self.at_rest = before.distance(pose) <= REST_SPEED * passed and turned <= REST_TURN * passed
+            self.pose = pose
+            self.time = time
+            last = self.way[-1][1] if self.way else None
+            step = last.distance(pose) if last else 0.0
+            if last is None or step >= POINT_DISTANCE:
+                self.way.append((time, pose))
+                self.length += step
+        self.on_change()
+
+    def add_plan(self, points: list[Point]) -> None:
+        """Take a planned path. A plan to the same end as the last one is a replan on the way and is not kept."""
+        if len(points) < 2:
+            return
+        with self._lock:
+            if not self.plans or math.dist(self.plans[-1][-1], points[-1]) > POINT_DISTANCE:
+                self.plans.append(points)
+        self.on_change()
+
+    def add_tree(self, run: str, nodes: Mapping[int, str]) -> None:
+        """Take the names of the nodes, by their uids, of a tree that begins, or that has others now."""
+        with self._lock:
+            self._nodes[run] = nodes
+        self.on_change()
+
+    def add_begun(self, run: str, nodes: Iterable[int]) -> None:
+        """Take the uids of nodes of a tree that have begun to run; its structure may come later."""
+        with self._lock:
+            self._begun.update((run, node) for node in nodes)
+        self.on_change()
+
+    def has_begun(self, name: str) -> bool:
+        """Return whether a node of this name has begun to run in any tree."""
+        with self._lock:
+            return any(self._nodes.get(run, {}).get(node) == name for run, node in self._begun)
+
+    @property
+    def ready(self) -> bool:
+        """True if a map and a pose were received."""
+        return self.map is not None and self.pose is not None
+
+    @property
+    def began(self) -> float:
+        """Simulated time at which the track began, in seconds."""
+        return self.way[0][0] if self.way else 0.0
+
+
+# Subscriptions that fill the track of the robot from what the simulator and the planner publish.
+
+EACH = 1000
+"""Messages that may wait where each counts: poses, for the driven path, and what trees do."""
+
+POSE_BYTES = 2_000
+
+
+def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
+    """Subscribe to map, true pose, plans, and what trees do, for as long as the node lives.
+
+    Not to the odometry: while it has a subscriber, the simulator publishes as often as in a drive.
+    """
+
+    def on_pose(received: Received) -> None:
+        message: PoseStamped = received.unpack(PoseStamped)
+        track.add_pose(pose_of(message.pose), seconds_of(message.header.stamp))
+
+    def on_plan(message: PathMessage) -> None:
+        track.add_plan([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
+
+    def on_structure(received: Received) -> None:
+        message: TreeStructure = received.unpack(TreeStructure)
+        track.add_tree(f'{message.run_id}/{message.number}', {node.uid: node.name for node in message.nodes})
+
+    def on_tree_status(received: Received) -> None:
+        message: TreeStatus = received.unpack(TreeStatus)
+        begun = [change.uid for change in message.changes if change.status == TreeStatus.RUNNING]
+        track.add_begun(f'{message.run_id}/{message.structure}', begun)
+
+    def subscribe() -> None:
+        node = runtime.node
+        node.create_subscription(
+            OccupancyGrid, names.MAP, lambda grid: track.set_map(map_of(grid)), names.transient_local_qos()
+        )
+        node.create_subscription(PathMessage, names.PLAN, on_plan, 10)
+        # All that have come are taken at once: one in a turn of the executor would be seconds late on a busy computer.
+        ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=EACH), on_pose, POSE_BYTES)
+        ReceivedMessages(
+            node, TreeStructure, names.TREE_STRUCTURE, names.transient_local_qos(EACH), on_structure, MESSAGE
+        )
+        ReceivedMessages(node, TreeStatus, names.TREE_STATUS, names.transient_local_qos(EACH), on_tree_status, MESSAGE)
+
+    runtime.call(subscribe)
+
 
 # A goal counts as reached when the robot is this near to it, in metres, as the simulator knows it.
 GOAL_TOLERANCE = 0.25

@@ -33,8 +33,7 @@ from flexbt_core.values.text import escape_lines
 
 from .demo_processes import Process, page_command
 from .process_group import ProcessGroup
-from .report import DemoError, Timeline
-from .robot_track import RobotTrack, subscribe_to_robot
+from .report import DemoError, RobotTrack, Timeline, subscribe_to_robot
 from .scripted_operator import ScriptedOperator
 
 DEFAULT_SPEED = 1.0

@@ -23,8 +23,7 @@ from flexbt_console.mirror.records import (
 from flexbt_console.mirror.view import View
 from flexbt_sim.world import Pose
 
-from .report import GOAL_TOLERANCE, DemoError, GoalResult, Timeline
-from .robot_track import RobotTrack, pose_text
+from .report import GOAL_TOLERANCE, DemoError, GoalResult, RobotTrack, Timeline, pose_text
 
 T = TypeVar('T')
 

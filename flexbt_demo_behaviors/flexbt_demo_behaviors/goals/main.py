@@ -18,8 +18,14 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.mirror.records import AutonomyLevel, DecisionKind
 from flexbt_demo_behaviors.demonstration.demo_processes import console_command
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, world_with_places
-from flexbt_demo_behaviors.demonstration.robot_track import pose_text
+from flexbt_demo_behaviors.demonstration.report import (
+    DemoError,
+    DemoReport,
+    GoalResult,
+    Timeline,
+    pose_text,
+    world_with_places,
+)
 from flexbt_demo_behaviors.demonstration.running import (
     DemoSession,
     RunOptions,

@@ -19,8 +19,7 @@ from flexbt_demo_behaviors.demonstration.demo_processes import (
     first_place,
 )
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoReport, Timeline
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
+from flexbt_demo_behaviors.demonstration.report import DemoReport, RobotTrack, Timeline
 from flexbt_demo_behaviors.demonstration.running import (
     DemoOptions,
     DemoSession,

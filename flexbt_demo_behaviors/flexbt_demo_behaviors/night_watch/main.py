@@ -10,8 +10,14 @@ from flexbt_console.mirror.records import Decision, DecisionKind
 from flexbt_core.values.text import escape_lines
 from flexbt_demo_behaviors.demonstration.demo_processes import console_command
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, GoalResult, Timeline, world_with_places
-from flexbt_demo_behaviors.demonstration.robot_track import pose_text
+from flexbt_demo_behaviors.demonstration.report import (
+    DemoError,
+    DemoReport,
+    GoalResult,
+    Timeline,
+    pose_text,
+    world_with_places,
+)
 from flexbt_demo_behaviors.demonstration.running import (
     RunOptions,
     page_line,
@@ -24,8 +30,7 @@ from flexbt_demo_behaviors.demonstration.running import (
 from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S
 from flexbt_sim.world import World
 
-from .processes import PLACES, ROBOTS, WORLD
-from .watch import Watch, open_watch
+from .watch import PLACES, ROBOTS, WORLD, Watch, open_watch
 
 
 def main() -> int:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A running night watch: its processes, an operator for each robot, and what happens in the building."""
+"""The night watch: its processes, the one table that `night_watch` and the launch file start them from, an operator for
+each robot, and what happens in the building.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +19,52 @@ from std_msgs.msg import String
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.mirror.records import AutonomyLevel
+from flexbt_demo_behaviors.demonstration.demo_processes import (
+    ODOM_RATE,
+    SIMULATED,
+    Process,
+    demo_file,
+    mission_processes,
+)
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
-from flexbt_demo_behaviors.demonstration.report import Timeline
-from flexbt_demo_behaviors.demonstration.robot_track import RobotTrack
+from flexbt_demo_behaviors.demonstration.report import RobotTrack, Timeline
 from flexbt_demo_behaviors.demonstration.running import READY_TIMEOUT_S, DemoSession, join_robot
 from flexbt_demo_behaviors.demonstration.scripted_operator import ScriptedOperator
 from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation
 from flexbt_sim.messages import pose_of
 from flexbt_sim.world import Pose
 
-from .processes import ROBOTS, log_name, robot_processes, watch_processes
 from .states import ROOMS_LEFT
+
+ROBOTS: Final = ('alpha', 'beta')
+
+SPEED: Final = 0.7
+"""Speed on a free and straight way, m/s: the maximum speed of the robots in the world file."""
+
+
+WORLD: Final = demo_file('night_watch/building.yaml')
+PLACES: Final = demo_file('night_watch/places.yaml')
+
+
+def watch_processes(speed: float) -> tuple[Process, ...]:
+    """Return the simulator, and navigation, BT server, stop guard and executive of each robot; ``speed`` in seconds per
+    second."""
+    world = Process('flexbt_sim', 'simulator', {'speed_factor': speed, 'world': WORLD, 'odom_rate': ODOM_RATE})
+    return (world, *(process for robot in ROBOTS for process in robot_processes(robot)))
+
+
+def robot_processes(robot: str) -> tuple[Process, ...]:
+    """Return what runs on one robot."""
+    return (
+        Process('flexbt_navigation', 'navigation', {**SIMULATED, 'desired_linear_vel': SPEED}, robot),
+        *mission_processes(PLACES, namespace=robot),
+    )
+
+
+def log_name(process: Process) -> str:
+    """Under which name a process is started, and its log file is written."""
+    return f'{process.namespace}_{process.name}' if process.namespace else process.name
+
 
 ROUNDS: Mapping[str, Mapping[str, str]] = {
     'alpha': {'rooms': 'lab store office', 'home': 'alpha_dock', 'partner': 'beta'},

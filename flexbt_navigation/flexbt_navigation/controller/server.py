@@ -1,26 +1,200 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The action follow_path, the topic that limits the speed, and the parameters of the controller with Nav2's names."""
+"""Actions that move the robot: follow_path here, and what it shares with spin, backup, drive_on_heading and others; the
+topic that limits the speed; and the parameters of the controller with Nav2's names.
+
+One motion at a time drives the robot: the newest. A new path takes a running follow_path over without a stop; any other
+motion ends the one before, which is aborted. All of this happens on the executor thread, whenever a pose comes.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final, Protocol
 
 from builtin_interfaces.msg import Time
 from nav2_msgs.action import FollowPath
 from nav2_msgs.msg import SpeedLimit
 
 from flexbt_common import names
+from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.message_fields import duration_message
 from flexbt_core.values.parameter_fields import parameter
-from flexbt_navigation.common.requests import asked_path, check_id
+from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
+from flexbt_navigation.common.requests import Asked, asked_path, check_id
+from flexbt_navigation.robot_interface import PoseWatch, RobotInterface
 from flexbt_sim.messages import stamped
 from flexbt_sim.world.plane.geometry import Pose
 
-from .motion_server import MotionArbiter, MotionServer
+from .motions import STOP, Motion, Velocity
 from .path_follower import FollowerLimits, PathFollower
+
+FEEDBACK_EVERY: Final = 3
+"""Poses per feedback message."""
+
+TAKEN_OVER: Final = GoalEnd(message='a newer motion has taken over')
+
+
+class OnEnd(Protocol):
+    """A callback that ends a goal of a motion that has taken this many seconds."""
+
+    def __call__(self, end: GoalEnd, seconds: float = 0.0) -> None: ...
+
+
+@dataclass(eq=False)
+class RunningMotion:
+    """A goal that drives the robot. ``feedback`` makes a feedback message of the motion; ``on_end`` ends the goal.
+
+    ``asked``: the number of :meth:`MotionArbiter.ask`, for a motion that was prepared for a while.
+
+    ``began`` and ``now`` are the times of the first and of the latest pose, s. The motion uses these, not the node's
+    clock, which gets the time by another topic: on a busy machine it may stand still meanwhile.
+    """
+
+    goal: ServedGoal
+    motion: Motion
+    feedback: Callable[[Any], Any]
+    on_end: OnEnd
+    asked: int | None = None
+    poses: int = 0
+    began: float = 0.0
+    now: float = 0.0
+
+
+class MotionArbiter:
+    """An arbiter that lets one motion drive."""
+
+    def __init__(self, runtime: NodeRuntime, robot: RobotInterface) -> None:
+        self._runtime = runtime
+        self.robot = robot
+        self._watch: PoseWatch | None = None
+        self.running: RunningMotion | None = None
+        self._asked = self._newest = 0
+        self.monitor: Callable[[Pose, Velocity], Velocity] = lambda _pose, command: command
+        self._is_held = False
+        robot.on_pose.append(self._on_pose)
+        robot.on_map = self._on_map
+
+    def ask(self) -> int:
+        """Return a motion is asked for: its number, which is greater than those before."""
+        self._asked += 1
+        return self._asked
+
+    def start(self, newer: RunningMotion) -> None:
+        """Let a motion drive, unless a newer one has begun while this one was prepared.
+
+        A path that replaces a path is gone over to without a stop.
+        """
+        asked = self.ask() if newer.asked is None else newer.asked
+        if asked < self._newest:
+            newer.on_end(TAKEN_OVER)
+            return
+        self._newest = asked
+        if self.running is not None:
+            rolling = isinstance(newer.motion, PathFollower) and isinstance(self.running.motion, PathFollower)
+            self.end(TAKEN_OVER, stop=not rolling)
+        self.running = newer
+        self._watch = self.robot.watch_pose(self.end)
+
+    def hold(self, is_held: bool) -> None:
+        """Bring the robot to rest, and let no motion drive until that is over; none is ended."""
+        self._is_held = is_held
+        if is_held and self.running is not None:
+            self.robot.drive(*STOP)
+
+    def _on_pose(self, pose: Pose, now: float) -> None:
+        running = self.running
+        if running is None:
+            return
+        if not running.poses:
+            running.began = now
+        running.poses += 1
+        running.now = now
+        if self._is_held:
+            self.robot.drive(*STOP)
+            return
+        try:
+            velocity = running.motion.step(pose, now)
+        except Exception as error:
+            self.end(end_by(self._runtime, error, 'a motion'))
+            return
+        if velocity is None:
+            self.end(SUCCEEDED)
+            return
+        self.robot.drive(*self.monitor(pose, velocity))
+        if running.poses % FEEDBACK_EVERY == 1:
+            running.goal.publish_feedback(running.feedback(running.motion))
+
+    def _on_map(self) -> None:
+        if self.running is not None:
+            self.running.motion.update(self.robot.costmaps.local)
+
+    def end(self, end: GoalEnd, *, stop: bool = True) -> None:
+        """End the motion that drives, and stop the robot."""
+        running, self.running = self.running, None
+        if self._watch is not None:
+            self._watch.cancel()
+            self._watch = None
+        if running is None:
+            return
+        if stop:
+            self.robot.drive(*STOP)
+        running.on_end(end, max(0.0, running.now - running.began))
+
+    def cancel(self, goal: ServedGoal) -> None:
+        """Cancel the goal for its client."""
+        if self.running is not None and self.running.goal is goal:
+            self.end(CANCELED)
+
+
+class MotionServer:
+    """A server of one action.
+
+    ``make(request, *poses)`` gives the motion, or raises NavigationError. ``asked(request)`` are those poses of a
+    request that come in any frame, and that ``make`` gets in that of the map.
+    """
+
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        arbiter: MotionArbiter,
+        action_type: Any,
+        name: str,
+        make: Callable[..., Motion],
+        feedback: Callable[[Any], Any],
+        asked: Callable[[Any], Sequence[Asked]] = lambda _request: (),
+    ) -> None:
+        self._arbiter = arbiter
+        self._action_type = action_type
+        self._name = name
+        self._make = make
+        self._feedback = feedback
+        self._asked = asked
+        GoalServer(runtime, action_type, name, self._serve, arbiter.cancel)
+
+    def _serve(self, goal: ServedGoal) -> None:
+        def on_end(end: GoalEnd, seconds: float = 0.0) -> None:
+            result = self._action_type.Result()
+            if hasattr(result, 'total_elapsed_time'):
+                result.total_elapsed_time = duration_message(seconds)
+            finish(goal, result, end)
+
+        number = 0
+
+        def asked(request: Any) -> Sequence[Asked]:
+            nonlocal number
+            number = self._arbiter.ask()
+            return self._asked(request)
+
+        def drive(poses: list[Pose]) -> None:
+            self._arbiter.robot.check_pose()
+            motion = self._make(goal.request, *poses)
+            self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end, number))
+
+        self._arbiter.robot.with_poses(goal, asked, drive, on_end, f'a goal of {self._name}')
 
 
 @dataclass

@@ -33,10 +33,9 @@ from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
 from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, end_by, finish
 from flexbt_navigation.common.requests import asked_pose
-from flexbt_navigation.controller.motion_server import MotionArbiter, RunningMotion
 from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.controller.path_follower import PathFollower
-from flexbt_navigation.controller.server import ControllerParameters
+from flexbt_navigation.controller.server import ControllerParameters, MotionArbiter, RunningMotion
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.planner.grid_planner import StopFlag
