@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from flexbt_core.state_machine.engine.events import (
     DecisionAsked,
@@ -70,8 +70,21 @@ class MachineMonitor(RunReader):
     def next_wake(self) -> float | None:
         return self.requirements.next_due()
 
-    def read(self, event: RunEvent) -> None:
-        self._READ[type(event)](self, event)
+    def methods(self) -> Mapping[type[RunEvent], Callable[[Any], None]]:
+        return {
+            RunStarted: self._started,
+            MachineSwitched: self._switched,
+            StateEntered: self._entered,
+            StateExited: self._exited,
+            OutcomeTaken: self._outcome_taken,
+            StateLeft: self._left,
+            DecisionAsked: self._asked,
+            DecisionTaken: self._confirmed,
+            OutcomeForced: self._forced,
+            RunRested: self._rested,
+            RunEnding: self._ends,
+            RunEnded: self._ended,
+        }
 
     def _report(self, wrong: Violation | None) -> None:
         if wrong is not None:
@@ -161,22 +174,6 @@ class MachineMonitor(RunReader):
             self._machine = machine
             self._containers = frozenset(one.path for one in machine.nodes() if isinstance(one, MachineDefinition))
         return path in self._containers
-
-    _READ: ClassVar[Mapping[type[RunEvent], Callable[[Any, Any], None]]] = {
-        RunStarted: _started,
-        MachineSwitched: _switched,
-        StateEntered: _entered,
-        StateExited: _exited,
-        OutcomeTaken: _outcome_taken,
-        StateLeft: _left,
-        DecisionAsked: _asked,
-        DecisionTaken: _confirmed,
-        OutcomeForced: _forced,
-        RunRested: _rested,
-        RunEnding: _ends,
-        RunEnded: _ended,
-    }
-    reads = tuple(_READ)
 
 
 # The visits of states: each is entered, and left once, before anything follows it.

@@ -430,7 +430,7 @@ class BehaviorRun(RunReader):
         self._tell(RunReady())
 
     def _define(self, request: RunRequest) -> tuple[MachineDefinition, RunBuilt]:
-        self._building = RunningCallback('', 'create')
+        self._building = ('', 'create')
         try:
             behavior, definition = build(request)
         finally:
@@ -506,7 +506,10 @@ class BehaviorRun(RunReader):
 
     def _where(self) -> str:
         calling = self._calling()
-        return f'in {calling.callback}() of {calling.path or "the behavior"}' if calling is not None else ''
+        if calling is None:
+            return ''
+        path, callback = calling
+        return f'in {callback}() of {path or "the behavior"}'
 
     def _held_up(self, held: BlockedCallback) -> None:
         if self._machine is None:

@@ -119,5 +119,4 @@ class BlockedCallbackWatchdog:
             self._returned(returned)
 
     def _present(self) -> BlockedCallback | None:
-        seen = self._seen
-        return None if seen is None else BlockedCallback(seen.path, seen.callback, self._steady.now() - self._since)
+        return None if self._seen is None else BlockedCallback(*self._seen, self._steady.now() - self._since)

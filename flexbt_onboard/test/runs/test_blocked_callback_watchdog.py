@@ -108,13 +108,14 @@ def test_each_callback_that_takes_long_is_told_once_and_no_other_and_when_it_ret
 
 def test_what_is_held_up_is_known_at_each_moment() -> None:
     clock = ManualClock()
-    calling: RunningCallback | None = RunningCallback('/A', 'execute')
+    path = '/A'
+    calling: RunningCallback | None = (path, 'execute')
     with BlockedCallbackWatchdog(clock, lambda: calling, lambda _: None, lambda _: None) as watch:
         assert watch.held is None
         clock.advance(LIMIT)
         clock.advance(2.0)
         assert str(watch.held) == 'state /A has not returned from execute() for 3.0 s'
-        calling = RunningCallback('/A', 'execute')
+        calling = (path, 'execute')
         assert watch.held is None, 'it is another call'
 
 

@@ -9,9 +9,9 @@ They come on the thread of the run, except :class:`Logged`, which a state may ca
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from flexbt_core.state_machine.model.autonomy import Decision
 from flexbt_core.state_machine.model.definition import MachineDefinition
@@ -33,6 +33,10 @@ class RunReader:
 
     def read(self, event: RunEvent) -> None:
         """Take an event in."""
+
+    def methods(self) -> Mapping[type[RunEvent], Callable[[Any], None]]:
+        """Return what takes the events of each type in. A reader with a method for each type has them called here."""
+        return dict.fromkeys(self.reads or RunEvent.__subclasses__(), self.read)
 
     def next_wake(self) -> float | None:
         """Return when the run must be stepped again at the latest for this reader, on the clock of the run."""

@@ -14,7 +14,7 @@ from flexbt_core.state_machine.model.event_state import EventState, ExitReason, 
 from flexbt_core.state_machine.model.state_host import Progress, Severity, StateClock
 from flexbt_core.state_machine.model.userdata import Scope, StateError, UserData
 
-from .engine import Engine, RunningCallback
+from .engine import Engine
 from .events import Faulted, Logged, StateEntered, StateExited, StatePaused
 
 FAILED: Final = 'failed'
@@ -197,6 +197,8 @@ class LeafRun:
         the answer is unknown."""
         if self._never_halted is not None:
             return self._never_halted
+        if type(self.state).halting is EventState.halting:  # most states have nothing to wait for
+            return None
         halting = self.call('halting', self.state.halting)
         if halting is _Raised.RAISED:
             halting = self._never_halted = 'halting() raised'
@@ -299,7 +301,7 @@ class LeafRun:
         """Return what a callback of the state gives. All of them are called here, and the run shows which it is."""
         set_called_state(self.state)
         engine = self._engine
-        outer, engine.calling = engine.calling, RunningCallback(self.path, what)
+        outer, engine.calling = engine.calling, (self.path, what)
         try:
             return callback(*arguments)
         except Exception:  # code of the state: its trace goes to the operator

@@ -237,6 +237,8 @@ class Region:
     def _wait_for(self, decision: Decision | None, blocked: TransitionBlocked | None) -> None:
         """Let the child wait until the operator decides or unlocks something; for neither, nothing prevents it."""
         asked, was_blocked = self.decision, self.blocked
+        if decision is asked and blocked == was_blocked:
+            return
         self.decision, self.blocked = decision, blocked
         if decision is not asked:
             if asked is not None:

@@ -106,8 +106,8 @@ class MachineRun:
         if autonomy not in AUTONOMY_NAMES:
             raise StateMachineError(no_level(autonomy))
         self.clock = clock
-        self.readings: defaultdict[type[RunEvent], list[RunReader]] = defaultdict(list)
-        """The readers by the types of the events that they read."""
+        self.readings: defaultdict[type[RunEvent], list[Callable[[Any], None]]] = defaultdict(list)
+        """The methods of the readers, by the types of the events that they read."""
         self._readers: list[RunReader] = []
         for reader in [LoggingReader()] if readers is None else readers:
             self.add_reader(reader)
@@ -198,15 +198,14 @@ class MachineRun:
         pausing = self.pausing
         if pausing.has_changed and self._pause_or_resume_one():
             return True
-        is_commanded = self._apply_next_command()
+        is_commanded = bool(self._commands)
+        if is_commanded:
+            self._apply_next_command()
         if pausing.is_paused or pausing.has_changed:  # states are notified that they go on before anything else
             return is_commanded or pausing.has_changed
         return self.root.advance() or is_commanded
 
-    def _apply_next_command(self) -> bool:
-        """Apply the oldest command; False when there is none."""
-        if not self._commands:
-            return False
+    def _apply_next_command(self) -> None:
         command_id, command, arguments, named = self._commands.popleft()
         try:
             refusal = command(self, *arguments, **named)
@@ -215,7 +214,6 @@ class MachineRun:
             self.tell(Faulted(ROOT_PATH, text))
             refusal = f'fault in the state machine: {type(error).__name__}: {error}'
         self.tell(CommandDecided(command_id, refusal))
-        return True
 
     def _refuse_commands(self, reason: str) -> None:
         """Refuse what was given up to now; not what readers give meanwhile, so that it comes to an end."""
@@ -368,14 +366,14 @@ class MachineRun:
 
     def tell(self, event: RunEvent) -> None:
         """Give an event to its readers, in their order."""
-        for reader in self.readings[type(event)]:
-            reader.read(event)
+        for read in self.readings[type(event)]:
+            read(event)
 
     def add_reader(self, reader: RunReader) -> None:
         """Give the events of the run to a reader from now on."""
         self._readers.append(reader)
-        for kind in reader.reads or RunEvent.__subclasses__():
-            self.readings[kind].append(reader)
+        for kind, read in reader.methods().items():
+            self.readings[kind].append(read)
 
     def fail(self, message: str) -> None:
         """End the run as an error: it cannot continue."""

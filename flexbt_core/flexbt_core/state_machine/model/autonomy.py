@@ -49,9 +49,9 @@ class DecisionKind(Enum):
     CHOICE = 2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # to make a frozen one takes three times as long
 class Decision:
-    """A decision of a run.
+    """A decision of a run. Nobody changes it.
 
     ``id`` is unique in the run, ``path`` the state or machine that waits, ``outcome`` the one that is wanted or
     suggested ('' for none), ``outcomes`` those that may be chosen, ``required`` the autonomy level that ``outcome``
