@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Change the product at random places and report the changes that no test notices (mutation testing, by mutmut).
+"""Change the product at random places and report the changes that no test notices (mutation testing).
 
-``make mutants AREA=nodes MINUTES=20`` first runs the area's tests once, to find which of them reach which function.
-Then it tries mutants, drawn by ``SEED``, until the time is up. It prints each survivor as a diff, and the share that
-the tests notice. The exit code is 1 when less than 95 % are noticed. Everything is done in ``out/mutants``.
+``make mutants AREA=nodes MINUTES=20`` first runs the area's tests once, to find which of them reach which line; this is
+kept until a file changes. Then it tries changes that mutmut makes, drawn by ``SEED``, until the time is up. It prints
+each change that was not noticed as a diff, and the share that was. The exit code is 1 when that is less than 95 %.
+
+A change counts as noticed if a test fails, or if the tests use far more processor time than before. If they only take
+long, which may be because the machine is busy, the change counts for neither side.
 """
 
 from __future__ import annotations
 
 import argparse
+import difflib
 import hashlib
 import json
 import os
@@ -16,25 +20,35 @@ import random
 import shutil
 import subprocess
 import sys
+import threading
 import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
+
+from workspace.side_packages import environment_with
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 REQUIREMENTS: Final = ROOT / 'tools' / 'requirements-mutants.txt'
 PACKAGES: Final = ROOT / '.venv' / 'mutants'
 OUTPUT: Final = ROOT / 'out' / 'mutants'
 GOAL: Final = 0.95
-"""The share of mutants that tests have to notice."""
-BATCH: Final = 40
-"""Mutants that are tried before the time is looked at."""
-NOTICED: Final = frozenset((1, 3, 24, 36, 152, 255, -9, -11, -24))
-"""Exit codes that mean that a test failed, crashed or did not end; 0 is a survivor, 33 a mutant that no test
-reaches."""
+"""The share of changes that tests have to notice."""
+WORKERS: Final = 2
+CPU_SECONDS: Final = 15.0
+CPU_TIMES: Final = 5.0
+"""Processor time that tests may use: this long, and this many times as long as without the change."""
+WALL_SECONDS: Final = 600.0
+"""Time after which tests are given up."""
+
+
+PYTEST: Final = ('-q', '-p', 'no:cacheprovider', '--rootdir', '.')
 
 
 class Area(NamedTuple):
-    """Files that are mutated, and the tests that have to notice it; both are relative to the package."""
+    """Files that are changed, and the tests that have to notice it; both are relative to the package."""
 
     package: str
     files: tuple[str, ...]
@@ -44,55 +58,217 @@ class Area(NamedTuple):
 TREES: Final = 'behavior_tree'
 MACHINES: Final = 'state_machine'
 AREAS: Final = {
-    'model': Area('flexbt_core', (f'{TREES}/model/*', f'{MACHINES}/model/*'), (f'test/{TREES}', f'test/{MACHINES}')),
-    'engine': Area('flexbt_core', (f'{TREES}/engine/*', f'{MACHINES}/engine/*'), (f'test/{TREES}', f'test/{MACHINES}')),
-    'nodes': Area('flexbt_core', (f'{TREES}/nodes/*',), (f'test/{TREES}',)),
-    'commands': Area('flexbt_onboard', ('commands/*',), ('test/commands',)),
-    'stop': Area('flexbt_onboard', ('runs/stop_enforcer.py', 'runs/motion_stop.py'), ('test/runs',)),
+    'model': Area('flexbt_core', (f'{TREES}/model', f'{MACHINES}/model'), (f'test/{TREES}', f'test/{MACHINES}')),
+    'engine': Area('flexbt_core', (f'{TREES}/engine', f'{MACHINES}/engine'), (f'test/{TREES}', f'test/{MACHINES}')),
+    'nodes': Area('flexbt_core', (f'{TREES}/nodes',), (f'test/{TREES}', f'test/{MACHINES}')),
+    'commands': Area('flexbt_onboard', ('commands',), ('test/commands',)),
+    'stop': Area('flexbt_onboard', ('runs/stop_enforcer.py', 'runs/motion_stop.py'), ('test/runs', 'test/node')),
 }
 
 
-def install() -> None:
-    """Install the pinned packages into a directory of their own, unless they are installed."""
-    stamp = PACKAGES / 'stamp'
-    wanted = f'{hashlib.sha256(REQUIREMENTS.read_bytes()).hexdigest()} {sys.version}'
-    if stamp.exists() and stamp.read_text(encoding='utf-8') == wanted:
-        return
-    shutil.rmtree(PACKAGES, ignore_errors=True)
-    pip = [sys.executable, '-m', 'pip', 'install', '--quiet', '--disable-pip-version-check', '--no-input', '--no-deps']
-    subprocess.run([*pip, '--target', PACKAGES, '--requirement', REQUIREMENTS], check=True)
-    stamp.write_text(wanted, encoding='utf-8')
+class Mutant(NamedTuple):
+    """A file with a change, and the lines that differ."""
+
+    file: Path
+    before: str
+    after: str
+
+    @property
+    def diff(self) -> str:
+        lines = difflib.unified_diff(
+            self.before.splitlines(), self.after.splitlines(), str(self.file), 'changed', lineterm='', n=2
+        )
+        return '\n'.join(lines)
+
+    @property
+    def lines(self) -> set[int]:
+        """Numbers of the lines that differ, from 1 on."""
+        matcher = difflib.SequenceMatcher(None, self.before.splitlines(), self.after.splitlines(), autojunk=False)
+        changed = [(first, last) for tag, first, last, _, _ in matcher.get_opcodes() if tag != 'equal']
+        return {number + 1 for first, last in changed for number in range(first, max(last, first + 1))}
 
 
-def prepare(area: Area) -> Path:
-    """Copy the package into the output directory, with mutmut's settings; return the copy."""
-    copy = OUTPUT / area.package
-    shutil.rmtree(OUTPUT, ignore_errors=True)
-    shutil.copytree(ROOT / area.package, copy, ignore=shutil.ignore_patterns('__pycache__'))
-    files = '\n    '.join(f'{area.package}/{file}' for file in area.files)
-    tests = '\n    '.join(area.tests)
-    (copy / 'setup.cfg').write_text(
-        f'[mutmut]\nsource_paths = {area.package}\nonly_mutate =\n    {files}\n'
-        f'pytest_add_cli_args_test_selection =\n    {tests}\nprocess_isolation = forkserver\n',
-        encoding='utf-8',
+class Reach(NamedTuple):
+    """The tests that reach each line of each file, and the processor time of each test, s."""
+
+    tests: dict[str, dict[int, list[str]]]
+    seconds: dict[str, float]
+
+    def of(self, mutant: Mutant) -> list[str]:
+        """Return the tests that reach a change, the quickest first."""
+        lines = self.tests.get(str(mutant.file), {})
+        return sorted({test for line in mutant.lines for test in lines.get(line, ())}, key=self.seconds.__getitem__)
+
+
+# -- the tests that reach a line -------------------------------------------------------------------------------------
+
+
+def reach(area: Area, copy: Path, deadline: float) -> Reach:
+    """Run the tests of an area once under coverage. Files of tests that are not run in time reach nothing."""
+    files = sorted(file for name in area.tests for file in (copy / name).rglob('test_*.py'))
+    with ThreadPoolExecutor(WORKERS) as pool:
+        parts = list(pool.map(lambda file: _reach_of(area, copy, file, deadline), files))
+    tests: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for part in parts:
+        for name, lines in part.tests.items():
+            for line, reaching in lines.items():
+                tests[name][line] += reaching
+    left_out = sum(not part.seconds for part in parts)
+    seconds = {test: time for part in parts for test, time in part.seconds.items()}
+    print(f'{len(seconds)} tests of {len(files)} files were run; {left_out} files were not, or had no test', flush=True)
+    return Reach(tests, seconds)
+
+
+def _reach_of(area: Area, copy: Path, file: Path, deadline: float) -> Reach:
+    left = deadline - time.monotonic()
+    if left <= 0.0:
+        return Reach({}, {})
+    output = copy / f'{file.stem}.reach'
+    words = [sys.executable, __file__, '--measure', str(output), *(f'{area.package}/{name}' for name in area.files)]
+    environment = os.environ | {'PYTHONPATH': f'{copy}{os.pathsep}{os.environ["PYTHONPATH"]}'}
+    try:
+        subprocess.run(
+            [*words, *PYTEST, str(file)],
+            cwd=copy,
+            env=environment,
+            capture_output=True,
+            check=False,
+            timeout=left,
+        )
+        tests, seconds = json.loads(output.read_text(encoding='utf-8'))
+    except (subprocess.TimeoutExpired, OSError):
+        return Reach({}, {})
+    return Reach({name: {int(line): found for line, found in lines.items()} for name, lines in tests.items()}, seconds)
+
+
+class Measuring:
+    """A plug-in of pytest that notes which tests succeed, and their processor time, and has coverage note their names
+    for each line."""
+
+    def __init__(self, coverage: Any) -> None:
+        self.seconds: Counter[str] = Counter()
+        self.failed: set[str] = set()
+        self._coverage = coverage
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        self._coverage.switch_context(_function(nodeid))
+        self.seconds[_function(nodeid)] -= time.process_time()
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        self.seconds[_function(nodeid)] += time.process_time()
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.failed:
+            self.failed.add(_function(report.nodeid))
+
+
+def _function(test: str) -> str:
+    """Return the name of a test without its parameters."""
+    return test.partition('[')[0]
+
+
+def measure(output: Path, names: list[str], words: list[str]) -> None:
+    """Run tests of this directory under coverage, and write which of them reach the lines of the files."""
+    import pytest
+    from coverage import Coverage
+
+    patterns = [name if name.endswith('.py') else f'{name}/*' for name in names]
+    coverage = Coverage(data_file=None, include=[str(Path.cwd() / pattern) for pattern in patterns])
+    measuring = Measuring(coverage)
+    coverage.start()
+    pytest.main(words, plugins=[measuring])
+    coverage.stop()
+    data = coverage.get_data()
+    passed = {test: spent for test, spent in measuring.seconds.items() if test not in measuring.failed}
+    tests = {
+        str(Path(file).relative_to(Path.cwd())): {
+            line: kept
+            for line, reaching in data.contexts_by_lineno(file).items()
+            if (kept := [test for test in reaching if test in passed])
+        }
+        for file in data.measured_files()
+    }
+    output.write_text(json.dumps([tests, passed]), encoding='utf-8')
+
+
+# -- the changes -----------------------------------------------------------------------------------------------------
+
+
+def mutants(area: Area, copy: Path, seed: int) -> Iterator[Mutant]:
+    """Yield the changes of the files of an area, in an order by ``seed``."""
+    os.chdir(copy)  # mutmut reads its settings there
+    from libcst import FunctionDef
+    from mutmut.mutation.file_mutation import create_mutations
+
+    found = []
+    for name in area.files:
+        path = Path(area.package, name)
+        for file in sorted(path.rglob('*.py')) if path.is_dir() else [path]:
+            before = file.read_text(encoding='utf-8')
+            module, mutations, _, _ = create_mutations(str(file), before)
+            for one in mutations:
+                function = one.contained_by_top_level_function
+                # What is done when a module is imported is done before any test.
+                if isinstance(function, FunctionDef) and function.name.value != '__init_subclass__':
+                    found.append((file, before, module, one))
+    print(f'{len(found)} changes', flush=True)
+    random.Random(seed).shuffle(found)
+    for file, before, module, one in found:
+        after = module.deep_replace(one.original_node, one.mutated_node).code
+        if after != before:
+            yield Mutant(file, before, after)
+
+
+def try_out(mutant: Mutant, tests: list[str], seconds: float, copy: Path, number: int) -> str:
+    """Return ``noticed``, ``not noticed`` or ``undecided``."""
+    own = OUTPUT / f'worker_{number}'
+    changed = own / mutant.file
+    changed.write_text(mutant.after, encoding='utf-8')
+    limit = int(CPU_SECONDS + CPU_TIMES * seconds)
+    environment = os.environ | {'PYTHONPATH': f'{own}{os.pathsep}{os.environ["PYTHONPATH"]}'}
+    limited = ['sh', '-c', 'ulimit -t "$0" && exec "$@"', str(limit)]
+    process = subprocess.Popen(
+        [*limited, sys.executable, '-m', 'pytest', '-x', *PYTEST, *tests],
+        cwd=own,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
-    return copy
+    try:
+        code = process.wait(WALL_SECONDS)
+    except subprocess.TimeoutExpired:
+        return 'undecided'
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, 9)
+            process.wait()
+        changed.write_text(mutant.before, encoding='utf-8')
+    return 'not noticed' if code == 0 else 'noticed'
 
 
-def mutmut(copy: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run mutmut in the copy and return what it printed."""
-    search = os.pathsep.join(filter(None, [str(PACKAGES), os.environ.get('PYTHONPATH')]))
-    environment = os.environ | {'PYTHONPATH': search, 'FLEXBT_ACCELERATION': '0'}
-    command = [sys.executable, '-m', 'mutmut', *arguments]
-    return subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
+# -- the command -----------------------------------------------------------------------------------------------------
 
 
-def outcomes(copy: Path) -> dict[str, int | None]:
-    """Return the exit code of the tests by mutant, None for one that was not tried."""
-    found: dict[str, int | None] = {}
-    for file in sorted((copy / 'mutants').rglob('*.meta')):
-        found |= json.loads(file.read_text(encoding='utf-8'))['exit_code_by_key']
-    return found
+def prepared(area: Area, deadline: float) -> tuple[Path, Reach]:
+    """Return a copy of the package, and the tests that reach its lines: those of all areas with the same tests."""
+    name = '_'.join([area.package, *(Path(test).name for test in area.tests)])
+    copy = OUTPUT / name / area.package
+    sources = sorted((ROOT / area.package).rglob('*.py'))
+    stamp = hashlib.sha256(b''.join(file.read_bytes() for file in sources)).hexdigest()
+    kept = OUTPUT / f'{name}.json'
+    if kept.exists():
+        known, tests, seconds = json.loads(kept.read_text(encoding='utf-8'))
+        if known == stamp:
+            by_line = {file: {int(line): found for line, found in lines.items()} for file, lines in tests.items()}
+            return copy, Reach(by_line, seconds)
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(ROOT / area.package, copy, ignore=shutil.ignore_patterns('__pycache__'))
+    alike = [one for one in AREAS.values() if (one.package, one.tests) == (area.package, area.tests)]
+    files = tuple(file for one in alike for file in one.files)
+    reached = reach(area._replace(files=files), copy, deadline)
+    kept.write_text(json.dumps([stamp, *reached]), encoding='utf-8')
+    return copy, reached
 
 
 def main() -> int:
@@ -100,33 +276,46 @@ def main() -> int:
     parser.add_argument('--area', choices=AREAS, default='nodes')
     parser.add_argument('--minutes', type=float, default=20.0)
     parser.add_argument('--seed', type=int, default=0)
-    options = parser.parse_args()
-    install()
-    copy = prepare(AREAS[options.area])
-    first = mutmut(
-        copy, 'run', '--max-children', '2', 'none.of.them'
-    )  # writes the mutants, and which test reaches which
-    names = sorted(outcomes(copy))
-    if not names:
-        print(first.stdout[-2000:], first.stderr[-2000:], file=sys.stderr)
-        return 1
-    random.Random(options.seed).shuffle(names)
-    tried: list[str] = []
-    deadline = time.monotonic() + 60 * options.minutes
-    while len(tried) < len(names) and time.monotonic() < deadline:
-        batch = names[len(tried) : len(tried) + BATCH]
-        mutmut(copy, 'run', '--max-children', '2', *batch)
-        tried += batch
-    codes = outcomes(copy)
-    survivors = [name for name in tried if codes[name] is not None and codes[name] not in NOTICED]
-    noticed = sum(codes[name] in NOTICED for name in tried)
-    for name in survivors:
-        print(mutmut(copy, 'show', name).stdout)
-    share = noticed / max(1, noticed + len(survivors))
-    print(
-        f'{options.area}: {len(tried)} of {len(names)} mutants tried, {noticed} noticed ({share:.1%}), '
-        f'seed {options.seed}'
-    )
+    parser.add_argument('--measure', nargs='+', help=argparse.SUPPRESS)  # of a process of :func:`reach`
+    options, words = parser.parse_known_args()
+    if options.measure:
+        measure(Path(options.measure[0]), options.measure[1:], words)
+        return 0
+    if words:
+        parser.error(f'unknown: {" ".join(words)}')
+    os.nice(19)
+    os.environ |= environment_with(REQUIREMENTS, PACKAGES)
+    sys.path.insert(1, str(PACKAGES))
+    area = AREAS[options.area]
+    begin = time.monotonic()
+    deadline = begin + 60.0 * options.minutes
+    copy, reached = prepared(area, begin + 30.0 * options.minutes)
+    for number in range(WORKERS):
+        shutil.rmtree(OUTPUT / f'worker_{number}', ignore_errors=True)
+        shutil.copytree(copy, OUTPUT / f'worker_{number}', ignore=shutil.ignore_patterns('__pycache__'))
+    results: Counter[str] = Counter()
+    made = mutants(area, copy, options.seed)
+    lock = threading.Lock()
+
+    def work(number: int) -> None:
+        while time.monotonic() < deadline:
+            with lock:
+                mutant = next(made, None)
+            if mutant is None:
+                return
+            tests = reached.of(mutant)
+            result = 'not reached'
+            if tests:
+                result = try_out(mutant, tests, sum(map(reached.seconds.__getitem__, tests)), copy, number)
+            results[result] += 1
+            if result != 'noticed':
+                print(f'{result}: {len(tests)} tests\n{mutant.diff}\n', flush=True)
+
+    with ThreadPoolExecutor(WORKERS) as pool:
+        list(pool.map(work, range(WORKERS)))
+    missed = results['not noticed'] + results['not reached']
+    share = results['noticed'] / max(1, results['noticed'] + missed)
+    print(f'{options.area}, seed {options.seed}: {share:.1%} noticed; {dict(results)}')
     return 0 if share >= GOAL else 1
 
 

@@ -8,17 +8,18 @@ Run it in a shell with the environment of the workspace (`make docs`). Other opt
 from __future__ import annotations
 
 import argparse
-import hashlib
-import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Final
 
 DOCS: Final = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(DOCS.parent / 'tools'))
+from workspace.side_packages import environment_with  # noqa: E402
+
 REQUIREMENTS: Final = DOCS / 'requirements.txt'
 PACKAGES: Final = DOCS.parent / '.venv' / 'docs'
+"""colcon and Sphinx need different versions of docutils, so the virtual environment does not work."""
 GENERATED: Final = (
     'make_architecture.py',
     'make_bounds.py',
@@ -34,22 +35,6 @@ GENERATED: Final = (
 OUTPUT: Final = DOCS.parent / 'out' / 'docs'
 
 
-def install() -> None:
-    """Install the pinned packages into a separate directory, unless they are installed.
-
-    colcon and Sphinx need different versions of docutils, so the virtual environment does not work.
-    """
-    stamp = PACKAGES / 'stamp'
-    wanted = f'{hashlib.sha256(REQUIREMENTS.read_bytes()).hexdigest()} {sys.version}'
-    if stamp.exists() and stamp.read_text(encoding='utf-8') == wanted:
-        return
-    print('installing Sphinx and its extensions', flush=True)
-    shutil.rmtree(PACKAGES, ignore_errors=True)
-    pip = [sys.executable, '-m', 'pip', 'install', '--quiet', '--disable-pip-version-check', '--no-input', '--no-deps']
-    subprocess.run([*pip, '--target', PACKAGES, '--requirement', REQUIREMENTS], check=True)
-    stamp.write_text(wanted, encoding='utf-8')
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     what = 'only run this program of this directory with its arguments; for programs that need these packages'
@@ -57,9 +42,7 @@ def main() -> int:
     arguments, options = parser.parse_known_args()
     if arguments.tool == []:
         parser.error('--tool needs the name of a program')
-    install()
-    search = os.pathsep.join(filter(None, [str(PACKAGES), os.environ.get('PYTHONPATH')]))
-    environment = os.environ | {'PYTHONPATH': search}
+    environment = environment_with(REQUIREMENTS, PACKAGES)
     if arguments.tool:
         tool = [sys.executable, DOCS / 'tools' / arguments.tool[0], *arguments.tool[1:]]
         return subprocess.run(tool, env=environment, check=False).returncode
