@@ -19,8 +19,8 @@ def environment_with(requirements: Path, directory: Path) -> dict[str, str]:
         print(f'installing {requirements.name} into {directory}', flush=True)
         shutil.rmtree(directory, ignore_errors=True)
         quiet = ['--quiet', '--disable-pip-version-check', '--no-input', '--no-deps']
-        pip = [sys.executable, '-m', 'pip', 'install', *quiet, '--target', directory, '--requirement', requirements]
-        subprocess.run(pip, check=True)
+        places = ['--target', str(directory), '--requirement', str(requirements)]
+        subprocess.run([sys.executable, '-m', 'pip', 'install', *quiet, *places], check=True)
         stamp.write_text(wanted, encoding='utf-8')
     search = os.pathsep.join(filter(None, [str(directory), os.environ.get('PYTHONPATH')]))
     return os.environ | {'PYTHONPATH': search}

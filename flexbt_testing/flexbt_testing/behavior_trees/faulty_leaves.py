@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Any, ClassVar, NoReturn
 
-from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, Halted, ThreadedAction
-from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, ThreadedAction
+from flexbt_core.behavior_tree.engine.leaf import Condition, Halted, StatefulAction, SyncAction
 from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.parents import Decorator
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
