@@ -118,20 +118,26 @@ class ParameterDeclarer:
         return dataclasses.replace(defaults, **values)
 
     def _field(self, one: ParameterField, default: Any) -> Any:
+        declare = self.fixed if one.is_fixed else self
         match default:
             case bool():
-                return self.flag(one.name, default, one.description)
+                return declare.flag(one.name, default, one.description)
             case int():
-                return self.integer(one.name, default, one.least, one.most, one.description)
+                return declare.integer(one.name, default, one.least, one.most, one.description)
             case float():
-                return self.real(one.name, default, one.least, one.most, one.description)
+                return declare.real(one.name, default, one.least, one.most, one.description)
             case str():
-                return self.text(one.name, default, one.description)
-        texts = self.texts(one.name, default, one.description)
-        for text in texts:
+                value: Any = declare.text(one.name, default, one.description)
+            case _:
+                value = declare.texts(one.name, default, one.description)
+        for text in [value] if isinstance(value, str) else value:
             if one.choices and text not in one.choices:
-                raise UnfitParameterError(one.name, f'there is no {text!r}; known: {", ".join(one.choices)}')
-        return texts
+                near = did_you_mean(text, one.choices, '')
+                known = ', '.join(one.choices)
+                raise UnfitParameterError(
+                    one.name, f'there is no {short_repr(text)}; known: {known}{near}; {one.description}'
+                )
+        return value
 
     def directories(self, name: str, default: Sequence[str], description: str) -> tuple[Path, ...]:
         """Absolute directories, with ``~`` for the home of the user."""

@@ -10,20 +10,31 @@ from typing import Any
 
 @dataclasses.dataclass(frozen=True)
 class ParameterField:
-    """A parameter: its name, its meaning with the unit, its bounds, both included, and the texts that it may have."""
+    """A parameter: its name, its meaning with the unit, its bounds, both included, and the texts that it may have.
+
+    One that ``is_fixed`` keeps its value for the life of the node, also if the node is managed.
+    """
 
     name: str
     description: str
     least: Any = None
     most: Any = None
     choices: Collection[str] = ()
+    is_fixed: bool = False
 
 
 def parameter(
-    name: str, default: Any, description: str, least: Any = None, most: Any = None, *, choices: Collection[str] = ()
+    name: str,
+    default: Any,
+    description: str,
+    least: Any = None,
+    most: Any = None,
+    *,
+    choices: Collection[str] = (),
+    is_fixed: bool = False,
 ) -> Any:
     """Return a field of a dataclass that is a parameter of a node, whose type is that of the default."""
-    meant = ParameterField(name, description, least, most, choices)
+    meant = ParameterField(name, description, least, most, choices, is_fixed)
     return dataclasses.field(default=default, metadata={'parameter': meant})
 
 

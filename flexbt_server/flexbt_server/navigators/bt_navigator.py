@@ -39,7 +39,7 @@ from flexbt_server.actions.progress import MOST_COUNTED, Speed, distance_left, r
 from flexbt_server.actions.tree_goals import MESSAGE_LIMIT, RunningTree, TreeGoal, TreeGoals
 from flexbt_server.leaves.leaf_services import LeafServices
 from flexbt_server.nav2.branches import concluded, pending
-from flexbt_server.parameters import NavigatorParameters
+from flexbt_server.parameters import INPUT, WAIT, NavigatorParameters
 from flexbt_server.runs.run_events import RunOutcome
 from flexbt_server.trees.blackboards import Blackboards, Value
 from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, WAYPOINT_STATUSES, TrackingFeedback
@@ -241,9 +241,10 @@ class Navigators:
 
 
 def _waypoint_task(runtime: Runtime, parameters: NavigatorParameters) -> WaypointTask:
-    if parameters.waypoint_input is not None:
-        return InputAtWaypoint(runtime, parameters.waypoint_input)
-    return WaitAtWaypoint(runtime, parameters.waypoint_pause)
+    if parameters.waypoint_task == INPUT and parameters.is_input_enabled:
+        return InputAtWaypoint(runtime, parameters.input_topic, parameters.input_timeout)
+    waits = parameters.waypoint_task == WAIT and parameters.is_wait_enabled
+    return WaitAtWaypoint(runtime, parameters.wait_milliseconds * 1e-3 if waits else 0.0)
 
 
 # A navigator: an action of Nav2 whose goals become runs of a tree, which finds poses on its blackboard.

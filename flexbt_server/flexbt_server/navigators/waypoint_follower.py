@@ -23,7 +23,6 @@ from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoa
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_server.nav2.branches import missed
-from flexbt_server.parameters import InputParameters
 
 FollowWaypointsResult = FollowWaypoints.Result
 
@@ -247,17 +246,16 @@ class WaitAtWaypoint:
 class InputAtWaypoint:
     """``input_at_waypoint``: waits for a message on a topic, and fails when none comes in time."""
 
-    def __init__(self, runtime: Runtime, parameters: InputParameters) -> None:
-        self._parameters = parameters
-        self._timeout = WaitAtWaypoint(runtime, parameters.timeout)
+    def __init__(self, runtime: Runtime, topic: str, timeout: float) -> None:
+        self._late = f'nothing has come on {topic} within {timeout:g} s'
+        self._timeout = WaitAtWaypoint(runtime, timeout)
         self._on_end: Callable[[str], None] | None = None
-        runtime.node.create_subscription(Empty, parameters.topic, lambda _: self._end(''), names.INPUT_DEPTH)
+        runtime.node.create_subscription(Empty, topic, lambda _: self._end(''), names.INPUT_DEPTH)
 
     def begin(self, on_end: Callable[[str], None]) -> None:
         """See WaypointTask."""
         self._on_end = on_end
-        why = f'nothing has come on {self._parameters.topic} within {self._parameters.timeout:g} s'
-        self._timeout.begin(lambda _: self._end(why))
+        self._timeout.begin(lambda _: self._end(self._late))
 
     def cancel(self) -> None:
         """See WaypointTask."""

@@ -13,9 +13,9 @@ from std_srvs.srv import Trigger
 
 from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.errors import UnfitParameterError
 from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute
-from flexbt_server.errors import ServerParameterError
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.server_world import ServerWorld, install_nodes, open_server_world, pose_stamped
@@ -177,7 +177,7 @@ def test_a_tree_is_paused_and_resumed_by_services(world: ServerWorld) -> None:
 
 def test_an_unknown_branch_is_refused() -> None:
     with (
-        pytest.raises(ServerParameterError, match="'nav2_branch': 'humble' is not a branch; write one of jazzy, main"),
+        pytest.raises(UnfitParameterError, match="'nav2_branch': there is no 'humble'; known: jazzy, main"),
         open_server_world(nav2_branch='humble'),
     ):
         pass

@@ -22,7 +22,7 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionLinks, GoalStatus
-from flexbt_common.errors import ResourceError
+from flexbt_common.errors import ResourceError, UnfitParameterError
 from flexbt_common.files import resolve_file
 from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtLoad
@@ -403,7 +403,7 @@ def test_a_default_tree_that_cannot_be_loaded_is_told_at_the_start() -> None:
     with pytest.raises(ServerParameterError, match=r'default_nav_to_pose_bt_xml.*/no/such'), open_server_world(**wrong):
         pass
     with (
-        pytest.raises(ServerParameterError, match=r'navigators.*dock_robot'),
+        pytest.raises(UnfitParameterError, match=r'navigators.*dock_robot'),
         open_server_world(navigators=['dock_robot']),
     ):
         pass
@@ -693,7 +693,7 @@ def test_the_robot_waits_for_input_at_waypoints(stops: bool) -> None:
 
 def test_what_a_robot_cannot_do_at_waypoints_is_told_at_the_start() -> None:
     with pytest.raises(
-        ServerParameterError, match="'photo_at_waypoint' is not one of wait_at_waypoint, input_at_waypoint"
+        UnfitParameterError, match="there is no 'photo_at_waypoint'; known: wait_at_waypoint, input_at_waypoint"
     ):
         open_front(waypoint_task_executor_plugin='photo_at_waypoint').__enter__()
 

@@ -96,7 +96,7 @@ def test_a_parameter_that_cannot_work_ends_a_node_that_starts_by_itself_only(
 ) -> None:
     wrong = {'nav2_branch': 'humble', 'use_sim_time': 'false'}
     for name, parameters, why in (
-        ('bt_server', wrong, "parameter 'nav2_branch': 'humble' is not a branch"),
+        ('bt_server', wrong, "parameter 'nav2_branch': there is no 'humble'; known: jazzy, main"),
         ('onboard_executive', {'autonomy': '7', 'use_sim_time': 'false'}, "parameter 'autonomy': 7 is out of range"),
     ):
         stack.start(name, parameters)
