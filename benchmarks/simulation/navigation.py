@@ -36,7 +36,7 @@ from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.navigator import Navigator
-from flexbt_navigation.planner.hybrid_planner import planner_for
+from flexbt_navigation.planner.planners import planner_for
 from flexbt_navigation.preparation import prepare_navigation
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.executables import SWITCH_INTERVAL

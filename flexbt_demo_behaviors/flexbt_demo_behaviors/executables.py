@@ -34,5 +34,5 @@ def nav2_robot() -> int:
 
 
 def night_watch() -> int:
-    """See :mod:`flexbt_demo_behaviors.night_watch.main`; gives the exit code."""
-    return run_main('flexbt_demo_behaviors.night_watch.main')
+    """See :mod:`flexbt_demo_behaviors.night_watch.watch`; gives the exit code."""
+    return run_main('flexbt_demo_behaviors.night_watch.watch')

@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from flexbt_demo_behaviors.demonstration.report import RobotTrack, draw_tracks, write_picture
-from flexbt_demo_behaviors.demonstration.simulation import SimulatedBox
+from flexbt_demo_behaviors.demonstration.scripted_operator import SimulatedBox
 from flexbt_sim.world import OccupancyMap, Pose, RobotModel, World
 
 

@@ -21,7 +21,7 @@ from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.controller.path_follower import FollowerLimits, PathFollower
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation, local_size
-from flexbt_navigation.planner.hybrid_planner import planner_for
+from flexbt_navigation.planner.planners import planner_for
 from flexbt_sim.world.plane.geometry import Pose, compose
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 from flexbt_sim.world.robot import COMMAND_PERIOD

@@ -13,7 +13,7 @@ import numpy
 from flexbt_navigation.controller.motions import Steering
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation
-from flexbt_navigation.planner.hybrid_planner import planner_for
+from flexbt_navigation.planner.planners import planner_for
 from flexbt_sim.world.plane.geometry import Pose, box
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 from flexbt_sim.world.world import prepare_world

@@ -20,8 +20,16 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_navigation.common.demand import Demand
-from flexbt_navigation.common.goals import CANCELED, GoalEnd, end_by
-from flexbt_navigation.common.requests import Asked, MapFrame, RobotParameters, check_frame, finite_pose
+from flexbt_navigation.common.requests import (
+    CANCELED,
+    Asked,
+    GoalEnd,
+    MapFrame,
+    RobotParameters,
+    check_frame,
+    end_by,
+    finite_pose,
+)
 from flexbt_navigation.costmaps.server import CostmapParameters, CostmapServer, KeepoutFilter
 from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.messages import map_of

@@ -10,7 +10,7 @@ from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.controller.path_follower import FollowerLimits, PathFollower
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
-from flexbt_navigation.planner.grid_planner import GridPlanner
+from flexbt_navigation.planner.planners import GridPlanner
 from flexbt_sim.world import OccupancyMap, Pose, Robot, RobotModel, World, wrap
 from flexbt_testing.worlds import room
 

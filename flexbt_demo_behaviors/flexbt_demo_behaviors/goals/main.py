@@ -34,8 +34,12 @@ from flexbt_demo_behaviors.demonstration.running import (
     run_console,
     run_demonstration,
 )
-from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
-from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation
+from flexbt_demo_behaviors.demonstration.scripted_operator import (
+    ANSWER_TIMEOUT_S,
+    DRIVE_TIMEOUT_S,
+    DemoSimulation,
+    ScriptedOperator,
+)
 from flexbt_sim.messages import pose_of
 from flexbt_sim.world import Pose
 

@@ -20,8 +20,12 @@ from flexbt_demo_behaviors.demonstration.running import (
     run_console,
     run_demonstration,
 )
-from flexbt_demo_behaviors.demonstration.scripted_operator import DRIVE_TIMEOUT_S
-from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation, SimulatedBox, call_service
+from flexbt_demo_behaviors.demonstration.scripted_operator import (
+    DRIVE_TIMEOUT_S,
+    DemoSimulation,
+    SimulatedBox,
+    call_service,
+)
 from flexbt_msgs.srv import ControlTree
 
 from .processes import PLACES, PROGRAM, WORLD, robot_processes

@@ -30,8 +30,13 @@ from flexbt_demo_behaviors.demonstration.running import (
     run_demonstration,
     serve_page,
 )
-from flexbt_demo_behaviors.demonstration.scripted_operator import ANSWER_TIMEOUT_S, DRIVE_TIMEOUT_S, ScriptedOperator
-from flexbt_demo_behaviors.demonstration.simulation import DemoSimulation, SimulatedBox
+from flexbt_demo_behaviors.demonstration.scripted_operator import (
+    ANSWER_TIMEOUT_S,
+    DRIVE_TIMEOUT_S,
+    DemoSimulation,
+    ScriptedOperator,
+    SimulatedBox,
+)
 from flexbt_sim.world import Point, RobotModel, World
 
 ROBOT = 'robot'

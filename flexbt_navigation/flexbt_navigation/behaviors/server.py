@@ -18,8 +18,7 @@ from flexbt_common.calls.goal_server import GoalServer, ServedGoal
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.message_fields import duration_message, seconds_of
 from flexbt_core.clock.clock import Timer
-from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, GoalEnd, finish
-from flexbt_navigation.common.requests import bounded
+from flexbt_navigation.common.requests import CANCELED, SUCCEEDED, GoalEnd, bounded, finish
 from flexbt_navigation.controller.motions import STOP, Velocity
 from flexbt_navigation.controller.server import ControllerParameters, MotionArbiter, MotionServer
 from flexbt_navigation.errors import NavigationError

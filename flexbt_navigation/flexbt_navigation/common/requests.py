@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map; and the
-parameters of the robot that all servers share.
+"""Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map; goals of
+their actions, with their ends and results; and the parameters of the robot that all servers share.
 
 The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot turn
 or drive without end.
@@ -10,15 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 from geometry_msgs.msg import Pose as PoseMessage
+from nav_msgs.msg import Path as PathMessage
 from rclpy.task import Future
 
 from flexbt_common import names
+from flexbt_common.calls.goal_server import ServedGoal, set_error
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.transform_buffer import Rigid
@@ -29,6 +32,110 @@ from flexbt_core.values.text import short_repr
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.messages import pose_of
 from flexbt_sim.world.plane.geometry import FARTHEST, Pose
+
+
+@dataclass(frozen=True)
+class GoalEnd:
+    """The end of a goal: succeeded, canceled, or failed with the name of an error code."""
+
+    succeeded: bool = False
+    canceled: bool = False
+    code: str = 'NONE'
+    message: str = ''
+
+
+class OnPathEnd(Protocol):
+    """A callback that ends a goal, with a path if there is one."""
+
+    def __call__(self, end: GoalEnd, path: PathMessage | None = None) -> None: ...
+
+
+SUCCEEDED: Final = GoalEnd(succeeded=True)
+CANCELED: Final = GoalEnd(canceled=True, message='canceled by the client')
+
+
+def end_by(runtime: NodeRuntime, error: Exception, what: str) -> GoalEnd:
+    """Return the end of a goal that an error came in the way of; a fault of ours is reported as one of ``what``."""
+    if isinstance(error, NavigationError):
+        return GoalEnd(code=error.code, message=str(error))
+    runtime.report_fault(error, what)
+    return GoalEnd(code='UNKNOWN', message=f'fault in the navigation server: {error!r}')
+
+
+def finish(goal: ServedGoal, result: Any, end: GoalEnd) -> None:
+    """Fill in error code and message, and end the goal.
+
+    Not every action has every code: one that it lacks becomes its UNKNOWN. (Wait has none at all, only the message;
+    the actions of routes have none.)
+    """
+    set_error(result, int(getattr(result, end.code, getattr(result, 'UNKNOWN', 0))), end.message)
+    if end.succeeded:
+        goal.succeed(result)
+    elif end.canceled:
+        goal.canceled(result)
+    else:
+        goal.abort(result)
+
+
+# Goals whose results are computed: one after the other, on a thread of their own.
+
+T = TypeVar('T')
+
+
+class Computation:
+    """The thread. Results are computed in the order of the goals; what nobody wants any more is left out."""
+
+    def __init__(self, runtime: NodeRuntime, name: str) -> None:
+        self._runtime = runtime
+        self._name = name
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
+        self._pool.submit(lambda: None)  # its thread begins now: for a goal, there might be none left
+        runtime.on_close(lambda: self._pool.shutdown(wait=False, cancel_futures=True))
+
+    def run(
+        self,
+        goal: ServedGoal,
+        compute: Callable[[], T],
+        on_result: Callable[[T], None],
+        on_end: Callable[[GoalEnd], None],
+    ) -> None:
+        """``compute()`` on the thread, then ``on_result`` with what it returns, on that of the executor.
+
+        When it raises, or the goal was canceled meanwhile, ``on_end`` instead.
+        """
+
+        def deliver(result: T) -> None:
+            if goal.cancel_requested:
+                on_end(CANCELED)
+            else:
+                on_result(result)
+
+        def work() -> None:
+            if goal.cancel_requested:
+                self._runtime.post(lambda: on_end(CANCELED))
+                return
+            try:
+                result = compute()
+            except Exception as error:
+                end = CANCELED if goal.cancel_requested else end_by(self._runtime, error, self._name)
+                self._runtime.post(lambda: on_end(end))
+            else:
+                self._runtime.post(lambda: deliver(result))
+
+        self._pool.submit(work)
+
+    def ask(self, compute: Callable[[], T], on_done: Callable[[T | None, Exception | None], None]) -> None:
+        """Do the same for what is not a goal: ``on_done`` gets the result, or the error that came in its way."""
+
+        def work() -> None:
+            result, reason = None, None
+            try:
+                result = compute()
+            except Exception as error:
+                reason = error
+            self._runtime.post(lambda: on_done(result, reason))
+
+        self._pool.submit(work)
 
 
 @dataclass(frozen=True)

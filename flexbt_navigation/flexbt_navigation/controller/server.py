@@ -23,8 +23,7 @@ from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.message_fields import duration_message
 from flexbt_core.values.parameter_fields import parameter
-from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, GoalEnd, end_by, finish
-from flexbt_navigation.common.requests import Asked, asked_path, check_id
+from flexbt_navigation.common.requests import CANCELED, SUCCEEDED, Asked, GoalEnd, asked_path, check_id, end_by, finish
 from flexbt_navigation.robot_interface import PoseWatch, RobotInterface
 from flexbt_sim.messages import stamped
 from flexbt_sim.world.plane.geometry import Pose

@@ -31,15 +31,13 @@ from flexbt_common.values.message_fields import duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
-from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, end_by, finish
-from flexbt_navigation.common.requests import asked_pose
+from flexbt_navigation.common.requests import CANCELED, SUCCEEDED, Computation, GoalEnd, asked_pose, end_by, finish
 from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.controller.path_follower import PathFollower
 from flexbt_navigation.controller.server import ControllerParameters, MotionArbiter, RunningMotion
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import NavigationError
-from flexbt_navigation.planner.grid_planner import StopFlag
-from flexbt_navigation.planner.hybrid_planner import planner_for
+from flexbt_navigation.planner.planners import StopFlag, planner_for
 from flexbt_sim.messages import stamped
 from flexbt_sim.world.plane.geometry import Pose, wrap
 

@@ -22,8 +22,18 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import duration_message, poses_of, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.parameter_fields import parameter
-from flexbt_navigation.common.goals import SUCCEEDED, Computation, GoalEnd, OnPathEnd, finish
-from flexbt_navigation.common.requests import Asked, asked_path, asked_pose, check_id, set_success
+from flexbt_navigation.common.requests import (
+    SUCCEEDED,
+    Asked,
+    Computation,
+    GoalEnd,
+    OnPathEnd,
+    asked_path,
+    asked_pose,
+    check_id,
+    finish,
+    set_success,
+)
 from flexbt_navigation.controller.server import ControllerParameters
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import NavigationError
@@ -31,8 +41,7 @@ from flexbt_navigation.robot_interface import RobotInterface
 from flexbt_sim.messages import path_message, pose_message
 from flexbt_sim.world.plane.geometry import Pose
 
-from .grid_planner import StopFlag
-from .hybrid_planner import planner_for
+from .planners import StopFlag, planner_for
 from .smoother import Smoothing, smooth_path
 
 

@@ -38,8 +38,16 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.parameter_fields import parameter
-from flexbt_navigation.common.goals import CANCELED, SUCCEEDED, Computation, GoalEnd, end_by, finish
-from flexbt_navigation.common.requests import Asked, asked_pose
+from flexbt_navigation.common.requests import (
+    CANCELED,
+    SUCCEEDED,
+    Asked,
+    Computation,
+    GoalEnd,
+    asked_pose,
+    end_by,
+    finish,
+)
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.robot_interface import PoseWatch, RobotInterface
 from flexbt_sim.messages import path_message

@@ -24,8 +24,7 @@ from flexbt_navigation.controller.path_follower import (
 )
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
-from flexbt_navigation.planner.grid_planner import GridPlanner
-from flexbt_navigation.planner.hybrid_planner import planner_for
+from flexbt_navigation.planner.planners import GridPlanner, planner_for
 from flexbt_sim.world import MODELS, Circle, OccupancyMap, Pose, World, box, compose, wrap
 from flexbt_testing.worlds import drawn, free_places, room, worlds
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_navigation.controller.track import Track
+from flexbt_navigation.controller.path_follower import Track
 from flexbt_sim.world import Pose, compose
 
 poses = st.builds(Pose, st.integers(-20, 20).map(lambda n: n / 5), st.floats(-4.0, 4.0), st.just(0.0))

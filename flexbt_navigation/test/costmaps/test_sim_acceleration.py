@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from flexbt_navigation.costmaps import kernels
 from flexbt_navigation.costmaps.costmap import INSCRIBED, LETHAL, Costmap, Inflation
 from flexbt_navigation.costmaps.kernels import neighbours
-from flexbt_navigation.planner.grid_planner import WEIGHTS, GridPlanner, PlanningStopped, StopFlag
+from flexbt_navigation.planner.planners import WEIGHTS, GridPlanner, PlanningStopped, StopFlag
 from flexbt_sim.world import OccupancyMap, Pose
 from flexbt_sim.world.plane import loops as sim_loops
 from flexbt_sim.world.plane.loops import Loop, nearest

@@ -16,7 +16,7 @@ from PIL import Image
 
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
-from flexbt_navigation.planner.grid_planner import GridPlanner
+from flexbt_navigation.planner.planners import GridPlanner
 from flexbt_sim.world import Pose, load_map
 from flexbt_testing.worlds import room
 

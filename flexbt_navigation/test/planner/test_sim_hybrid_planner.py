@@ -14,14 +14,13 @@ from hypothesis import strategies as st
 from interpreted import interpret
 
 from flexbt_navigation.controller.motions import Steering
-from flexbt_navigation.controller.track import drivable_legs
+from flexbt_navigation.controller.path_follower import drivable_legs
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.navigator import Navigator
-from flexbt_navigation.planner import hybrid_kernels, hybrid_planner
-from flexbt_navigation.planner.grid_planner import StopFlag
+from flexbt_navigation.planner import hybrid_kernels, planners
 from flexbt_navigation.planner.hybrid_kernels import curves, hybrid_search, ways_to
-from flexbt_navigation.planner.hybrid_planner import STEERING_RESERVE, HybridPlanner
+from flexbt_navigation.planner.planners import STEERING_RESERVE, HybridPlanner, StopFlag
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, wrap
 
 CAR = MODELS['car']
@@ -226,7 +225,7 @@ def test_a_goal_on_the_way_that_has_moved_a_little_is_met_where_it_is_now() -> N
 
 def test_a_search_that_is_not_compiled_is_given_up_earlier(monkeypatch: pytest.MonkeyPatch) -> None:
     interpret(monkeypatch, hybrid_kernels)
-    monkeypatch.setattr(hybrid_planner, 'MOST_INTERPRETED', (10, 30))
+    monkeypatch.setattr(planners, 'MOST_STATES_INTERPRETED', (10, 30))
     planner = HybridPlanner(yard(LANE, 0.5), Steering(RADIUS, reverses=False))
     with pytest.raises(NavigationError, match='of 80 places') as raised:
         planner.plan(Pose(-8.0, 0.0, 0.0), Pose(-8.0, 0.0, math.pi))

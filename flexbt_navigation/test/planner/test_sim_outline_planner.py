@@ -18,10 +18,8 @@ from flexbt_navigation.controller.motions import Steering
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.navigator import Navigator
-from flexbt_navigation.planner import hybrid_kernels, outline_planner
-from flexbt_navigation.planner.grid_planner import GridPlanner
-from flexbt_navigation.planner.hybrid_planner import planner_for
-from flexbt_navigation.planner.outline_planner import OutlinePlanner
+from flexbt_navigation.planner import hybrid_kernels, planners
+from flexbt_navigation.planner.planners import GridPlanner, OutlinePlanner, planner_for
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, box, wrap
 
 LONG = box(0.9, 0.4)
@@ -153,7 +151,7 @@ def test_the_rest_of_a_path_is_the_plan_as_long_as_it_has_room() -> None:
 
 def test_a_search_that_is_given_up_leaves_the_path_of_a_circle(monkeypatch: pytest.MonkeyPatch) -> None:
     interpret(monkeypatch, hybrid_kernels)
-    monkeypatch.setattr(outline_planner, 'MOST_INTERPRETED', (10, 20))
+    monkeypatch.setattr(planners, 'MOST_OUTLINES_INTERPRETED', (10, 20))
     assert OutlinePlanner(CORRIDOR).plan(OUT_OF, INTO) == GridPlanner(CORRIDOR).plan(OUT_OF, INTO)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
-from flexbt_navigation.planner.grid_planner import END_TOLERANCE, SPACING, GridPlanner
+from flexbt_navigation.planner.planners import END_TOLERANCE, SPACING, GridPlanner
 from flexbt_sim.world import OccupancyMap, Pose, wrap
 from flexbt_testing.worlds import drawn, places, room, rooms, worlds
 

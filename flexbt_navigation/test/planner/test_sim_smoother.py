@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
-from flexbt_navigation.planner.grid_planner import GridPlanner
+from flexbt_navigation.planner.planners import GridPlanner
 from flexbt_navigation.planner.smoother import Smoothing, smooth_path
 from flexbt_sim.world import OccupancyMap, Pose
 from flexbt_testing.worlds import drawn, free_places, rooms, worlds

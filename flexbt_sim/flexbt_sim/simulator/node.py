@@ -17,8 +17,7 @@ from flexbt_common.runtime.node_runtime import run_node
 
 from .core import SimulatorCore
 from .entity_services import EntityServices
-from .services import DoorServices, FaultService, KeepoutServer
-from .time_services import TimeServices
+from .services import DoorServices, FaultService, KeepoutServer, TimeServices
 
 
 class Simulator(SimulatorCore):
