@@ -15,22 +15,23 @@ from string import Template
 from typing import Final
 
 from flexbt_common.pictures.tree_picture import trees_as_dot, trees_as_mermaid
+from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import ScriptError
-from flexbt_core.behavior_tree.model.status import NodeKind
+from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.script.parser import parse_script
 from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
-from flexbt_server.groot2.log_file import SUFFIX, LogContent, LogError, LoggedNode, LoggedTransition, read_log
+from flexbt_server.groot2.log_file import SUFFIX, LogContent, LogError, LoggedNode, read_log
 from flexbt_server.groot2.protocol import models_document
 from flexbt_tools.errors import ExitCode, UsageError
 from flexbt_tools.files import read_skill_files
 from flexbt_tools.mock_runs.mock_plan import read_plan
 from flexbt_tools.mock_runs.mock_run import DEFAULT_RATE, BlackboardFile, MockRun, json_types, save_blackboard
-from flexbt_tools.mock_runs.report import JsonPrinter, TextPrinter, ended
+from flexbt_tools.mock_runs.report import ended, result_as_json, result_lines, transition
 from flexbt_tools.tree_checks.check import check_trees, joined
 from flexbt_tools.tree_checks.diagnostics import REFUSED, RULES
 from flexbt_tools.trees.files import read_library
@@ -307,7 +308,10 @@ def _run(options: argparse.Namespace) -> ExitCode:
     plan = read_plan(options.mock, options.set)
     registry = arguments.registry(options, allow_unknown=True)
     library = read_library(options.files, registry)
-    printer = JsonPrinter() if options.json else TextPrinter()
+
+    def on_status(time: float, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        print(transition(time, node.path, node.id, before, after, as_json=options.json))
+
     types = json_types(registry)
     mock_run = MockRun(
         library,
@@ -317,12 +321,12 @@ def _run(options: argparse.Namespace) -> ExitCode:
         rate=options.rate,
         read_inputs=options.read_inputs,
         blackboard=BlackboardFile(options.blackboard, types),
-        on_status=None if options.quiet else printer.transition,
+        on_status=None if options.quiet else on_status,
         log=options.btlog,
     )
     try:
         report = ended(mock_run, options.timeout)
-        printer.result(report)
+        print(*([result_as_json(report)] if options.json else result_lines(report)), sep='\n')
         if options.save_blackboard is not None:
             for problem in save_blackboard(mock_run.tree.blackboard, options.save_blackboard, types):
                 print(one_line(f'not saved: {problem}'), file=sys.stderr)
@@ -355,11 +359,11 @@ def run_log(options: argparse.Namespace) -> ExitCode:
     except LogError as error:
         print(one_line(str(error), 1000), file=sys.stderr)
         return ExitCode.REFUSED
-    show = _json if options.json else _text
     if not options.json:
         print(f'{_when(log)}: {len(log.nodes)} nodes, {len(log.transitions)} transitions')
-    for transition in log.transitions:
-        print(show(transition, log.nodes.get(transition.uid, LoggedNode(f'uid {transition.uid}', '?'))))
+    for one in log.transitions:
+        node = log.nodes.get(one.uid, LoggedNode(f'uid {one.uid}', '?'))
+        print(transition(one.time, node.path, node.type, one.before, one.after, as_json=options.json))
     if log.left_over:
         print(f'{options.file}: the last {log.left_over} bytes are no whole transition', file=sys.stderr)
     return ExitCode.OK
@@ -370,25 +374,6 @@ def _when(log: LogContent) -> str:
         return datetime.fromtimestamp(log.epoch, UTC).isoformat(sep=' ', timespec='milliseconds')
     except (ValueError, OverflowError, OSError):
         return f'{log.epoch:.3f} s since 1970'
-
-
-def _text(transition: LoggedTransition, node: LoggedNode) -> str:
-    """As ``bt_tool run`` prints it."""
-    before, after = transition.before.name, transition.after.name
-    return one_line(f'{transition.time:10.3f}  {before:7} -> {after:7}  {node.path}')
-
-
-def _json(transition: LoggedTransition, node: LoggedNode) -> str:
-    return json.dumps(
-        {
-            'event': 'transition',
-            'time': round(transition.time, 6),
-            'path': node.path,
-            'type': node.type,
-            'before': transition.before.name,
-            'after': transition.after.name,
-        }
-    )
 
 
 # The executable ``bt_tool``: its commands.

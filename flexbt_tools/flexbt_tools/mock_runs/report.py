@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.model.errors import FailureTrace, NodeExecutionError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.values.text import one_line, pluralize
@@ -49,42 +49,31 @@ def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, FailureTrace 
     return 'TIMEOUT', f'still RUNNING: {active}', None
 
 
-class TextPrinter:
-    """A printer for people: a line for each change of a status, and then the result."""
-
-    def transition(self, time: float, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        print(one_line(f'{time:10.3f}  {before.name:7} -> {after.name:7}  {node.path}'))
-
-    def result(self, report: dict[str, Any]) -> None:
-        ticks = report['ticks']
-        print(f'{report["result"]} after {report["time"]:.3f} s and {pluralize(ticks, "tick")}')
-        if report['reason']:
-            print(one_line(f'  reason: {report["reason"]}'))
-        for reason in report['reasons'][1:]:
-            print(one_line(f'  so {reason}'))
-        for path, entries in report['blackboard'].items():
-            print(one_line(f'blackboard{f" of {path}" if path else ""}:'))
-            for key, value in entries.items():
-                print(one_line(f'  {key} = {value!r}', _VALUE_WIDTH))
+def transition(time: float, path: str, type: str, before: NodeStatus, after: NodeStatus, *, as_json: bool) -> str:
+    """Return a change of a status of the node ``path`` as a line, for people or for programs."""
+    if not as_json:
+        return one_line(f'{time:10.3f}  {before.name:7} -> {after.name:7}  {path}')
+    event = {'event': 'transition', 'time': round(time, 6), 'path': path, 'type': type}
+    return json.dumps({**event, 'before': before.name, 'after': after.name})
 
 
-class JsonPrinter:
-    """A printer for programs: one object per line."""
+def result_as_json(report: dict[str, Any]) -> str:
+    """Return the end of a run as one line, for programs."""
+    boards = {path: _plain(entries) for path, entries in report['blackboard'].items()}
+    return json.dumps({'event': 'result', **report, 'blackboard': boards})
 
-    def transition(self, time: float, node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        event = {
-            'event': 'transition',
-            'time': round(time, 6),
-            'path': node.path,
-            'type': node.id,
-            'before': before.name,
-            'after': after.name,
-        }
-        print(json.dumps(event))
 
-    def result(self, report: dict[str, Any]) -> None:
-        boards = {path: _plain(entries) for path, entries in report['blackboard'].items()}
-        print(json.dumps({'event': 'result', **report, 'blackboard': boards}))
+def result_lines(report: dict[str, Any]) -> Iterator[str]:
+    """Yield the end of a run, for people."""
+    yield f'{report["result"]} after {report["time"]:.3f} s and {pluralize(report["ticks"], "tick")}'
+    if report['reason']:
+        yield one_line(f'  reason: {report["reason"]}')
+    for reason in report['reasons'][1:]:
+        yield one_line(f'  so {reason}')
+    for path, entries in report['blackboard'].items():
+        yield one_line(f'blackboard{f" of {path}" if path else ""}:')
+        for key, value in entries.items():
+            yield one_line(f'  {key} = {value!r}', _VALUE_WIDTH)
 
 
 def _plain(value: Any) -> Any:
