@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 # Nodes
 BT_SERVER: Final = 'bt_server'
@@ -185,29 +185,17 @@ def alive_topic(node_name: str) -> str:
 
 def transient_local_qos(depth: int = 1) -> QoSProfile:
     """For state: a late subscriber gets the last ``depth`` messages."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def command_qos() -> QoSProfile:
     """For commands: reliable, and not repeated to late subscribers."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=COMMAND_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.VOLATILE,
-    )
+    return QoSProfile(depth=COMMAND_DEPTH)
 
 
 def stop_qos() -> QoSProfile:
     """For stops, which have their own queue: a flood in that of the commands drops none of them."""
-    profile = command_qos()
-    profile.depth = STOP_DEPTH
-    return profile
+    return QoSProfile(depth=STOP_DEPTH)
 
 
 def best_effort_qos(depth: int = 10) -> QoSProfile:

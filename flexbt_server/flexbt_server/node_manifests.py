@@ -34,9 +34,9 @@ from ament_index_python.packages import get_package_share_directory
 from ament_index_python.resources import get_resource, get_resources
 
 from flexbt_common.errors import UnknownTypeError
-from flexbt_common.values.fields import Field, interface_class
+from flexbt_common.values.fields import Field
 from flexbt_common.values.templates import Expression, Source, embedded, is_expression
-from flexbt_common.values.value_types import FieldError, slot_value
+from flexbt_common.values.value_types import FieldError, interface_class, slot_value
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import port_name_problem
 from flexbt_core.behavior_tree.model.errors import ConversionError, ElementError, RegistrationError, ScriptError

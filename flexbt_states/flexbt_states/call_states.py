@@ -13,9 +13,9 @@ from flexbt_common import names
 from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.calls.service_call import ServiceCall
 from flexbt_common.errors import UnknownTypeError
-from flexbt_common.values.fields import Field, constants_of, interface_class
+from flexbt_common.values.fields import Field, constants_of
 from flexbt_common.values.templates import Expression, MessageTemplate, Source, embedded, is_expression
-from flexbt_common.values.value_types import FieldError, slot_value
+from flexbt_common.values.value_types import FieldError, interface_class, slot_value
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, ScriptError
 from flexbt_core.behavior_tree.model.ports import pointer_key

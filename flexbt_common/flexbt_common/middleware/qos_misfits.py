@@ -93,15 +93,15 @@ class QosMisfits:
         me = self._node.get_fully_qualified_name()
         for subscription in (one for one in self._node.subscriptions if one.topic_name == topic):
             for other in self._node.get_publishers_info_by_topic(topic):
-                if why := _why(other.qos_profile, subscription.qos_profile, 'it', me):
+                if why := why_misfit(other.qos_profile, subscription.qos_profile, 'it', me):
                     yield f'No messages on {topic!r} from {_name_of(other)}: {why}'
         for publisher in (one for one in self._node.publishers if one.topic_name == topic):
             for other in self._node.get_subscriptions_info_by_topic(topic):
-                if why := _why(publisher.qos_profile, other.qos_profile, me, 'it'):
+                if why := why_misfit(publisher.qos_profile, other.qos_profile, me, 'it'):
                     yield f'No messages on {topic!r} to {_name_of(other)}: {why}'
 
 
-def _why(offered: QoSProfile, wanted: QoSProfile, publisher: str, subscriber: str) -> str:
+def why_misfit(offered: QoSProfile, wanted: QoSProfile, publisher: str, subscriber: str) -> str:
     """Why nothing comes, and what to do; '' when the two fit."""
     compatibility, reason = qos_check_compatible(offered, wanted)
     if compatibility != QoSCompatibility.ERROR:

@@ -3,17 +3,12 @@
 
 from __future__ import annotations
 
-import functools
-import importlib
 from array import array
 from typing import Any, Final
 
 import numpy
-from ament_index_python.packages import get_packages_with_prefixes
-from ament_index_python.resources import get_resource, get_resources
 from rosidl_parser.definition import AbstractSequence, Array, NamespacedType
 
-from flexbt_common.errors import UnknownTypeError
 from flexbt_core.values.text import did_you_mean
 
 from .value_types import PRIMITIVES, FieldError, class_of_slot, slot_type_name, slot_value
@@ -22,53 +17,6 @@ MOST_ELEMENTS: Final = 1_000
 """Maximum number of elements of a list that is filled by the paths of its elements."""
 LENGTH: Final = 'length'
 """Last step of a path that means the number of elements of a list."""
-KINDS: Final = {'msg': 'message', 'srv': 'service', 'action': 'action'}
-"""Kinds of interfaces, as they stand in names and as a person calls them."""
-
-
-@functools.cache
-def interface_names(kind: str) -> tuple[str, ...]:
-    """Return the full names of all installed interfaces of a kind, sorted."""
-    found = []
-    for package in get_resources('rosidl_interfaces'):
-        listing, _ = get_resource('rosidl_interfaces', package)
-        for line in map(str.strip, listing.splitlines()):
-            name, dot, suffix = line.rpartition('.')
-            if suffix == kind and dot and name.startswith(f'{kind}/'):
-                found.append(f'{package}/{name}')
-    return tuple(sorted(found))
-
-
-def interface_class(name: str, kind: str) -> type[Any]:
-    """Return the class of an installed interface by its name, ``package/action/Name`` or ``package/Name``.
-
-    Only what the ament index lists is imported.
-
-    Raises:
-        UnknownTypeError: no such interface is installed.
-    """
-    package, *rest = name.strip().split('/')
-    full = '/'.join((package, kind, *rest) if len(rest) == 1 else (package, *rest))
-    if full not in interface_names(kind):
-        raise UnknownTypeError(name, f'type {name!r}: {_why_unknown(full, kind)}')
-    found: type[Any] = getattr(importlib.import_module(f'{package}.{kind}'), rest[-1])
-    return found
-
-
-def _why_unknown(name: str, kind: str) -> str:
-    package, *rest = name.split('/')
-    if len(rest) != 2 or rest[0] != kind:
-        return f'this is not the name of a type of {KINDS[kind]}s; write package/{kind}/Name'
-    short = rest[1]
-    known = [one.split('/') for one in interface_names(kind)]
-    packages = {one[0] for one in known}
-    if package in packages:
-        near = did_you_mean(short, [one[2] for one in known if one[0] == package], '')
-        return f'package {package!r} has no {KINDS[kind]} {short!r}{near}'
-    if package in get_packages_with_prefixes():
-        return f'package {package!r} has no {KINDS[kind]}s'
-    near = did_you_mean(package, packages, '')
-    return f'package {package!r} is not installed: install it, or source the workspace that has it{near}'
 
 
 def constants_of(message: type[Any]) -> dict[str, Any]:

@@ -107,8 +107,8 @@ def _resolved(name: str) -> ValueType:
             f'{name!r} is not a type name; expected package/msg/Name, or one of {", ".join(PRIMITIVES)}, '
             'with [] appended for an array',
         )
-    package, short = match['package'], match['name']
-    return ValueType(f'{package}/msg/{short}{suffix}', None, _message_class(name, package, short), is_array)
+    message = interface_class(f'{match["package"]}/msg/{match["name"]}', 'msg')
+    return ValueType(f'{message_type_name(message)}{suffix}', None, message, is_array)
 
 
 def message_type_name(message: type[Any]) -> str:
@@ -169,31 +169,53 @@ def _sequence_type_name(value: Sequence[Any]) -> str:
     return element + '[]'
 
 
-def _message_class(name: str, package: str, short: str) -> type[Any]:
-    packages = get_resources('rosidl_interfaces')
-    if package not in packages:
-        remedy = (
-            'it has no messages'
-            if package in get_packages_with_prefixes()
-            else 'install it, or source the workspace that has it'
-        )
-        remedy += did_you_mean(package, packages, '')
-        raise UnknownTypeError(name, f'type {name!r}: no installed interface package {package!r}: {remedy}')
-    messages = _messages_of(package)
-    if short not in messages:
-        near = did_you_mean(short, messages, '')
-        raise UnknownTypeError(name, f'type {name!r}: package {package!r} has no message {short!r}{near}')
-    message: type[Any] = getattr(importlib.import_module(f'{package}.msg'), short)
-    return message
+KINDS: Final = {'msg': 'message', 'srv': 'service', 'action': 'action'}
+"""Kinds of interfaces, as they stand in names and as a person calls them."""
 
 
 @functools.cache
-def _messages_of(package: str) -> frozenset[str]:
-    listing, _ = get_resource('rosidl_interfaces', package)
-    lines = (line.strip() for line in listing.splitlines())
-    return frozenset(
-        line.removeprefix('msg/').rpartition('.')[0] for line in lines if line.startswith('msg/') and '.' in line
-    )
+def interface_names(kind: str) -> tuple[str, ...]:
+    """Return the full names of all installed interfaces of a kind, sorted."""
+    found = []
+    for package in get_resources('rosidl_interfaces'):
+        listing, _ = get_resource('rosidl_interfaces', package)
+        for line in map(str.strip, listing.splitlines()):
+            name, dot, suffix = line.rpartition('.')
+            if dot and name.startswith(f'{kind}/') and (suffix == kind or kind == 'msg'):
+                found.append(f'{package}/{name}')
+    return tuple(sorted(set(found)))
+
+
+def interface_class(name: str, kind: str) -> type[Any]:
+    """Return the class of an installed interface by its name, ``package/action/Name`` or ``package/Name``.
+
+    Only what the ament index lists is imported.
+
+    Raises:
+        UnknownTypeError: no such interface is installed.
+    """
+    package, *rest = name.strip().split('/')
+    full = '/'.join((package, kind, *rest) if len(rest) == 1 else (package, *rest))
+    if full not in interface_names(kind):
+        raise UnknownTypeError(name, f'type {name!r}: {_why_unknown(full, kind)}')
+    found: type[Any] = getattr(importlib.import_module(f'{package}.{kind}'), rest[-1])
+    return found
+
+
+def _why_unknown(name: str, kind: str) -> str:
+    package, *rest = name.split('/')
+    if len(rest) != 2 or rest[0] != kind:
+        return f'this is not the name of a type of {KINDS[kind]}s; write package/{kind}/Name'
+    short = rest[1]
+    known = [one.split('/') for one in interface_names(kind)]
+    packages = {one[0] for one in known}
+    if package in packages:
+        near = did_you_mean(short, [one[2] for one in known if one[0] == package], '')
+        return f'package {package!r} has no {KINDS[kind]} {short!r}{near}'
+    if package in get_packages_with_prefixes():
+        return f'package {package!r} has no {KINDS[kind]}s'
+    near = did_you_mean(package, packages, '')
+    return f'package {package!r} is not installed: install it, or source the workspace that has it{near}'
 
 
 # Values as plain data (dicts, lists, numbers, strings) and as text.

@@ -9,10 +9,11 @@ from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
-from rclpy.time import Time
 
+from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.values.json_data import finite_number
+from flexbt_server.nav2.path_tracking import path_length, points_of, position_of, to_segment
 from flexbt_server.trees.blackboards import RECOVERIES_KEY
 
 MOST_COUNTED: Final = 2**15 - 1
@@ -31,45 +32,30 @@ SMOOTHING: Final = 0.3
 
 UNKNOWN_DISTANCE: Final = -1.0
 
-Point = tuple[float, float]
-
 
 def distance_along(path: Any, pose: PoseStamped) -> float:
     """Metres from ``pose`` to the nearest place of ``path``, and along it to its end; negative when unknown."""
     if not isinstance(path, Path) or not path.poses or not pose.header.frame_id:
         return UNKNOWN_DISTANCE
-    here = (pose.pose.position.x, pose.pose.position.y)
-    points = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in path.poses]
-    lengths = [math.dist(a, b) for a, b in itertools.pairwise(points)]
+    here, points = position_of(pose), points_of(path)
     nearest, ahead_of_nearest = math.dist(here, points[-1]), 0.0
     ahead = 0.0
-    for (start, end), length in zip(reversed(list(itertools.pairwise(points))), reversed(lengths), strict=True):
-        place, left = _nearest_on_segment(here, start, end, length)
-        distance = math.dist(here, place)
+    for start, end in reversed(list(itertools.pairwise(points))):
+        length = math.dist(start, end)
+        distance, along = to_segment(here, start, end)
         if distance < nearest:
-            nearest, ahead_of_nearest = distance, ahead + left
+            nearest, ahead_of_nearest = distance, ahead + length - along
         ahead += length
     return nearest + ahead_of_nearest
-
-
-def _nearest_on_segment(here: Point, start: Point, end: Point, length: float) -> tuple[Point, float]:
-    """Return the point of a segment that is nearest to ``here``, and how far it is from the segment's end."""
-    if length <= 0.0:
-        return end, 0.0
-    along = ((here[0] - start[0]) * (end[0] - start[0]) + (here[1] - start[1]) * (end[1] - start[1])) / length**2
-    along = min(max(along, 0.0), 1.0)
-    place = (start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1]))
-    return place, (1.0 - along) * length
 
 
 def distance_left(path: Any, pose: PoseStamped) -> float:
     """Metres along ``path`` from its pose that is nearest to ``pose``; 0 while there is no path."""
     if not isinstance(path, Path) or not path.poses or not pose.header.frame_id:
         return 0.0
-    here = (pose.pose.position.x, pose.pose.position.y)
-    points = [(stamped.pose.position.x, stamped.pose.position.y) for stamped in path.poses]
+    here, points = position_of(pose), points_of(path)
     nearest = min(range(len(points)), key=lambda index: math.dist(here, points[index]))
-    return sum(math.dist(a, b) for a, b in itertools.pairwise(points[nearest:]))
+    return path_length(points[nearest:])
 
 
 def seconds_left(distance: float, speed: float) -> float:
@@ -90,8 +76,7 @@ class Speed:
 
     def at(self, pose: PoseStamped) -> float:
         """Return the speed over the last :data:`SMOOTHING` seconds and up to this pose."""
-        at = pose.pose.position
-        seen = (Time.from_msg(pose.header.stamp).nanoseconds * 1e-9, at.x, at.y)
+        seen = (seconds_of(pose.header.stamp), *position_of(pose))
         if self._poses and seen[0] < self._poses[-1][0]:
             self._poses.clear()  # time has gone back
         if not self._poses or seen[0] > self._poses[-1][0]:

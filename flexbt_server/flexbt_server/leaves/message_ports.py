@@ -15,12 +15,13 @@ from dataclasses import replace
 from typing import Any, ClassVar, Final, NamedTuple
 
 from flexbt_common.errors import UnknownTypeError
-from flexbt_common.values.fields import Field, constants_of, interface_class
+from flexbt_common.values.fields import Field, constants_of
 from flexbt_common.values.templates import Expression, MessageTemplate, Source, embedded, is_expression
 from flexbt_common.values.value_types import (
     FieldError,
     ValueType,
     from_plain,
+    interface_class,
     message_type_name,
     parse_text,
     resolve_type,

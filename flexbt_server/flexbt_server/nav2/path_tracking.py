@@ -39,7 +39,7 @@ class PathTracker:
         last = len(self._points) - 1
 
         def gap(index: int) -> float:
-            return _to_segment(here, *self._points[index : index + 2])[0]
+            return to_segment(here, *self._points[index : index + 2])[0]
 
         end = first_beyond(self._points, self._index, SEARCH_AHEAD)
         nearest = min(range(self._index, max(self._index + 1, min(end, last))), key=gap)
@@ -47,7 +47,7 @@ class PathTracker:
             nearest = min(range(self._index, last), key=gap)
         self._index = nearest
         start, end_point = self._points[nearest : nearest + 2]
-        distance, along = _to_segment(here, start, end_point)
+        distance, along = to_segment(here, start, end_point)
         direction = math.atan2(end_point[1] - start[1], end_point[0] - start[0])
         side = (end_point[0] - start[0]) * (here[1] - start[1]) - (end_point[1] - start[1]) * (here[0] - start[0])
         return TrackingFeedback(
@@ -131,7 +131,7 @@ def path_length(points: Sequence[tuple[float, float]]) -> float:
     return sum(itertools.starmap(math.dist, itertools.pairwise(points)))
 
 
-def _to_segment(here: tuple[float, float], start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
+def to_segment(here: tuple[float, float], start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
     """Return how far a point is from a segment, and how far along it the nearest place is."""
     length = math.dist(start, end)
     if length == 0.0:

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosidl_parser.definition import AbstractSequence, Array, NamespacedType
 
-from flexbt_common.values.fields import Field, constants_of, interface_class, interface_names
+from flexbt_common.values.fields import Field, constants_of
+from flexbt_common.values.value_types import interface_class, interface_names
 from flexbt_core import Blackboard, ManualClock, Tree, TreeLibrary, load_xml
 from flexbt_server.leaves.message_ports import MessageLeaf
 from flexbt_server.node_types import node_registry
