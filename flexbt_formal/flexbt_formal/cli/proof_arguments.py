@@ -6,9 +6,11 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Final
 
+from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES
 from flexbt_core.monitors.requirement_text import (
     RequirementError,
@@ -17,11 +19,12 @@ from flexbt_core.monitors.requirement_text import (
     read_requirements,
 )
 from flexbt_core.values.text import one_line
-from flexbt_formal.exploration.explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS
-from flexbt_formal.exploration.model import Counterexample, Report
+from flexbt_formal.exploration.explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, RestoreError
+from flexbt_formal.exploration.model import Report
 from flexbt_formal.proofs.proof_cache import ProofCache
 from flexbt_formal.proofs.proof_report import (
     Compared,
+    ProgressLine,
     comparison_as_json,
     comparison_lines,
     report_as_json,
@@ -29,7 +32,7 @@ from flexbt_formal.proofs.proof_report import (
 )
 from flexbt_formal.proofs.saved_test import File, Replay, saved_test
 from flexbt_tools.cli import arguments
-from flexbt_tools.errors import ExitCode, UnfitError, UsageError
+from flexbt_tools.errors import ExitCode, RefusedError, UnfitError, UsageError
 from flexbt_tools.files import read_text_file, write_text_file
 
 _MOST_BYTES: Final = 1_000_000
@@ -110,8 +113,25 @@ def warn_unused(options: argparse.Namespace, named: Iterable[str], proved: Colle
         print(f'{options.requirements}: not proved here: {one_line(", ".join(unused), 500)}', file=sys.stderr)
 
 
-def tell(options: argparse.Namespace, reports: Sequence[Report], compared: Sequence[Compared] = ()) -> ExitCode:
-    """Print what was found, and write the pictures and the recording that are wanted; the exit code."""
+@contextmanager
+def proving(options: argparse.Namespace) -> Iterator[ProgressLine]:
+    """Show the progress of proofs. Raises RefusedError for trees that cannot be built, UsageError for an engine that
+    cannot be restored."""
+    progress = ProgressLine(not options.quiet)
+    try:
+        yield progress
+    except TreeLoadError as error:
+        raise RefusedError(error.errors) from error
+    except RestoreError as error:
+        raise UsageError(str(error)) from error
+    finally:
+        progress.end()
+
+
+def tell(
+    options: argparse.Namespace, replays: Sequence[Replay], reports: Sequence[Report], compared: Sequence[Compared]
+) -> ExitCode:
+    """Print what was found, and write the files that are wanted: test, pictures and recording; the exit code."""
     if options.json:
         plain: dict[str, Any] = {'proofs': [report_as_json(report) for report in reports]}
         if compared:
@@ -123,7 +143,7 @@ def tell(options: argparse.Namespace, reports: Sequence[Report], compared: Seque
             print(one_line(line, 2000))
     is_wrong = any(not report.holds for report in reports)
     if is_wrong:
-        _save(options, reports)
+        _save(options, replays, reports)
     if any(not (report.holds or report.is_dead_code) for report in reports) or any(not one.is_same for one in compared):
         return ExitCode.NEGATIVE
     if is_wrong:
@@ -132,30 +152,28 @@ def tell(options: argparse.Namespace, reports: Sequence[Report], compared: Seque
     return ExitCode.OK if all(followed) else ExitCode.UNFINISHED
 
 
-def _save(options: argparse.Namespace, reports: Sequence[Report]) -> None:
+def _save(options: argparse.Namespace, replays: Sequence[Replay], reports: Sequence[Report]) -> None:
     from flexbt_formal.proofs.counterexamples import draw_counterexamples, record_counterexamples  # rarely needed
 
     if options.draw is not None:
         files = draw_counterexamples(options.draw, reports)
         print(f'drawn in {", ".join(files)}', file=sys.stderr)
+    if options.save_test is not None:
+        write_text_file(options.save_test, saved_test(options.save_test, replays))
+        print(f'the test is in {options.save_test}', file=sys.stderr)
     if options.save_recording is not None:
         record_counterexamples(options.save_recording, reports)
         print(f'the recording is in {options.save_recording}: console replay shows it', file=sys.stderr)
 
 
 def node_settings(options: argparse.Namespace) -> dict[str, Any]:
-    """Return what :func:`arguments.add_node_types` has told, for a saved test."""
+    """Return the ``--given`` keys and what :func:`arguments.add_node_types` has told, for a saved test."""
     is_usual = options.nav2_branch == NAV2_BRANCHES[0]
     return {
+        'given': options.given,
         'models': [File(file) for file in options.models],
         'nav2_branch': '' if is_usual else options.nav2_branch,
     }
-
-
-def save_test(options: argparse.Namespace, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> None:
-    """Write a test file. Raises UsageError."""
-    write_text_file(options.save_test, saved_test(options.save_test, wrong))
-    print(f'the test is in {options.save_test}', file=sys.stderr)
 
 
 def _count(text: str) -> int:

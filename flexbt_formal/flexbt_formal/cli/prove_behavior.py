@@ -10,16 +10,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from flexbt_core.monitors.requirement_text import StatedRequirement
 from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy
 from flexbt_core.state_machine.model.definition import MachineDefinition
-from flexbt_formal.exploration.explorer import RestoreError
 from flexbt_formal.exploration.machine_system import MachineBounds, Operator
-from flexbt_formal.exploration.model import Counterexample
-from flexbt_formal.proofs.behavior_proof import BehaviorProof, Version, compare_behaviors, prove_behavior
+from flexbt_formal.proofs.behavior_proof import (
+    BehaviorProof,
+    Version,
+    compare_behaviors,
+    prove_behavior,
+    replay_behavior,
+)
 from flexbt_formal.proofs.proof_report import Compared, ProgressLine
 from flexbt_formal.proofs.saved_test import File, Replay, requirement_texts
 from flexbt_tools.behaviors.built_behavior import BuiltBehavior, UsedTrees, machine_file, used_trees
 from flexbt_tools.cli import arguments
 from flexbt_tools.cli.behavior_tool import add_parameters, add_tree_files, built, parameters
-from flexbt_tools.errors import ExitCode, UnfitError, UsageError
+from flexbt_tools.errors import ExitCode, UnfitError
 
 from . import proof_arguments
 
@@ -64,8 +68,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     required = [*own, *by_name.get(behavior.name, ())]
     trees = [use.key.id for use in used.uses if use.key is not None]
     proof_arguments.warn_unused(options, by_name, {behavior.name, *trees})
-    progress = ProgressLine(not options.quiet)
-    try:
+    with proof_arguments.proving(options) as progress:
         proof = prove_behavior(
             behavior.name,
             behavior.machine,
@@ -79,14 +82,9 @@ def run(options: argparse.Namespace) -> ExitCode:
             on_progress=progress.show,
             cache=proof_arguments.proof_cache(options),
         )
-    except RestoreError as error:
-        raise UsageError(f'{behavior.name}: {error}') from error
-    finally:
-        progress.end()
-    code = proof_arguments.tell(options, proof.reports, _compared(options, behavior.machine, used, bounds, progress))
-    if options.save_test is not None and not all(report.holds for report in proof.reports):
-        proof_arguments.save_test(options, list(_wrong(options, proof, bounds, required, by_name)))
-    return code
+        compared = _compared(options, behavior.machine, used, bounds, progress)
+    replays = list(_replays(options, proof, bounds, required, by_name))
+    return proof_arguments.tell(options, replays, proof.reports, compared)
 
 
 def _used(options: argparse.Namespace, behavior: BuiltBehavior, files: Sequence[str]) -> UsedTrees:
@@ -110,45 +108,36 @@ def _compared(
     old = built(options, options.against)
     assert old.machine is not None
     before = Version(old.machine, _used(options, old, options.against_trees or options.trees))
-    try:
-        return compare_behaviors(
-            machine.label or options.name,
-            before,
-            Version(machine, used),
-            bounds,
-            seconds=options.seconds,
-            configurations=options.situations,
-            given=options.given,
-            on_progress=lambda name, *counts: progress.show(f'{name}, against before', *counts),
-        )
-    finally:
-        progress.end()
+    return compare_behaviors(
+        machine.label or options.name,
+        before,
+        Version(machine, used),
+        bounds,
+        seconds=options.seconds,
+        configurations=options.situations,
+        given=options.given,
+        on_progress=lambda name, *counts: progress.show(f'{name}, against before', *counts),
+    )
 
 
-def _wrong(
+def _replays(
     options: argparse.Namespace,
     proof: BehaviorProof,
     bounds: MachineBounds,
     required: Sequence[StatedRequirement],
     by_name: Mapping[str, Sequence[StatedRequirement]],
-) -> Iterator[tuple[Replay, Sequence[Counterexample]]]:
+) -> Iterator[Replay]:
     """Yield what is wrong with the trees, and with the machine, with the calls that make the steps again."""
-    name = options.name if machine_file(options.name) is None else File(options.name)
     common = {
+        'name': options.name if machine_file(options.name) is None else File(options.name),
         'parameters': parameters(options),
         'trees': [File(file) for file in options.trees],
-        'given': options.given,
         **proof_arguments.node_settings(options),
     }
     for key, report in proof.trees.items():
-        texts = requirement_texts(by_name.get(key.id, ()))
-        settings = {'tree': key.id, **common, 'require': texts}
-        yield (
-            Replay(f'the tree {key.id!r}', 'behavior_proof', 'replay_behavior', [name], settings),
-            report.counterexamples,
-        )
-    settings = {
-        **common,
+        settings = common | {'tree': key.id, 'require': requirement_texts(by_name.get(key.id, ()))}
+        yield Replay(f'the tree {key.id!r}', replay_behavior, settings, report.counterexamples)
+    settings = common | {
         'operator': bounds.operator.value,
         'forces': bounds.forces,
         'faults': bounds.faults,
@@ -156,5 +145,4 @@ def _wrong(
         'configurations': options.situations,
         'require': requirement_texts(required),
     }
-    what = f'the machine of {proof.name!r}'
-    yield Replay(what, 'behavior_proof', 'replay_behavior', [name], settings), proof.machine.counterexamples
+    yield Replay(f'the machine of {proof.name!r}', replay_behavior, settings, proof.machine.counterexamples)

@@ -9,17 +9,17 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_core.values.text import did_you_mean, one_line
 from flexbt_core.values.text_files import open_regular
-from flexbt_formal.proofs.proof_report import ProgressLine
 from flexbt_formal.roaml.checking import CheckLimits, Method, Result, check
 from flexbt_formal.roaml.language.source_text import ModelFault
 from flexbt_formal.roaml.model import RoamlModel, is_model
 from flexbt_formal.roaml.properties import ModelProperty
 from flexbt_formal.roaml.rounds import Order
 from flexbt_tools.cli import arguments
-from flexbt_tools.errors import ExitCode, RefusedError, UnfitError, UsageError
+from flexbt_tools.errors import ExitCode, UnfitError, UsageError
+
+from . import proof_arguments
 
 _HEAD = 4096
 
@@ -84,34 +84,30 @@ def run(options: argparse.Namespace) -> ExitCode:
         if getattr(options, name):
             raise UsageError(f'--{name.replace("_", "-")} is for files of trees, and {options.files[0]} is a model')
     file: str = options.files[0]
-    try:
+    with proof_arguments.proving(options):
         model = RoamlModel(file)
-    except TreeLoadError as error:
-        raise RefusedError(error.errors) from error
     asked = _asked(model, options.property)
     limits = CheckLimits(
         options.seconds / len(asked), options.situations, options.error, options.confidence, options.seed
     )
-    progress = ProgressLine(not options.quiet)
     results: list[Result] = []
     if not options.json:
         print(one_line(f'model {file}: {len(asked)} {"property" if len(asked) == 1 else "properties"}'))
     for one in asked:
         try:
-            result = check(
-                model,
-                one,
-                order=Order(options.order),
-                method=Method(options.method),
-                limits=limits,
-                on_progress=partial(progress.show, one.name),
-            )
+            with proof_arguments.proving(options) as progress:
+                result = check(
+                    model,
+                    one,
+                    order=Order(options.order),
+                    method=Method(options.method),
+                    limits=limits,
+                    on_progress=partial(progress.show, one.name),
+                )
         except ModelFault as error:
             raise UnfitError(f'the property {one.name!r} cannot be decided: {error}') from error
         except ValueError as error:
             raise UsageError(str(error)) from error
-        finally:
-            progress.end()
         results.append(result)
         if not options.json:
             for line in result_lines(result):

@@ -11,13 +11,12 @@ from collections.abc import Sequence
 from functools import partial
 
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model.errors import TreeLoadError
-from flexbt_formal.exploration.explorer import ExplorationLimits, RestoreError
+from flexbt_formal.exploration.explorer import ExplorationLimits
 from flexbt_formal.proofs.proof_report import Compared, ProgressLine
 from flexbt_formal.proofs.saved_test import File, Replay, requirement_texts
-from flexbt_formal.proofs.tree_proof import compare_trees, prove_tree
+from flexbt_formal.proofs.tree_proof import compare_trees, prove_tree, replay_tree
 from flexbt_tools.cli import arguments
-from flexbt_tools.errors import ExitCode, RefusedError, UsageError
+from flexbt_tools.errors import ExitCode
 from flexbt_tools.trees.files import read_library, roots
 from flexbt_tools.trees.outline import find_tree
 
@@ -46,49 +45,32 @@ def run(options: argparse.Namespace) -> ExitCode:
     own, by_name = proof_arguments.requirements(options)
     proof_arguments.warn_unused(options, by_name, [key.id for key in keys])
     required = {key: [*own, *by_name.get(key.id, ())] for key in keys}
-    progress = ProgressLine(not options.quiet)
-    reports = {}
-    for key in keys:
-        name = f'tree {key.id}'
-        limits = ExplorationLimits(options.seconds / len(keys), options.situations)
-        try:
-            reports[key] = prove_tree(
+    with proof_arguments.proving(options) as progress:
+        reports = {
+            key: prove_tree(
                 library,
                 key,
                 given=options.given,
-                limits=limits,
+                limits=ExplorationLimits(options.seconds / len(keys), options.situations),
                 faults=options.faults,
                 required=required[key],
                 cache=proof_arguments.proof_cache(options),
-                on_progress=partial(progress.show, name),
+                on_progress=partial(progress.show, f'tree {key.id}'),
             )
-        except TreeLoadError as error:
-            raise RefusedError(error.errors) from error
-        except RestoreError as error:
-            raise UsageError(f'{name}: {error}') from error
-        finally:
-            progress.end()
-    code = proof_arguments.tell(options, list(reports.values()), _compared(options, before, library, keys, progress))
-    if options.save_test is not None and not all(report.holds for report in reports.values()):
-        files = [File(file) for file in options.files]
-        settings = {'given': options.given, **proof_arguments.node_settings(options)}
-        proof_arguments.save_test(
-            options,
-            [
-                (
-                    Replay(
-                        f'the tree {key.id!r}',
-                        'tree_proof',
-                        'replay_tree',
-                        [files, key.id],
-                        settings | {'require': requirement_texts(required[key])},
-                    ),
-                    report.counterexamples,
-                )
-                for key, report in reports.items()
-            ],
+            for key in keys
+        }
+        compared = _compared(options, before, library, keys, progress)
+    settings = {'files': [File(file) for file in options.files], **proof_arguments.node_settings(options)}
+    replays = [
+        Replay(
+            f'the tree {key.id!r}',
+            replay_tree,
+            settings | {'tree': key.id, 'require': requirement_texts(required[key])},
+            report.counterexamples,
         )
-    return code
+        for key, report in reports.items()
+    ]
+    return proof_arguments.tell(options, replays, list(reports.values()), compared)
 
 
 def _compared(
@@ -103,25 +85,14 @@ def _compared(
         return []
     others = roots(old) if options.tree is None else []
     names = dict.fromkeys(key.id for key in (*keys, *others))
-    versions = [(name, old.find(name), library.find(name)) for name in names]
-    limits = ExplorationLimits(options.seconds / len(versions), options.situations, options.seconds)
+    limits = ExplorationLimits(options.seconds / len(names), options.situations, options.seconds)
     found = []
-    try:
-        for name, before, now in versions:
-            if before is not None and now is not None:
-                found.append(
-                    compare_trees(
-                        (old, before),
-                        (library, now),
-                        given=options.given,
-                        limits=limits,
-                        on_progress=partial(progress.show, f'tree {name}, against before'),
-                    )
-                )
-            else:
-                found.append(Compared(f'tree {name}', only='now' if before is None else 'before'))
-    except TreeLoadError as error:
-        raise RefusedError(error.errors) from error
-    finally:
-        progress.end()
+    for name in names:
+        before, now = old.find(name), library.find(name)
+        if before is None or now is None:
+            found.append(Compared(f'tree {name}', only='now' if before is None else 'before'))
+            continue
+        on_progress = partial(progress.show, f'tree {name}, against before')
+        versions = ((old, before), (library, now))
+        found.append(compare_trees(*versions, given=options.given, limits=limits, on_progress=on_progress))
     return found

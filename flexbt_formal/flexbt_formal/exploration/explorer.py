@@ -12,7 +12,7 @@ import itertools
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from flexbt_core.monitors.properties import Property, Violation
@@ -55,12 +55,6 @@ class ExplorationLimits:
         return f'the time limit of {self.seconds if self.whole is None else self.whole:g} s'
 
 
-@dataclass
-class _Found:
-    violations: dict[Violation, tuple[Move, ...]] = field(default_factory=dict)
-    counts: Counter[Property] = field(default_factory=Counter)
-
-
 class RestoreError(AssertionError):
     """A restored configuration differs from the result of its steps: something that is remembered is not saved."""
 
@@ -79,24 +73,22 @@ def explore(
     It has to be able to end also when up to ``faults`` of its servers are gone for good, from any time. Raises
     RestoreError.
     """
-    return _Exploration(make, limits or ExplorationLimits(), on_progress, faults).report(name, bounds)
+    return _Exploration(make, name, limits or ExplorationLimits(), on_progress, faults).report(bounds)
 
 
 class _Exploration:
     def __init__(
-        self,
-        make: Callable[[], System],
-        limits: ExplorationLimits,
-        on_progress: OnProgress,
-        faults: int,
+        self, make: Callable[[], System], name: str, limits: ExplorationLimits, on_progress: OnProgress, faults: int
     ) -> None:
         self._make = make
+        self._name = name
         self._faults = faults
         self._limits = limits
         self._on_progress = on_progress
         self._system = make()
         self._graph = ConfigurationGraph()
-        self._found = _Found()
+        self._found: dict[Violation, tuple[Move, ...]] = {}
+        self._counts: Counter[Property] = Counter()
         self._steps = 0
         self._written: dict[str, frozenset[str]] = {}
         self._checked = 0
@@ -111,16 +103,15 @@ class _Exploration:
         graph = self._graph
         graph.add(first.key, None, None)
         self._describe(first.key)
-        ahead: deque[tuple[bytes, Configuration]] = deque([(first.key, first)])
+        ahead = deque([first])
         expanded = 0
         while ahead:
-            _, configuration = ahead.popleft()
-            self._on_progress(len(self._graph), len(ahead))
-            self._system.restore(configuration)
+            configuration = ahead.popleft()
+            self._on_progress(len(graph), len(ahead))
             system = self._system
+            system.restore(configuration)
             for label, answer, is_due in [(one, system.answer(one), system.is_due(one)) for one in system.labels()]:
-                for new in self._follow(configuration, label, answer, is_due):
-                    ahead.append((new.key, new))
+                ahead += self._follow(configuration, label, answer, is_due)
             expanded += 1
             if expanded % _CHECKED == _CHECKED // 10:
                 self._check_restore(configuration)
@@ -129,7 +120,7 @@ class _Exploration:
             elif len(graph) > self._limits.configurations:
                 self._stopped_by = f'the limit of {self._limits.configurations} configurations'
             if self._stopped_by:
-                graph.unfinished.update(waiting for waiting, _ in ahead)
+                graph.unfinished.update(waiting.key for waiting in ahead)
                 return
 
     def _follow(
@@ -191,23 +182,23 @@ class _Exploration:
             self._graph.asking.add(key)
 
     def _note(self, violation: Violation, moves: tuple[Move, ...]) -> None:
-        if violation not in self._found.violations:
-            self._found.counts[violation.property] += not violation.is_lasting
-            if violation.is_lasting or self._found.counts[violation.property] <= _ALIKE:
-                self._found.violations[violation] = moves
+        if violation not in self._found:
+            self._counts[violation.property] += not violation.is_lasting
+            if violation.is_lasting or self._counts[violation.property] <= _ALIKE:
+                self._found[violation] = moves
 
     def _check_restore(self, configuration: Configuration) -> None:
         """Compare a configuration with what the steps from the beginning lead to."""
         if self._at(self._graph.way_to(configuration.key)).capture().key != configuration.key:
             way = '; '.join(str(move.label) for move in self._graph.way_to(configuration.key))
             raise RestoreError(
-                f'after "{way}" the engine is not where it was: something is remembered that is not kept'
+                f'{self._name}: after "{way}" the engine is not where it was: something is remembered that is not kept'
             )
         self._checked += 1
 
     # -- what it means -----------------------------------------------------------------------------------------------
 
-    def report(self, name: str, bounds: str) -> Report:
+    def report(self, bounds: str) -> Report:
         """Search, and return the result."""
         is_collecting = gc.isenabled()
         gc.disable()  # what is kept is needed, and all of it would be looked through over and over
@@ -228,13 +219,13 @@ class _Exploration:
         for violation, moves in graph.lost(system.requirements.possible, self._position):
             self._note(violation, moves)
         # What is wrong may be why something is never reached: after it nothing was followed.
-        is_known = self._is_complete and all(violation.is_lasting for violation in self._found.violations)
+        is_known = self._is_complete and all(violation.is_lasting for violation in self._found)
         for missing in sorted(system.promised() - system.covered()) if is_known else ():
             text = f'{missing} is never reached: nothing that can happen leads to it'
             self._note(Violation(Property.REACHABLE, missing, text), ())
         for violation in system.idle() if is_known else ():
             self._note(violation, ())
-        for found, count in self._found.counts.items():
+        for found, count in self._counts.items():
             if count > _ALIKE:
                 notes.append(f'{count - _ALIKE} more of "{found.value}"')
         if not self._stopped_by and not graph.can_end_by_itself():
@@ -245,7 +236,7 @@ class _Exploration:
             notes.append(f'no time limit: if one of these never answers, only a stop ends it: {which}')
         uncovered = tuple(sorted(system.coverable() - system.covered()))
         return Report(
-            name=name,
+            name=self._name,
             bounds=bounds,
             is_complete=self._is_complete,
             stopped_by=self._stopped_by,
@@ -255,7 +246,7 @@ class _Exploration:
             seconds=time.process_time() - self._begin,
             counterexamples=tuple(
                 Counterexample(violation, moves, tuple(narrate(self._make, moves, [violation])))
-                for violation, moves in self._found.violations.items()
+                for violation, moves in self._found.items()
             ),
             notes=tuple(notes),
             ends=Counter(ended for ended in graph.ended.values() if ended is not None),

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import fields
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.monitors.properties import Property, Violation
@@ -150,44 +151,33 @@ def comparison_as_json(compared: Compared) -> dict[str, Any]:
         'name': compared.name,
         'only': compared.only,
         'complete': found.is_complete,
-        'stopped_by': found.stopped_by,
-        'situations': found.situations,
-        'steps': found.steps,
+        **vars(found),
         'seconds': round(found.seconds, 3),
-        'differences': [
-            {'way': list(one.lines), 'before': list(one.before), 'now': list(one.now)} for one in found.differences
-        ],
-        'more': found.more,
+        'differences': [{'way': one.lines, 'before': one.before, 'now': one.now} for one in found.differences],
     }
 
 
 # What a proof has found, for programs.
 
 
+_NAMES: Final = {'is_complete': 'complete', 'uncovered': 'never', 'counterexamples': 'wrong'}
+"""Names in JSON of fields of a report that have another one there."""
+_LEFT_OUT: Final = ('make', 'checked_restores')
+
+
 def report_as_json(report: Report) -> dict[str, Any]:
     """Return a report for programs."""
-    return {
-        'name': report.name,
-        'bounds': report.bounds,
-        'complete': report.is_complete,
-        'stopped_by': report.stopped_by,
-        'configurations': report.configurations,
-        'steps': report.steps,
-        'depth': report.depth,
+    plain = {_NAMES.get(name, name): value for name, value in vars(report).items() if name not in _LEFT_OUT}
+    return plain | {
         'seconds': round(report.seconds, 3),
-        'ends': dict(report.ends),
         'written': {name: sorted(keys) for name, keys in sorted(report.written.items())},
-        'covered': report.covered,
-        'coverable': report.coverable,
-        'never': list(report.uncovered),
-        'notes': list(report.notes),
         'wrong': [
             {
                 'property': found.violation.property.name,
                 'where': found.violation.where,
                 'text': found.violation.text,
                 'moves': plain_moves(found.moves),
-                'way': list(found.lines),
+                'way': found.lines,
             }
             for found in report.counterexamples
         ],
@@ -199,29 +189,22 @@ def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
 
     Raises KeyError, TypeError or ValueError when it is of none.
     """
+    names = [field.name for field in fields(Report) if field.name not in _LEFT_OUT]
+    values = {name: plain[_NAMES.get(name, name)] for name in names}
+    wrong = [
+        Counterexample(
+            Violation(Property[one['property']], one['where'], one['text']), moves_of(one['moves']), tuple(one['way'])
+        )
+        for one in plain['wrong']
+    ]
     return Report(
-        name=plain['name'],
-        bounds=plain['bounds'],
-        is_complete=plain['complete'],
-        stopped_by=plain['stopped_by'],
-        configurations=plain['configurations'],
-        steps=plain['steps'],
-        depth=plain['depth'],
-        seconds=plain['seconds'],
-        counterexamples=tuple(
-            Counterexample(
-                Violation(Property[one['property']], one['where'], one['text']),
-                moves_of(one['moves']),
-                tuple(one['way']),
-            )
-            for one in plain['wrong']
-        ),
-        notes=tuple(plain['notes']),
-        ends=plain['ends'],
-        covered=plain['covered'],
-        coverable=plain['coverable'],
-        uncovered=tuple(plain['never']),
-        written={name: frozenset(keys) for name, keys in plain['written'].items()},
+        **values
+        | {
+            'counterexamples': tuple(wrong),
+            'notes': tuple(plain['notes']),
+            'uncovered': tuple(plain['never']),
+            'written': {name: frozenset(keys) for name, keys in plain['written'].items()},
+        },
         make=make,
     )
 

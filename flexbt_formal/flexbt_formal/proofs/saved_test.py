@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from flexbt_core.monitors.properties import Violation
 from flexbt_core.monitors.requirement_text import StatedRequirement
 from flexbt_core.values.text import one_line
 from flexbt_formal.exploration.model import Counterexample
@@ -33,40 +34,39 @@ class File(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """A call with which a test takes the steps of a counterexample again.
+    """Counterexamples, and the call with which a test takes the steps of one again.
 
-    It is ``function`` of a module of flexbt_formal.proofs, with ``arguments`` before the moves and those of the
-    ``settings`` after them that are not empty. ``what`` is for people.
+    ``function`` is one of this package. Of the ``settings``, its arguments beside the moves, those are written that are
+    not empty. ``what`` is for people.
     """
 
     what: str
-    module: str
-    function: str
-    arguments: Sequence[Any]
+    function: Callable[..., list[Violation]]
     settings: Mapping[str, Any]
+    counterexamples: Sequence[Counterexample]
 
     def call(self, test: str) -> str:
         """Return the call, as the text of a test that is in the file ``test``."""
-        before = [_expression(one, test) for one in self.arguments]
-        after = [f'{name}={_expression(value, test)}' for name, value in self.settings.items() if value not in ('', [])]
-        return f'{self.function}({", ".join([*before, "moves", *after])})'
+        given = [f'{name}={_expression(value, test)}' for name, value in self.settings.items() if value not in ('', [])]
+        return f'{self.function.__name__}({", ".join(["moves=moves", *given])})'
 
 
-def saved_test(test: str, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> str:
+def saved_test(test: str, wrong: Iterable[Replay]) -> str:
     """Return the text of the file ``test`` for what was found wrong. Raises UsageError when no test can read it
     again."""
-    found = [(replay, counterexamples) for replay, counterexamples in wrong if counterexamples]
-    what = ', '.join(dict.fromkeys(replay.what for replay, _ in found))
-    imports = sorted({f'from flexbt_formal.proofs.{replay.module} import {replay.function}' for replay, _ in found})
+    found = [replay for replay in wrong if replay.counterexamples]
+    what = ', '.join(dict.fromkeys(replay.what for replay in found))
+    functions = {replay.function for replay in found}
+    imports = sorted(f'from {function.__module__} import {function.__name__}' for function in functions)
     lines = [f'"""What a proof has found wrong with {one_line(what)}. Each test fails until that is put right."""', '']
-    calls = [replay.call(test) for replay, _ in found]
+    calls = [replay.call(test) for replay in found]
     if any('HERE / ' in call for call in calls):
         lines += ['from pathlib import Path', '', *imports, '', 'HERE = Path(__file__).resolve().parent', '']
     else:
         lines += [*imports, '']
     number = 0
-    for call, (_, counterexamples) in zip(calls, found, strict=True):
-        for one in counterexamples:
+    for call, replay in zip(calls, found, strict=True):
+        for one in replay.counterexamples:
             number += 1
             if not one.violation.property.is_shown_by_a_way:
                 lines += ['', f'# No steps show this, prove it again: {one_line(one.violation.text)}']
