@@ -8,7 +8,7 @@ ros2 run flexbt_console console
 from launch import LaunchDescription
 
 from flexbt_demo_behaviors.demonstration.launching import launch_at_speed
-from flexbt_demo_behaviors.goals.processes import robot_processes
+from flexbt_demo_behaviors.goals.main import robot_processes
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -6,7 +6,7 @@ from pathlib import Path
 from flexbt_core import define, load_xml, node_skills, read_skills
 from flexbt_demo_behaviors.demonstration.report import world_with_places
 from flexbt_demo_behaviors.goals.behavior import ReachGoal
-from flexbt_demo_behaviors.goals.processes import PLACES, WORLD, robot_processes
+from flexbt_demo_behaviors.goals.main import PLACES, WORLD, robot_processes
 from flexbt_demo_behaviors.goals.rooms import ROOMS, room_at
 from flexbt_formal.planning.missions import read_mission, skill_problem
 from flexbt_formal.planning.planner import plan

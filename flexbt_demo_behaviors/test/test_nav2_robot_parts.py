@@ -9,7 +9,7 @@ import yaml
 from flexbt_core import Autonomy, define, load_xml
 from flexbt_demo_behaviors.demonstration.report import world_with_places
 from flexbt_demo_behaviors.nav2_robot.behavior import AskOperator
-from flexbt_demo_behaviors.nav2_robot.processes import PLACES, PROGRAM, WORLD, robot_processes
+from flexbt_demo_behaviors.nav2_robot.main import PLACES, PROGRAM, WORLD, robot_processes
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_server.node_types import node_registry
 

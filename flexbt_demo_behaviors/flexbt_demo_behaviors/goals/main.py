@@ -16,7 +16,13 @@ from std_srvs.srv import SetBool
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.mirror.records import AutonomyLevel, DecisionKind
-from flexbt_demo_behaviors.demonstration.demo_processes import console_command
+from flexbt_demo_behaviors.demonstration.demo_processes import (
+    Process,
+    console_command,
+    demo_file,
+    mission_processes,
+    only_robot,
+)
 from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import (
     DemoError,
@@ -43,8 +49,23 @@ from flexbt_demo_behaviors.demonstration.scripted_operator import (
 from flexbt_sim.messages import pose_of
 from flexbt_sim.world import Pose
 
-from .processes import PLACES, WORLD, robot_processes
 from .rooms import room_at
+
+SPEED: Final = 0.7
+"""Speed on a free and straight way, m/s: the maximum speed of the robot in the world file."""
+
+WORLD: Final = demo_file('goals/flat.yaml')
+PLACES: Final = demo_file('goals/places.yaml')
+
+
+def robot_processes(speed: float) -> tuple[Process, ...]:
+    """Return the simulation, with the navigation in it, and what else runs on the robot; ``speed`` in seconds per
+    second."""
+    return (
+        only_robot(speed, WORLD, desired_linear_vel=SPEED),
+        *mission_processes(PLACES, {'navigators': (names.NAVIGATE_TO_POSE,)}),
+    )
+
 
 INTRODUCTION = """
 The robot brings the cup from the kitchen to the office. Shut the door meanwhile, from another terminal:

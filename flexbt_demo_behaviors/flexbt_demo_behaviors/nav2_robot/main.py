@@ -3,13 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from flexbt_common import names
 from flexbt_console.mirror.records import DecisionKind
-from flexbt_demo_behaviors.demonstration.demo_processes import console_command
+from flexbt_demo_behaviors.demonstration.demo_processes import (
+    ParameterValue,
+    Process,
+    console_command,
+    demo_file,
+    mission_processes,
+    only_robot,
+)
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoError, DemoReport, Timeline, world_with_places
 from flexbt_demo_behaviors.demonstration.running import (
@@ -28,7 +35,26 @@ from flexbt_demo_behaviors.demonstration.scripted_operator import (
 )
 from flexbt_msgs.srv import ControlTree
 
-from .processes import PLACES, PROGRAM, WORLD, robot_processes
+FOLDER: Final = 'flexbt_demo_behaviors/nav2_robot'
+
+PROGRAM: Final = Process('flexbt_demo_behaviors', 'deliveries')
+"""The program that drives the robot."""
+
+WORLD: Final = demo_file('nav2_robot/warehouse.yaml')
+PLACES: Final = demo_file('nav2_robot/places.yaml')
+
+
+def robot_processes(speed: float) -> tuple[Process, ...]:
+    """Return the simulation, with the navigation in it, and what else runs on the robot, but for the program; ``speed``
+    in seconds per second.
+    """
+    navigators: Mapping[str, ParameterValue] = {
+        'navigators': (names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS),
+        'default_nav_to_pose_bt_xml': f'{FOLDER}/navigate_to_pose.xml',
+        'default_nav_through_poses_bt_xml': f'{FOLDER}/navigate_through_poses.xml',
+    }
+    return only_robot(speed, WORLD), *mission_processes(PLACES, navigators)
+
 
 INTRODUCTION = """
 The program drives the robot to the shelf, and asks you then. "?" shows the keys, "!" stops what drives, "q" ends all.

@@ -18,13 +18,21 @@ from flexbt_sim.world.descriptions.models import (
     ZoneModel,
 )
 from flexbt_sim.world.descriptions.world_file import WorldFile
-from flexbt_sim.world.devices.battery import Battery, BatteryModel
-from flexbt_sim.world.devices.device import Device, Sensor
-from flexbt_sim.world.devices.imu import Imu, ImuModel
-from flexbt_sim.world.devices.lidar import Lidar, LidarModel, Scan
-from flexbt_sim.world.devices.range_finder import RangeFinder, RangeFinderModel
-from flexbt_sim.world.devices.touch import Bumper, Gripper, GripperModel
-from flexbt_sim.world.plane.bodies import Body
+from flexbt_sim.world.device import Device, Sensor
+from flexbt_sim.world.devices import (
+    Battery,
+    BatteryModel,
+    Bumper,
+    Gripper,
+    GripperModel,
+    Imu,
+    ImuModel,
+    Lidar,
+    LidarModel,
+    RangeFinder,
+    RangeFinderModel,
+    Scan,
+)
 from flexbt_sim.world.plane.geometry import (
     FARTHEST,
     Circle,
@@ -40,6 +48,7 @@ from flexbt_sim.world.plane.geometry import (
     wrap,
 )
 from flexbt_sim.world.plane.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap, load_map
+from flexbt_sim.world.plane.space import Body
 from flexbt_sim.world.specification import FaultModel
 
 from .pictures import Trace, TraceFrame, draw_world

@@ -14,7 +14,7 @@ import numpy
 from PIL import Image, ImageDraw
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.devices.lidar import Lidar, Scan
+from flexbt_sim.world.devices import Lidar, Scan
 from flexbt_sim.world.plane.geometry import Circle, Point, Pose, Shape, compose
 from flexbt_sim.world.plane.occupancy_map import UNKNOWN, OccupancyMap
 

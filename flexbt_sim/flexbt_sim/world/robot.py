@@ -8,11 +8,10 @@ from typing import Final, TypeVar
 
 from flexbt_sim.world.descriptions.faults import LocalizationLost, StuckWheel
 from flexbt_sim.world.descriptions.models import DEVICES, OdometryModel, RobotModel
-from flexbt_sim.world.devices.battery import Battery
-from flexbt_sim.world.devices.device import Carrier, Device, DeviceFault, Sensor
-from flexbt_sim.world.devices.lidar import Lidar, Scan
-from flexbt_sim.world.plane.bodies import Normals, WorldView, generator
+from flexbt_sim.world.device import Carrier, Device, DeviceFault, Sensor
+from flexbt_sim.world.devices import Battery, Lidar, Scan
 from flexbt_sim.world.plane.geometry import Pose, compose, drive, inverse, wrap
+from flexbt_sim.world.plane.space import Normals, WorldView, generator
 from flexbt_sim.world.specification import FaultModel
 
 COMMAND_PERIOD: Final = 0.05

@@ -15,8 +15,8 @@ from flexbt_sim.world.descriptions.models import (
     WalkModel,
     ZoneModel,
 )
-from flexbt_sim.world.plane.bodies import Body, WorldView, generator
 from flexbt_sim.world.plane.geometry import Circle, Polygon, Pose, Shape, contains
+from flexbt_sim.world.plane.space import Body, WorldView, generator
 
 EDGE: Final = 0.01
 """Visible part of an open door, m."""

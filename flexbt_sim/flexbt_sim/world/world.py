@@ -26,13 +26,12 @@ from flexbt_sim.world.descriptions.models import (
     ZoneModel,
 )
 from flexbt_sim.world.descriptions.world_file import WorldFile
-from flexbt_sim.world.devices.device import Sensor
-from flexbt_sim.world.devices.touch import Gripper
-from flexbt_sim.world.plane.bodies import Body, BodyGrid
+from flexbt_sim.world.device import Sensor
+from flexbt_sim.world.devices import Gripper
 from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, box, compose
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 from flexbt_sim.world.plane.ray_casting import Floats, RayCaster, outlines
-from flexbt_sim.world.plane.space import Space, check_pose
+from flexbt_sim.world.plane.space import Body, BodyGrid, Space, check_pose
 from flexbt_sim.world.specification import NAME, FaultModel
 
 from .robot import Robot

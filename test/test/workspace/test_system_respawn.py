@@ -21,7 +21,7 @@ from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
 from flexbt_demo_behaviors.demonstration.running import RunOptions, open_session
 from flexbt_demo_behaviors.goals import main as goals
 from flexbt_demo_behaviors.nav2_robot import main as nav2_robot
-from flexbt_demo_behaviors.nav2_robot.processes import PROGRAM
+from flexbt_demo_behaviors.nav2_robot.main import PROGRAM
 from flexbt_demo_behaviors.night_watch.watch import open_watch
 
 LAUNCH_FILES = sorted(Path(__file__).parents[3].glob('flexbt_*/launch/*.launch.py'))

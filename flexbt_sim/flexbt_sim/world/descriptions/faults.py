@@ -10,9 +10,8 @@ from typing import Any, ClassVar, Final
 
 from flexbt_core.values.text import did_you_mean
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.devices.battery import BatteryLow
-from flexbt_sim.world.devices.device import DeviceFault, Sensor
-from flexbt_sim.world.devices.lidar import LidarBlinded, LidarFrozen
+from flexbt_sim.world.device import DeviceFault, Sensor
+from flexbt_sim.world.devices import BatteryLow, LidarBlinded, LidarFrozen
 from flexbt_sim.world.plane.geometry import Pose
 from flexbt_sim.world.specification import FaultModel, ModelSpecification, WorldProblem, key, names, read
 

@@ -8,12 +8,20 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
-from flexbt_sim.world.devices.battery import Battery, BatteryModel
-from flexbt_sim.world.devices.device import Device
-from flexbt_sim.world.devices.imu import Imu, ImuModel
-from flexbt_sim.world.devices.lidar import Lidar, LidarModel
-from flexbt_sim.world.devices.range_finder import RangeFinder, RangeFinderModel
-from flexbt_sim.world.devices.touch import Bumper, Gripper, GripperModel
+from flexbt_sim.world.device import Device
+from flexbt_sim.world.devices import (
+    Battery,
+    BatteryModel,
+    Bumper,
+    Gripper,
+    GripperModel,
+    Imu,
+    ImuModel,
+    Lidar,
+    LidarModel,
+    RangeFinder,
+    RangeFinderModel,
+)
 from flexbt_sim.world.plane.geometry import ORIGIN, Circle, Point, Polygon, Pose, Shape
 from flexbt_sim.world.specification import ModelSpecification, key
 

@@ -14,10 +14,10 @@ from typing import Any, Final, NamedTuple
 import numpy
 from numpy.typing import NDArray
 
-from .bodies import Body
 from .geometry import Circle, Pose
 from .loops import cast, covers
 from .occupancy_map import OccupancyMap
+from .space import Body
 
 _HALF_DIAGONAL: Final = 0.71
 """Half the diagonal of a cell, rounded up."""

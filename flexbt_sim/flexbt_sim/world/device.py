@@ -13,9 +13,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from flexbt_sim.world.plane.bodies import Body, generator
 from flexbt_sim.world.plane.geometry import ORIGIN, Pose, Shape
 from flexbt_sim.world.plane.ray_casting import Beams, Floats
+from flexbt_sim.world.plane.space import Body, generator
 from flexbt_sim.world.specification import FaultModel
 
 
