@@ -241,3 +241,27 @@ def test_a_threshold_above_the_number_of_children_is_an_error(port: str, never: 
     tree, _ = make(control('Parallel', 'S', 'S', **{port: '3'}))
     with pytest.raises(NodeExecutionError, match=f'{port} 3 is more than its 2 children: {never}'):
         tree.tick_once()
+
+
+class RaisesOnce(SyncAction):
+    """A leaf that raises at its first tick, and succeeds from then on."""
+
+    has_raised = False
+
+    def tick(self) -> NodeStatus:
+        if not self.has_raised:
+            self.has_raised = True
+            raise RuntimeError('once')
+        return NodeStatus.SUCCESS
+
+
+@pytest.mark.parametrize('success_count', ['2', '-1'])
+def test_successes_before_an_exception_count_afterwards_and_skipped_children_do_not(success_count: str) -> None:
+    body = (
+        f'<Parallel success_count="{success_count}" failure_count="3">{step("S")}{step("K", 1)}<RaisesOnce/></Parallel>'
+    )
+    tree, calls = make(body, extra=[RaisesOnce])
+    with pytest.raises(NodeExecutionError):
+        tree.tick_once()
+    assert tree.tick_once() is NodeStatus.SUCCESS
+    assert calls.count('0S') == 1

@@ -146,6 +146,18 @@ def test_the_last_path_counts_while_there_is_none() -> None:
     assert over_paths('S', STRAIGHT, REMOVED, ROUND) == 'S S S0S'
 
 
+def test_the_time_of_a_path_begins_anew_with_another_one_and_not_with_the_same() -> None:
+    clock = ManualClock()
+    tree, _ = make('<PathExpiringTimer seconds="10" path="{path}"/>', clock)
+
+    def tick(after: float, points: tuple[tuple[float, float], ...]) -> str:
+        clock.advance(after)
+        tree.blackboard.set('path', path(*points))
+        return NAMES[tree.tick_once()]
+
+    assert [tick(0.0, STRAIGHT), tick(6.0, ROUND), tick(6.0, ROUND), tick(4.0, ROUND)] == ['F', 'F', 'F', 'S']
+
+
 def test_no_path_another_goal_a_long_way_or_a_little_more_is_fine() -> None:
     assert over_paths('S', None, STRAIGHT, ELSEWHERE, (), ELSEWHERE) == 'S S S S S'
     assert over_paths('S', FAR, ROUND) == 'S S'
