@@ -47,18 +47,13 @@ def read_skill_files(files: Sequence[str], base: SkillLibrary) -> SkillLibrary:
     """
     library = base
     for file in files:
-        library = read_skills_of(file, library)
+        try:
+            library = read_skills(read_text(file, _MOST_BYTES), file, library)
+        except TextFileError as error:
+            raise RefusedError([LoadError(file, 1, 1, '', f'cannot be read: {error}')]) from error
+        except SkillError as error:
+            raise RefusedError([_located(file, problem) for problem in error.problems]) from error
     return library
-
-
-def read_skills_of(file: str, base: SkillLibrary) -> SkillLibrary:
-    """Return what ``base`` has, and what one file adds. Raises RefusedError."""
-    try:
-        return read_skills(read_text(file, _MOST_BYTES), file, base)
-    except TextFileError as error:
-        raise RefusedError([LoadError(file, 1, 1, '', f'cannot be read: {error}')]) from error
-    except SkillError as error:
-        raise RefusedError([_located(file, problem) for problem in error.problems]) from error
 
 
 def _located(file: str, problem: str) -> LoadError:
