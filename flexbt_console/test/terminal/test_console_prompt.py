@@ -244,6 +244,7 @@ class Loopback(RobotLink):
 
     def __init__(self, mirror: Mirror, answer: Callable[[OperatorCommand], ExecutiveSnapshot]) -> None:
         self.sent: list[OperatorCommand] = []
+        self.reads: list[str] = []
         self._mirror = mirror
         self._answer = answer
 
@@ -255,6 +256,7 @@ class Loopback(RobotLink):
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
         assert (path, tuple(keys)) == ('/', ('goal',))
+        self.reads.append(path)
         return (UserdataScope('/', (InputValue('goal', 'string', '"kitchen"'),)),)
 
 
@@ -294,7 +296,9 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
             while prompt.shown_decision != 't1':
                 await asyncio.sleep(0.01)
             keys.send_text('done\r')  # too soon after the decision took the place of the other
-            await asyncio.sleep(0.2)
+            keys.send_text('userdata / goal\r')
+            while not link.reads:
+                await asyncio.sleep(0.01)
             assert len(link.sent) == 1
             clock.advance(1.0)
             keys.send_text('done\r')
