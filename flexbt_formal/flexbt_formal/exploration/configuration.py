@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cache, partial
 from hashlib import blake2b
 from operator import attrgetter, is_, length_hint
 from typing import Any, Final
@@ -40,6 +41,8 @@ _FIXED: Final = (
     type(threading.RLock()),
 )
 _ITERATORS: Final[tuple[type[Any], ...]] = (type(iter(())), type(iter([])))
+_ABSENT: Final = object()
+"""What a slot holds that is not set."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +81,7 @@ def _digest(text: Any) -> bytes:
 class _Kind:
     """The walk through objects of one class."""
 
-    __slots__ = ('constant', 'get', 'has_dict', 'idle', 'is_fixed', 'name', 'names', 'seen', 'views')
-
-    def __init__(self, kind: type[Any], layout: Layout, packages: frozenset[str]) -> None:
+    def __init__(self, layout: Layout, packages: frozenset[str], kind: type[Any]) -> None:
         self.name = kind.__qualname__
         parameters = getattr(kind, '__dataclass_params__', None)
         self.idle = next((idle for base, idle in layout.idle.items() if issubclass(kind, base)), None)
@@ -95,20 +96,30 @@ class _Kind:
         self.names = tuple(
             dict.fromkeys(name for name in slots if name not in constant and name not in ('__weakref__', '__dict__'))
         )
-        self.has_dict = hasattr(kind, '__dictoffset__') and kind.__dictoffset__ != 0
-        self.get: Callable[[Any], tuple[Any, ...]] | None = attrgetter(*self.names) if len(self.names) > 1 else None
+        self._get: Callable[[Any], tuple[Any, ...]] | None = attrgetter(*self.names) if len(self.names) > 1 else None
         self.constant = constant
         self.seen = frozenset(ignored | constant)
         views = {name: view for base in kind.__mro__ for name, view in layout.views.get(base, {}).items()}
         self.views = {name: view for name, view in views.items() if not name or name in self.names}
 
-    def holds(self, one: Any, held: tuple[Any, ...]) -> bool:
-        """Return whether the slots of an object hold just this."""
-        assert self.get is not None
-        try:
-            return all(map(is_, self.get(one), held))
-        except AttributeError:  # something was not set then
-            return False
+    def values(self, one: Any) -> tuple[Any, ...]:
+        """Return what the slots of an object hold."""
+        if self._get is not None:
+            try:
+                return self._get(one)
+            except AttributeError:  # something was not set yet
+                pass
+        return tuple(getattr(one, name, _ABSENT) for name in self.names)
+
+    def restore(self, one: Any, held: tuple[Any, ...]) -> None:
+        """Have the slots of an object hold this."""
+        if all(map(is_, self.values(one), held)):
+            return
+        for name, value in zip(self.names, held, strict=True):
+            if value is not _ABSENT:
+                object.__setattr__(one, name, copy(value) if type(value) in _ITERATORS else value)
+            elif hasattr(one, name):
+                delattr(one, name)
 
 
 def _package(kind: type[Any]) -> str:
@@ -122,22 +133,6 @@ def _of_bases(kind: type[Any], table: Mapping[type[Any], frozenset[str]]) -> fro
 def _slots_of(kind: type[Any]) -> tuple[str, ...]:
     slots = vars(kind).get('__slots__', ())
     return (slots,) if isinstance(slots, str) else tuple(slots)
-
-
-class _Kinds(dict[type[Any], _Kind]):
-    """The walks through objects, by their classes. Those of the packages of the roots are looked into, no others."""
-
-    def __init__(self, layout: Layout, packages: frozenset[str]) -> None:
-        super().__init__()
-        self._layout = layout
-        self._packages = packages
-
-    def __missing__(self, kind: type[Any]) -> _Kind:
-        found = self[kind] = _Kind(kind, self._layout, self._packages)
-        return found
-
-
-_ABSENT: Final = object()
 
 
 class StateSnapshotter:
@@ -159,13 +154,14 @@ class StateSnapshotter:
         self._unread = frozenset(map(id, unread))
         self._clock = clock
         self._layout = layout
-        self._kinds = _Kinds(layout, frozenset(map(_package, (*map(type, self._roots), *classes))))
+        packages = frozenset(map(_package, (*map(type, self._roots), *classes)))
+        self._kind_of: Callable[..., _Kind] = cache(partial(_Kind, layout, packages))
         self._numbers = {id(root): number for number, root in enumerate(self._roots)}
         self._fragments: _Fragments = [{} for _ in self._roots]
 
     def capture(self) -> Configuration:
         """Return what everything holds now."""
-        walk = _Walk(self._kinds, self._roots, self._numbers, self._clock.now(), self._fragments, self._unread)
+        walk = _Walk(self._kind_of, self._roots, self._numbers, self._clock.now(), self._fragments, self._unread)
         return walk.configuration()
 
     @staticmethod
@@ -173,34 +169,15 @@ class StateSnapshotter:
         """Have every object hold what it held then. What was made later is not reachable any more."""
         for one, how, held in configuration.parts:
             if how.__class__ is _Kind:
-                if not how.holds(one, held):
-                    for name, value in zip(how.names, held, strict=True):
-                        object.__setattr__(one, name, copy(value) if type(value) in _ITERATORS else value)
-            elif how is _SLOTS:
-                for name, value in held:
-                    if value is _ABSENT:
-                        if hasattr(one, name):
-                            delattr(one, name)
-                    else:
-                        object.__setattr__(one, name, copy(value) if type(value) in _ITERATORS else value)
-            elif how is _DICT:
-                one.clear()
-                one.update(held)
-            elif how is _LIST:
+                how.restore(one, held)
+            elif how is list:
                 one[:] = held
-            elif how is _DEQUE:
+            elif how is deque:
                 one.clear()
                 one.extend(held)
             else:
                 one.clear()
                 one.update(held)
-
-
-_SLOTS: Final = 'slots'
-_DICT: Final = 'dict'
-_LIST: Final = 'list'
-_DEQUE: Final = 'deque'
-_SET: Final = 'set'
 
 
 _Part = tuple[Any, Any, Any]
@@ -216,14 +193,14 @@ _QUIET: Final = b''
 class _Walk:
     def __init__(
         self,
-        kinds: _Kinds,
+        kind_of: Callable[..., _Kind],
         roots: tuple[Any, ...],
         numbers: dict[int, int],
         now: float,
         fragments: _Fragments,
         unread: frozenset[int],
     ) -> None:
-        self._kinds = kinds
+        self._kind_of = kind_of
         self._roots = len(roots)
         self._fragments = fragments
         self._now = now
@@ -235,13 +212,11 @@ class _Walk:
         self._parts: list[tuple[Any, Any, Any]] = []
 
     def configuration(self) -> Configuration:
-        ahead, parts, text, kinds = self._ahead, self._parts, self._text, self._kinds
+        ahead, parts, text = self._ahead, self._parts, self._text
         for place, fragments in enumerate(self._fragments):
             one = ahead[place]
             if fragments:  # most objects hold what they have held before
-                get = kinds[type(one)].get
-                assert get is not None
-                known = fragments.get(tuple(map(id, get(one))))
+                known = fragments.get(tuple(map(id, self._kind_of(type(one)).values(one))))
                 if known is not None:
                     parts.append(known[0])
                     text.append(known[1])
@@ -276,7 +251,7 @@ class _Walk:
         kind = type(one)
         text = self._text
         if kind is dict:
-            self._parts.append((one, _DICT, dict(one)))
+            self._parts.append((one, dict, dict(one)))
             text.append(len(one))
             items = one.items()
             if all(type(key) is str for key in one):
@@ -285,57 +260,40 @@ class _Walk:
                 self._encode(key)
                 self._encode(value)
         elif kind is list or kind is deque:
-            self._parts.append((one, _LIST if kind is list else _DEQUE, list(one)))
+            self._parts.append((one, kind, list(one)))
             text.append(len(one))
             for value in one:
                 self._encode(value)
         elif kind is set:
-            self._parts.append((one, _SET, set(one)))
+            self._parts.append((one, set, set(one)))
             text.append(sorted(map(str, one)))
         else:
-            self._visit_instance(one, self._kinds[kind])
+            self._visit_instance(one, self._kind_of(kind))
 
     def _visit_instance(self, one: Any, kind: _Kind) -> None:
-        if kind.idle is not None:
-            kept = kind.idle(one)
-            if kept is not None:
-                self._parts += [
-                    (each, _DICT, dict(each)) if type(each) is dict else (each, _LIST, list(each)) for each in kept
-                ]
-                self._text.append('idle')
-                return
-        if kind.get is not None and not kind.has_dict:
-            try:
-                given = kind.get(one)
-            except AttributeError:  # something was not set yet
-                given = None
-            if given is not None:
-                self._visit_slots(one, kind, given)
-                return
-        self._text.append(kind.name)
-        held = [(name, getattr(one, name, _ABSENT)) for name in kind.names]
-        held = [(name, copy(value) if type(value) in _ITERATORS else value) for name, value in held]
-        self._parts.append((one, _SLOTS, held))
-        for name, value in held:
-            self._attribute(one, kind, name, value)
-        attributes = getattr(one, '__dict__', None)
-        if attributes is not None:
-            constant = kind.constant
-            self._parts.append((attributes, _DICT, dict(attributes)))
-            for name, value in attributes.items():
-                if name not in constant:
-                    self._attribute(one, kind, name, value)
-
-    def _visit_slots(self, one: Any, kind: _Kind, held: tuple[Any, ...]) -> None:
-        """As :meth:`_visit_instance`, where all slots are set. What is the same in all configurations is kept."""
+        kept = None if kind.idle is None else kind.idle(one)
+        if kept is not None:
+            self._parts += [(each, type(each), copy(each)) for each in kept]
+            self._text.append('idle')
+            return
+        held = kind.values(one)
         if any(type(value) in _ITERATORS for value in held):
             held = tuple(copy(value) if type(value) in _ITERATORS else value for value in held)
         part = (one, kind, held)
-        self._parts.append(part)
+        if held:
+            self._parts.append(part)
         text, instants, reached = len(self._text), len(self._instants), len(self._ahead)
         self._text.append(kind.name)
         for name, value in zip(kind.names, held, strict=True):
             self._attribute(one, kind, name, value)
+        attributes = getattr(one, '__dict__', None)
+        if attributes is not None:
+            self._parts.append((attributes, dict, dict(attributes)))
+            for name, value in attributes.items():
+                if name not in kind.constant:
+                    self._attribute(one, kind, name, value)
+            return
+        # What is the same in all configurations is kept.
         number = self._numbers[id(one)]
         is_lasting = (
             number < self._roots
@@ -357,7 +315,7 @@ class _Walk:
         if type(value) in _PLAIN or isinstance(value, Enum):
             return True
         number = self._numbers.get(id(value))
-        return self._kinds[type(value)].is_fixed if number is None else number < self._roots
+        return self._kind_of(type(value)).is_fixed if number is None else number < self._roots
 
     def _attribute(self, one: Any, kind: _Kind, name: str, value: Any) -> None:
         view = kind.views.get(name)
@@ -400,7 +358,7 @@ class _Walk:
         elif isinstance(value, frozenset):
             text.append(sorted(map(str, value)))
         else:
-            known = self._kinds[kind]
+            known = self._kind_of(kind)
             if known.views.get('') is not None:
                 self._encode(known.views[''](value))
             elif known.is_fixed:
