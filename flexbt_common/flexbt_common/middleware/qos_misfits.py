@@ -26,6 +26,7 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 
+from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.values.text import one_line
 
 from .received_messages import COMPLAINT_SECONDS, UNKNOWN_NODE
@@ -45,7 +46,7 @@ class QosMisfits:
         self._node = node
         self._tell: Callable[[str], object] | None = None
         self._texts: dict[str, str] = {}
-        self._told_at: dict[str, float] = {}
+        self._reports = RepeatedReports(COMPLAINT_SECONDS, time.monotonic)
 
     def on_found(self, tell: Callable[[str], object] | None) -> None:
         """Have ``tell`` told of each topic that the node cannot hear, instead of the log of the node; None for the log.
@@ -83,9 +84,7 @@ class QosMisfits:
         if not text:  # the graph does not know that endpoint yet
             policy = qos_policy_name_from_kind(event.last_policy_kind)
             text = self._texts[topic] = f'No messages on {topic!r}: another node has another {policy} there.'
-        now = time.monotonic()
-        if text != before and now - self._told_at.get(topic, -COMPLAINT_SECONDS) >= COMPLAINT_SECONDS:
-            self._told_at[topic] = now
+        if text != before and self._reports.held_before(topic) is not None:
             is_ours = any(one.topic_name == topic for one in self._node.subscriptions)
             (self._tell if self._tell and is_ours else self._node.get_logger().warning)(text)
 

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command ``flexbt``: examine a robot, and propose a manifest of its servers."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.values.text import escape_lines
+
+from .doctor import Finding, Level, RobotCheck, machine_findings
+from .graph import observe
+from .manifest import manifest_text
+
+SIGNS = {Level.OK: 'ok     ', Level.WARNING: 'WARNING', Level.ERROR: 'ERROR  '}
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run ``flexbt`` and return its exit code: 0 fine, 1 errors were found, 2 wrong usage."""
+    make_streams_safe()
+    parser = SuggestingArgumentParser(prog='flexbt', description=__doc__, allow_abbrev=False)
+    commands = parser.add_subparsers(dest='command', required=True)
+    doctor = commands.add_parser('doctor', help='report what is wrong with this computer and this robot')
+    doctor.add_argument('--json', action='store_true', help='print the findings as JSON, one object per line')
+    doctor.add_argument('--machine', action='store_true', help='check only this computer, and look for no robot')
+    manifest = commands.add_parser('manifest', help='propose node types for the servers of a running robot, as YAML')
+    manifest.add_argument('--from-graph', action='store_true', required=True, help='look at the nodes that run now')
+    manifest.add_argument('--file', type=Path, help='write this file, which must not exist; default: print')
+    for one in (doctor, manifest):
+        one.add_argument('--namespace', default='', help='namespace of the robot, such as /robot1')
+        one.add_argument('--seconds', type=_seconds, default=5.0, help='time for nodes to be found (default 5)')
+    options = parser.parse_args(words)
+    return run_doctor(options) if options.command == 'doctor' else run_manifest(options)
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.1 <= value <= 600.0:
+        raise argparse.ArgumentTypeError(f'{text} is not between 0.1 and 600')
+    return value
+
+
+def run_doctor(options: argparse.Namespace) -> int:
+    """Print the findings; return 1 if one of them is an error."""
+    worst = 0
+    for finding in _findings(options):
+        if options.json:
+            found = {
+                'check': finding.check,
+                'level': finding.level.value,
+                'what': finding.what,
+                'remedy': finding.remedy,
+            }
+            print(json.dumps(found), flush=True)
+        else:
+            print(f'{SIGNS[finding.level]} {finding.check}: {finding.what}', flush=True)
+            if finding.remedy:
+                print(f'        -> {finding.remedy}', flush=True)
+        worst = max(worst, int(finding.level is Level.ERROR))
+    return worst
+
+
+def _findings(options: argparse.Namespace) -> Iterator[Finding]:
+    yield from machine_findings()
+    if not options.machine:
+        with NodeRuntime.open('flexbt_doctor', args=()) as runtime:
+            yield from RobotCheck(runtime, options.namespace, options.seconds).findings()
+
+
+def run_manifest(options: argparse.Namespace) -> int:
+    """Print or write the proposal."""
+    with NodeRuntime.open('flexbt_manifest', args=()) as runtime:
+        text = manifest_text(observe(runtime, options.seconds), options.namespace)
+    if options.file is None:
+        print(text, end='')
+        return 0
+    try:
+        with options.file.open('x', encoding='utf-8') as file:
+            file.write(text)
+    except OSError as error:
+        print(escape_lines(f'flexbt: {options.file}: {error.strerror}; choose another file'), file=sys.stderr)
+        return 2
+    return 0

@@ -1,0 +1,464 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``flexbt doctor``: what is wrong with this computer and this robot, how one sees it, and what to do.
+
+Each check yields findings. It never changes anything.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from enum import Enum
+from importlib.metadata import distributions
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import rclpy
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
+
+from flexbt_common import names
+from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+from flexbt_common.errors import TransformError
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.transform_listener import TransformListener
+from flexbt_core.values.text import did_you_mean, pluralize
+from flexbt_msgs.msg import ExecutiveStatus
+
+from .graph import Graph, node_of, observe, parameters
+
+FAST_DDS: Final = 'rmw_fastrtps_cpp'
+OURS: Final = (names.BT_SERVER, names.ONBOARD_EXECUTIVE, names.STOP_GUARD)
+"""Nodes of FlexBT that a robot runs."""
+ACTION_TYPES: Final[Mapping[str, str]] = {
+    names.COMPUTE_PATH_TO_POSE: 'ComputePathToPose',
+    names.COMPUTE_PATH_THROUGH_POSES: 'ComputePathThroughPoses',
+    names.FOLLOW_PATH: 'FollowPath',
+    names.SMOOTH_PATH: 'SmoothPath',
+    names.SPIN: 'Spin',
+    names.BACKUP: 'BackUp',
+    names.DRIVE_ON_HEADING: 'DriveOnHeading',
+    names.WAIT: 'Wait',
+    names.ASSISTED_TELEOP: 'AssistedTeleop',
+    names.NAVIGATE_TO_POSE: 'NavigateToPose',
+    names.NAVIGATE_THROUGH_POSES: 'NavigateThroughPoses',
+    names.FOLLOW_WAYPOINTS: 'FollowWaypoints',
+    names.DOCK_ROBOT: 'DockRobot',
+    names.UNDOCK_ROBOT: 'UndockRobot',
+    names.COMPUTE_ROUTE: 'ComputeRoute',
+    names.COMPUTE_AND_TRACK_ROUTE: 'ComputeAndTrackRoute',
+}
+"""Types of Nav2's actions, in nav2_msgs/action."""
+NEEDED: Final = (names.COMPUTE_PATH_TO_POSE, names.FOLLOW_PATH)
+"""Actions without which no tree of ours drives."""
+POSE_TYPES: Final[Mapping[str, str]] = {
+    names.POSE: 'geometry_msgs/msg/PoseStamped',
+    names.AMCL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+    names.ODOM: 'nav_msgs/msg/Odometry',
+}
+"""Topics that may have the pose of the robot."""
+LITTLE_DISK: Final = 500_000_000
+"""Free bytes below which a disk counts as nearly full."""
+BUFFER: Final = 4_194_304
+"""Receive buffer of the network that large messages need, bytes."""
+MOST_OFFSET: Final = 0.5
+"""Largest difference between the clocks of two computers, s."""
+OLD_TRANSFORM: Final = 2.0
+"""Age at which the newest transform of the robot is too old, s."""
+
+
+class Level(Enum):
+    """The weight of a finding."""
+
+    OK = 'ok'
+    WARNING = 'warning'
+    ERROR = 'error'
+
+
+class Finding(NamedTuple):
+    """The result of one check: what is so, and what to do about it; '' if nothing."""
+
+    check: str
+    level: Level
+    what: str
+    remedy: str = ''
+
+
+def ok(check: str, what: str) -> Finding:
+    return Finding(check, Level.OK, what)
+
+
+def warning(check: str, what: str, remedy: str) -> Finding:
+    return Finding(check, Level.WARNING, what, remedy)
+
+
+def error(check: str, what: str, remedy: str) -> Finding:
+    return Finding(check, Level.ERROR, what, remedy)
+
+
+# This computer.
+
+
+def machine_findings(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
+    """Check what needs no other node: middleware, versions, environment, disks, buffers."""
+    yield from _middleware(environment)
+    yield from _versions()
+    yield from _environment(environment)
+    yield from _disks(environment)
+    yield from _buffers(Path('/proc/sys/net/core/rmem_max'), Path('/dev/shm'))  # noqa: S108 - where Fast DDS has its memory
+
+
+def _middleware(environment: Mapping[str, str]) -> Iterator[Finding]:
+    used = rclpy.get_rmw_implementation_identifier()
+    distribution = environment.get('ROS_DISTRO', 'without ROS_DISTRO')
+    if used == FAST_DDS:
+        yield ok('middleware', f'{used}, ROS 2 {distribution}, Python {sys.version.split()[0]}')
+        return
+    yield warning(
+        'middleware',
+        f'{used}: limits for each sender and protected operator names need {FAST_DDS}',
+        f'nothing, if you know that; else set RMW_IMPLEMENTATION={FAST_DDS} on all computers',
+    )
+
+
+def _versions() -> Iterator[Finding]:
+    versions: dict[str, list[str]] = {}
+    for one in distributions():
+        name = (one.metadata['Name'] or '').replace('-', '_')
+        if name.startswith('flexbt_'):
+            versions.setdefault(one.version, []).append(name)
+    if len(versions) > 1:
+        told = '; '.join(f'{version}: {", ".join(sorted(packages))}' for version, packages in sorted(versions.items()))
+        yield error('versions', f'packages of FlexBT have different versions: {told}', 'build all of them anew')
+    elif versions:
+        (version,) = versions
+        yield ok('versions', f'FlexBT {version}')
+
+
+def _environment(environment: Mapping[str, str]) -> Iterator[Finding]:
+    domain = environment.get('ROS_DOMAIN_ID', '') or '0'
+    if not domain.isdigit() or int(domain) > 101:
+        yield error('domain', f'ROS_DOMAIN_ID={domain}', 'use a number from 0 to 101, the same on all computers')
+    else:
+        yield ok('domain', f'ROS_DOMAIN_ID {domain}')
+    reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', '').upper()
+    peers = environment.get('ROS_STATIC_PEERS', '')
+    if environment.get('ROS_LOCALHOST_ONLY', '0') == '1' or reach == 'LOCALHOST':
+        yield warning(
+            'reach',
+            'nodes of other computers are not found (ROS_LOCALHOST_ONLY or ROS_AUTOMATIC_DISCOVERY_RANGE)',
+            'for a robot and a laptop: unset both, or set ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET',
+        )
+    elif reach == 'OFF':
+        yield warning(
+            'reach', f'ROS_AUTOMATIC_DISCOVERY_RANGE={reach}: no node is found', 'unset it, or set it to SUBNET'
+        )
+    else:
+        yield ok('reach', f'discovery range {reach or "SUBNET"}{f", and {peers}" if peers else ""}')
+
+
+def _disks(environment: Mapping[str, str]) -> Iterator[Finding]:
+    home = Path.home()
+    places = {
+        'event log and recordings': home / '.ros' / 'flexbt',
+        'logs of ROS': Path(
+            environment.get('ROS_LOG_DIR') or Path(environment.get('ROS_HOME') or home / '.ros') / 'log'
+        ),
+    }
+    for use, place in places.items():
+        existing = next(one for one in (place, *place.parents) if one.exists())
+        free = shutil.disk_usage(existing).free
+        if not os.access(existing, os.W_OK):
+            yield error(
+                'disk', f'{existing} ({use}) cannot be written', f'chown it to {os.environ.get("USER", "the user")}'
+            )
+        elif free < LITTLE_DISK:
+            remedy = 'remove old files; event_log_size, event_log_files and btlog_keep bound those of FlexBT'
+            yield warning('disk', f'{place} ({use}) has {free / 1e6:.0f} MB left', remedy)
+        else:
+            yield ok('disk', f'{place} ({use}) has {free / 1e9:.1f} GB left')
+
+
+def _buffers(receive: Path, shared: Path) -> Iterator[Finding]:
+    try:
+        size = int(receive.read_text(encoding='ascii'))
+    except (OSError, ValueError):  # not Linux, or a container that hides it
+        size = BUFFER
+    if size < BUFFER:
+        yield warning(
+            'buffers',
+            f'net.core.rmem_max is {size} bytes: large messages (maps, images) get lost on a network',
+            f'sudo sysctl -w net.core.rmem_max={BUFFER}, and write it into /etc/sysctl.d/60-ros.conf',
+        )
+    else:
+        yield ok('buffers', 'the receive buffer of the network is large enough')
+    if shared.exists():
+        free = shutil.disk_usage(shared).free
+        if free < 64_000_000:
+            yield warning(
+                'buffers',
+                f'{shared} has {free / 1e6:.0f} MB left: Fast DDS falls back to the network',
+                f'remove files of dead processes (rm {shared}/fastrtps_*); in a container set --shm-size=512m',
+            )
+
+
+# The robot.
+
+
+class RobotCheck:
+    """The checks of one robot. ``namespace`` is that of its nodes, '' or ``/robot1``."""
+
+    def __init__(self, runtime: NodeRuntime, namespace: str, seconds: float) -> None:
+        self._runtime = runtime
+        self._namespace = namespace.rstrip('/')
+        self._seconds = seconds
+        self._status: list[tuple[float, ExecutiveStatus]] = []
+        self._graph: Graph
+
+    def _name(self, name: str) -> str:
+        return name if name.startswith('/') else f'{self._namespace}/{name}'
+
+    def findings(self) -> Iterator[Finding]:
+        """Check discovery, nodes, clocks, transforms, servers, topics and the offset of the robot's clock."""
+        node = self._runtime.node
+        qos = names.transient_local_qos()
+        self._runtime.call(
+            lambda: node.create_subscription(
+                ExecutiveStatus,
+                self._name(names.EXECUTIVE_STATUS),
+                lambda status: self._status.append((time.time(), status)),
+                qos,
+            )
+        )
+        listener = self._runtime.call(lambda: TransformListener.of(self._runtime))
+        self._graph = observe(self._runtime, self._seconds)
+        yield from self._discovery()
+        if not self._graph.nodes:
+            return
+        yield from self._nodes()
+        simulated = parameters(self._runtime, self._asked(), 'use_sim_time', 1.0)
+        yield from self._clocks(simulated)
+        yield from self._transforms(listener, any(simulated.values()))
+        yield from self._poses()
+        yield from self._servers()
+        yield from self._topics()
+        yield from self._offset(simulated)
+
+    def _asked(self) -> list[str]:
+        """Return the nodes that have parameters."""
+        return [name for name in dict.fromkeys(self._graph.nodes) if f'{name}/get_parameters' in self._graph.services]
+
+    def _discovery(self) -> Iterator[Finding]:
+        graph = self._graph
+        if not graph.nodes:
+            yield error(
+                'discovery',
+                f'no other node was found within {self._seconds:g} s',
+                'start the robot; check that ROS_DOMAIN_ID and RMW_IMPLEMENTATION are the same on both computers, and '
+                'that the network passes multicast (else set ROS_STATIC_PEERS to the address of the robot)',
+            )
+            return
+        yield ok('discovery', f'{pluralize(len(graph.nodes), "node")} found')
+        for name in graph.duplicates:
+            yield error('discovery', f'several nodes are called {name}', 'stop the ones that were left running')
+        in_namespace = [name for name in graph.nodes if name.startswith(f'{self._namespace}/')]
+        if self._namespace and not in_namespace:
+            spaces = sorted({name.rpartition('/')[0] for name in graph.nodes if name.count('/') > 1})
+            near = did_you_mean(self._namespace, spaces, f'; there is {", ".join(spaces) or "none"}')
+            yield error('discovery', f'no node is in the namespace {self._namespace}', f'check --namespace{near}')
+
+    def _nodes(self) -> Iterator[Finding]:
+        links = self._runtime.call(lambda: ServiceLinks(self._runtime))
+        for name in OURS:
+            full = self._name(name)
+            if full not in self._graph.nodes:
+                other = [one for one in self._graph.nodes if one.endswith(f'/{name}')]
+                there = f'; there is {", ".join(other)}: use --namespace' if other else ''
+                yield warning('nodes', f'{full} does not run{there}', 'ros2 launch flexbt_bringup robot.launch.py')
+                continue
+            if f'{full}/get_state' not in self._graph.services:
+                yield ok('nodes', f'{full} runs')
+                continue
+            outcome = service_outcome(links.link(GetState, f'{full}/get_state'), GetState.Request(), 1.0)
+            if outcome.response is None:
+                yield error(
+                    'nodes', f'{full} does not answer: {outcome.reason}', 'restart it; its log says why it hangs'
+                )
+            elif outcome.response.current_state.id != State.PRIMARY_STATE_ACTIVE:
+                label = outcome.response.current_state.label
+                yield error(
+                    'nodes',
+                    f'{full} is {label}, not active',
+                    f'ros2 lifecycle set {full} configure, then activate; its log says why it did not start',
+                )
+            else:
+                yield ok('nodes', f'{full} is active')
+
+    def _clocks(self, simulated: Mapping[str, Any]) -> Iterator[Finding]:
+        yes = [node for node, value in simulated.items() if value]
+        clocks = {node_of(one) for one in self._graph.publishers.get(names.CLOCK, ())}
+        no = [node for node, value in simulated.items() if not value and node not in clocks]
+        is_published = bool(clocks)
+        silent = [node for node in self._asked() if node not in simulated]
+        if silent:
+            yield error('nodes', f'{_few(silent)} did not answer a request for a parameter', 'restart it: it hangs')
+        if yes and not is_published:
+            yield error(
+                'clock',
+                f'use_sim_time is true for {_few(yes)}, and nobody publishes {names.CLOCK}: their time stands still',
+                'set use_sim_time to false on a real robot, or start the simulation',
+            )
+        elif yes and no:
+            few, value = (no, 'true') if len(no) <= len(yes) else (yes, 'false')
+            yield error(
+                'clock',
+                f'use_sim_time is true for {_few(yes)} and false for {_few(no)}: stamps do not fit each other',
+                f'set use_sim_time to {value} for {_few(few)}',
+            )
+        elif is_published and no:
+            yield warning(
+                'clock',
+                f'{names.CLOCK} is published, and use_sim_time is false for {_few(no)}',
+                'set use_sim_time to true for them, or stop what publishes the clock',
+            )
+        elif simulated:
+            yield ok('clock', 'all nodes use simulated time' if yes else "all nodes use the computers' clocks")
+
+    def _transforms(self, listener: TransformListener, is_simulated: bool) -> Iterator[Finding]:
+        for topic in (names.TF, names.TF_STATIC):
+            if not self._graph.is_published(self._name(topic)):
+                yield warning(
+                    'transforms',
+                    f'nobody publishes {self._name(topic)}',
+                    'start the localization and robot_state_publisher; in a namespace remap /tf to tf',
+                )
+        end = time.monotonic() + self._seconds
+        while True:
+            try:
+                moment = self._runtime.call(lambda: self._newest(listener))
+                break
+            except TransformError as unknown:
+                if time.monotonic() >= end:
+                    frames = self._runtime.call(lambda: listener.buffer.frames)
+                    yield error(
+                        'transforms',
+                        f'no pose of base_link in map: {unknown}',
+                        f'start the localization; frames that are known: {", ".join(frames) or "none"}. '
+                        'With other names set global_frame and robot_base_frame',
+                    )
+                    return
+                time.sleep(0.05)
+        age = time.time() - moment
+        if not is_simulated and math.isfinite(moment) and age > OLD_TRANSFORM:
+            yield error(
+                'transforms',
+                f'the newest transform from map to base_link is {age:.1f} s old',
+                'check that the localization runs, and that the clocks of all computers are the same (chrony)',
+            )
+        else:
+            yield ok('transforms', 'base_link is known in map')
+
+    @staticmethod
+    def _newest(listener: TransformListener) -> float:
+        listener.buffer.lookup('map', 'base_link')
+        return listener.buffer.latest('map', 'base_link')
+
+    def _poses(self) -> Iterator[Finding]:
+        found = [topic for topic in POSE_TYPES if self._graph.is_published(self._name(topic))]
+        for topic in found:
+            types = self._graph.topics[self._name(topic)]
+            if POSE_TYPES[topic] not in types:
+                yield error(
+                    'pose',
+                    f'{self._name(topic)} has the type {", ".join(types)}, expected {POSE_TYPES[topic]}',
+                    'set pose_topic to another topic',
+                )
+        if found:
+            yield ok('pose', f'the pose of the robot is on {", ".join(self._name(topic) for topic in found)}')
+        else:
+            yield warning(
+                'pose',
+                f'nobody publishes {", ".join(self._name(topic) for topic in POSE_TYPES)}',
+                'start the localization or the odometry: else nobody notices that the robot moves after a STOP',
+            )
+
+    def _servers(self) -> Iterator[Finding]:
+        actions = self._graph.actions
+        served = 0
+        for name, short in ACTION_TYPES.items():
+            full, wanted = self._name(name), f'nav2_msgs/action/{short}'
+            types = actions.get(full)
+            if types is None:
+                continue
+            served += 1
+            if wanted not in types:
+                yield error(
+                    'servers',
+                    f'{full} has the type {", ".join(types)}, expected {wanted}',
+                    'give trees the name of another server (server_name), or use CallAction with its type',
+                )
+        for name in NEEDED:
+            if self._name(name) not in actions:
+                near = did_you_mean(self._name(name), actions, '')
+                yield warning(
+                    'servers',
+                    f'there is no action {self._name(name)}: trees that drive fail{near}',
+                    "start Nav2's servers, or use names of your own (flexbt manifest --from-graph)",
+                )
+        if served:
+            yield ok('servers', f'{pluralize(served, "action")} of Nav2')
+
+    def _topics(self) -> Iterator[Finding]:
+        bad = 0
+        for topic, types in self._graph.topics.items():
+            if len(types) > 1:
+                bad += 1
+                users = {node_of(one) for one in (*self._graph.publishers[topic], *self._graph.subscriptions[topic])}
+                yield error(
+                    'topics',
+                    f'{topic} has several types: {", ".join(types)} ({_few(sorted(users))})',
+                    'give one of the two topics another name',
+                )
+        for topic, publisher, subscriber, reason in self._graph.misfits():
+            bad += 1
+            yield error(
+                'topics',
+                f'{subscriber} hears nothing of {publisher} on {topic}',
+                reason,
+            )
+        if not bad:
+            yield ok('topics', f'{pluralize(len(self._graph.topics), "topic")}: types and qualities of service fit')
+
+    def _offset(self, simulated: Mapping[str, Any]) -> Iterator[Finding]:
+        executive = self._name(names.ONBOARD_EXECUTIVE)
+        if executive not in self._graph.nodes or simulated.get(executive, True):
+            return
+        end = time.monotonic() + self._seconds
+        while len(self._status) < 2 and time.monotonic() < end:
+            time.sleep(0.05)
+        late = [received - status.stamp.sec - status.stamp.nanosec * 1e-9 for received, status in self._status[1:]]
+        if not late:
+            yield error(
+                'link',
+                f'no status of {executive} within {self._seconds:g} s',
+                'check that both computers have the same FlexBT, and that the network passes UDP',
+            )
+            return
+        offset = min(late)
+        if abs(offset) > MOST_OFFSET:
+            yield warning(
+                'link',
+                f"the robot's clock differs by {-offset:.1f} s from that of this computer",
+                'synchronize both (chrony or systemd-timesyncd): stamps of poses and transforms do not fit else',
+            )
+        else:
+            yield ok('link', f'the status of the robot arrives, {max(0.0, offset) * 1000:.0f} ms after it was sent')
+
+
+def _few(nodes: Sequence[str], most: int = 4) -> str:
+    more = f' and {len(nodes) - most} more' if len(nodes) > most else ''
+    return f'{", ".join(nodes[:most])}{more}'

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Start the operator's page for a browser, on the operator's computer. The screen has a terminal of its own:
+
+ros2 launch flexbt_bringup operator.launch.py namespace:=robot1
+ros2 run flexbt_console console --namespace /robot1
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+
+
+def page(context: LaunchContext) -> list[ExecuteProcess]:
+    """Return the process that serves the page, for the arguments of this launch."""
+    command = ['ros2', 'run', 'flexbt_console', 'console', 'web']
+    for name, option in (('namespace', '--robot'), ('port', '--port'), ('address', '--address')):
+        value = LaunchConfiguration(name).perform(context)
+        command += [option, value] if value else []
+    if LaunchConfiguration('slow_link').perform(context).lower() == 'true':
+        command.append('--slow-link')
+    return [ExecuteProcess(cmd=command, output='screen')]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the operator's computer to `ros2 launch`."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument('namespace', default_value='', description='a robot; empty for every one found'),
+            DeclareLaunchArgument('port', default_value='8465', description='port of the page'),
+            DeclareLaunchArgument('address', default_value='127.0.0.1', description='address to listen at'),
+            DeclareLaunchArgument('slow_link', default_value='false', description='true: show no scan'),
+            OpaqueFunction(function=page),
+        ]
+    )

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What ``flexbt doctor`` reports: each trouble is made with real nodes, and gone when its advice is followed."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy.qos
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from nav2_msgs.action import ComputePathToPose, FollowPath, Spin, Wait
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Int32, String
+from tf2_msgs.msg import TFMessage
+
+from flexbt_bringup import doctor
+from flexbt_bringup.doctor import Finding, Level, RobotCheck, machine_findings
+from flexbt_bringup.graph import observe
+from flexbt_bringup.manifest import manifest_text
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_server.node_manifests import read_manifest
+from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
+
+
+@pytest.fixture
+def other() -> Iterator[NodeRuntime]:
+    """Run a node of the robot."""
+    with NodeRuntime.open('localization') as runtime:
+        yield runtime
+
+
+def findings(namespace: str = '', seconds: float = 3.0) -> list[Finding]:
+    with NodeRuntime.open('doctor') as runtime:
+        return list(RobotCheck(runtime, namespace, seconds).findings())
+
+
+def of(found: list[Finding], check: str, level: Level = Level.ERROR) -> list[str]:
+    return [one.what for one in found if one.check == check and one.level is level]
+
+
+def publish_transform(runtime: NodeRuntime, age: float = 0.0) -> Any:
+    publisher = runtime.node.create_publisher(TFMessage, 'tf', 10)
+
+    def send() -> None:
+        transform = TransformStamped()
+        moment = time.time() - age
+        transform.header.frame_id, transform.child_frame_id = 'map', 'base_link'
+        transform.header.stamp.sec, transform.header.stamp.nanosec = int(moment), int(moment % 1 * 1e9)
+        transform.transform.rotation.w = 1.0
+        publisher.publish(TFMessage(transforms=[transform]))
+
+    return runtime.node.create_timer(0.1, send)
+
+
+def test_nothing_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = findings(seconds=0.2)
+    assert [one.check for one in found] == ['discovery']
+    assert 'no other node was found within 0.2 s' in found[0].what
+
+
+def test_a_healthy_robot_has_no_errors(other: NodeRuntime) -> None:
+    other.call(lambda: publish_transform(other))
+    pose = other.call(lambda: other.node.create_publisher(PoseWithCovarianceStamped, 'amcl_pose', 10))
+    for type, name in ((ComputePathToPose, 'compute_path_to_pose'), (FollowPath, 'follow_path')):
+        ScriptedActionServer(other, type, name)
+    found = findings()
+    assert [one for one in found if one.level is Level.ERROR] == []
+    assert of(found, 'transforms', Level.OK) == ['base_link is known in map']
+    assert of(found, 'pose', Level.OK) == ['the pose of the robot is on /amcl_pose']
+    assert of(found, 'servers', Level.OK) == ['2 actions of Nav2']
+    assert pose is not None
+
+
+def test_time_that_stands_still_and_clocks_that_are_mixed(other: NodeRuntime) -> None:
+    with NodeRuntime.open('planner', parameters={'use_sim_time': True}):
+        (told,) = of(findings(), 'clock')
+        assert told == 'use_sim_time is true for /planner, and nobody publishes /clock: their time stands still'
+        with NodeRuntime.open('clock') as clock:
+            publisher = clock.call(lambda: clock.node.create_publisher(Clock, '/clock', 10))
+            clock.call(lambda: clock.node.create_timer(0.05, lambda: publisher.publish(Clock())))
+            (told,) = of(findings(), 'clock')
+            assert told == 'use_sim_time is true for /planner and false for /localization: stamps do not fit each other'
+
+
+def test_transforms_that_are_missing_or_old(other: NodeRuntime) -> None:
+    found = findings(seconds=1.0)
+    assert of(found, 'transforms', Level.WARNING) == ['nobody publishes /tf', 'nobody publishes /tf_static']
+    assert 'no pose of base_link in map: ' in of(found, 'transforms')[0]
+    other.call(lambda: publish_transform(other, age=60.0))
+    (told,) = of(findings(), 'transforms')
+    assert told.startswith('the newest transform from map to base_link is 6')
+
+
+def test_servers_of_another_type_or_missing(other: NodeRuntime) -> None:
+    ScriptedActionServer(other, Wait, 'spin')
+    ScriptedActionServer(other, FollowPath, 'robot1/follow_path')
+    found = findings()
+    assert of(found, 'servers') == ['/spin has the type nav2_msgs/action/Wait, expected nav2_msgs/action/Spin']
+    missing = of(found, 'servers', Level.WARNING)
+    assert any('there is no action /follow_path' in one and "'/robot1/follow_path'" in one for one in missing)
+
+
+def test_topics_that_do_not_fit(other: NodeRuntime) -> None:
+    with NodeRuntime.open('listener') as listener:
+        best_effort = rclpy.qos.QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
+        kept = [
+            other.call(lambda: other.node.create_publisher(String, 'scan', best_effort)),
+            listener.call(lambda: listener.node.create_subscription(String, 'scan', print, 1)),
+            other.call(lambda: other.node.create_publisher(String, 'mixed', 1)),
+            listener.call(lambda: listener.node.create_publisher(Int32, 'mixed', 1)),
+        ]
+        told = of(findings(), 'topics')
+        assert any(one == '/listener hears nothing of /localization on /scan' for one in told), told
+        assert any(one.startswith('/mixed has several types: std_msgs/msg/') for one in told), told
+        assert all(kept)
+
+
+def test_two_nodes_of_one_name_and_a_wrong_namespace(other: NodeRuntime) -> None:
+    with NodeRuntime.open('localization'):
+        assert of(findings(), 'discovery') == ['several nodes are called /localization']
+    assert 'no node is in the namespace /robot7' in of(findings('/robot7', 1.0), 'discovery')[0]
+
+
+def test_this_computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = {'ROS_DOMAIN_ID': '300', 'ROS_LOCALHOST_ONLY': '1', 'ROS_LOG_DIR': str(tmp_path)}
+    found = list(machine_findings(wrong))
+    assert of(found, 'domain') == ['ROS_DOMAIN_ID=300']
+    assert 'nodes of other computers are not found' in of(found, 'reach', Level.WARNING)[0]
+    monkeypatch.setattr(doctor, 'LITTLE_DISK', 1 << 62)
+    assert 'MB left' in of(list(machine_findings({})), 'disk', Level.WARNING)[0]
+
+
+def test_the_command_prints_json_and_ends_with_a_code() -> None:
+    ran = subprocess.run(
+        ['flexbt', 'doctor', '--json', '--seconds', '0.3'], capture_output=True, text=True, check=False, timeout=60
+    )
+    lines = [json.loads(line) for line in ran.stdout.splitlines()]
+    assert {line['check'] for line in lines} >= {'middleware', 'disk', 'discovery'}, ran.stderr
+    assert (ran.returncode, lines[-1]['level']) == (1, 'error')
+    machine = subprocess.run(['flexbt', 'doctor', '--machine'], capture_output=True, text=True, check=False, timeout=60)
+    assert machine.returncode == 0, machine.stdout
+
+
+# -- manifests -------------------------------------------------------------------------------------------------------
+
+
+def test_the_servers_of_a_robot_become_a_manifest_that_can_be_read(other: NodeRuntime) -> None:
+    with contextlib.ExitStack() as stack:
+        ScriptedActionServer(other, Spin, 'arm/turn_around')
+        ScriptedActionServer(other, Wait, 'wait')
+        runtime = stack.enter_context(NodeRuntime.open('flexbt_manifest'))
+        text = manifest_text(observe(runtime, 3.0), '')
+    nodes = read_manifest(text, 'proposed.yaml')
+    assert set(nodes) == {'ArmTurnAround', 'CallWait'}
+    ports = nodes['ArmTurnAround'].ports
+    assert {'target_yaw', 'time_allowance', 'error_code', 'server_name'} <= set(ports)
+    assert ports['server_name'].default == 'arm/turn_around'
