@@ -18,10 +18,8 @@ import flexbt_console.recording.recorder
 import flexbt_onboard.node.executive_parameters
 import flexbt_server.parameters
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_navigation.lifecycle_manager import declare_manager_parameters
 from flexbt_navigation.parameters import declare_navigation_parameters
-from flexbt_onboard.node.executive_parameters import declare_motion
 from flexbt_sim.simulator.parameters import declare_simulator_parameters
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'executables.md'
@@ -29,7 +27,7 @@ TABLE: Final = re.compile(r'(<!-- written by \S+: (\w+) -->\n).*?(<!-- end of wh
 EXECUTABLES: Final[dict[str, Callable[[Node], object]]] = {
     'bt_server': flexbt_server.parameters.declare_parameters,
     'onboard_executive': flexbt_onboard.node.executive_parameters.declare_parameters,
-    'stop_guard': lambda node: declare_motion(ParameterDeclarer(node)),
+    'stop_guard': flexbt_onboard.node.executive_parameters.declare_motion,
     'simulator': declare_simulator_parameters,
     'navigation': declare_navigation_parameters,
     'lifecycle_manager': declare_manager_parameters,

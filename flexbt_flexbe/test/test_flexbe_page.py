@@ -31,7 +31,7 @@ def test_each_difference_is_a_row_and_each_row_has_its_test() -> None:
 
 def test_the_commands_are_the_consoles() -> None:
     source = (ROOT / 'flexbt_console' / 'flexbt_console' / 'commands' / 'registry.py').read_text(encoding='utf-8')
-    known = set(re.findall(r"CommandSpec\(\s*'(\w+)'", source))
+    known = set(re.findall(r"(?:CommandSpec|_\w+)\(\s*'(\w+)'", source))
     section = PAGE[PAGE.index('### Commands of the operator') : PAGE.index('## What is the same')]
     used = {word for row in section.splitlines() for word in re.findall(r'`(\w+)[^`]*`', row.rpartition(' | ')[2])}
     assert used and used - known == {'console'} & used

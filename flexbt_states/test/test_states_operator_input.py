@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -33,7 +34,11 @@ class Desk:
     def __init__(self, bench: StateBench) -> None:
         self.runtime = NodeRuntime('desk', args=())
         self.changes = 0
-        self.requests = self.runtime.call(lambda: InputRequests(self.runtime, GoalAdmission('the desk'), self._count))
+        report: Any = SimpleNamespace(run_id='', event=lambda _event, **_fields: None)
+        status: Any = SimpleNamespace(changed=self._count)
+        self.requests = self.runtime.call(
+            lambda: InputRequests(self.runtime, GoalAdmission('the desk'), report, status)
+        )
         link = bench.services.actions.link(OperatorInput, 'operator_input')
         wait_until(lambda: bench.runtime.call(link.is_ready), 'discovered')
 
@@ -48,7 +53,7 @@ class Desk:
         decision = self.pending()
         self.runtime.call(lambda: self.requests.answer(decision.id, BlackboardEntry(**fields), 'eva'))
 
-    def _count(self, _event: str, _fields: Mapping[str, Any]) -> None:
+    def _count(self) -> None:
         self.changes += 1
 
 

@@ -16,6 +16,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_core.values.text_files import read_text
 from flexbt_core.values.yaml_data import load_yaml
 from flexbt_flexbe.errors import FlexbeManifestError
+from flexbt_onboard.behaviors.behavior import to_bool
 from flexbt_onboard.errors import ParameterError
 
 _OWN: Final = ('name', 'beh_id', 'contains')
@@ -138,8 +139,6 @@ class Behavior:
 YAML_PREFIX: Final = '/YAML:'
 """FlexBE's mark of an argument, in front of its name, whose value is a file and a key in it."""
 
-_TRUE: Final = frozenset({'true', 'yes', 'on', '1'})
-_FALSE: Final = frozenset({'false', 'no', 'off', '0'})
 _FILE: Final = re.compile(r'(?P<file>[\w.-]+/[\w./-]+\.ya?ml)(?::(?P<key>\S*))?')
 
 
@@ -153,7 +152,7 @@ def converted(name: str, value: Any, like: Any) -> Any:
         return value
     try:
         if isinstance(like, bool):
-            return _bool(value)
+            return to_bool(str(value))
         if isinstance(like, int):
             return _int(value)
         if isinstance(like, float):
@@ -192,13 +191,6 @@ def from_yaml_file(name: str, text: str) -> Any:
 def is_yaml_file(text: str) -> bool:
     """Return whether a text names a YAML file of a package."""
     return _FILE.fullmatch(text.strip()) is not None
-
-
-def _bool(value: Any) -> bool:
-    word = str(value).strip().lower()
-    if word not in _TRUE | _FALSE:
-        raise ValueError('write true or false')
-    return word in _TRUE
 
 
 def _int(value: Any) -> int:

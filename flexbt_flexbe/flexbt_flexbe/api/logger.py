@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 from flexbt_core.state_machine.model.event_state import EventState, called_state
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_onboard.behaviors.run_context import RunContext, current_run
+from flexbt_onboard.link.console_link import log_to_node
 
 from .event_state import RosAccess
 
@@ -51,17 +52,7 @@ def log(text: object, severity: int) -> None:
 
 def local(text: object, severity: int) -> None:
     """Write to the log of the node."""
-    logger = current_run().services.runtime.node.get_logger()
-    level = severity_of(severity)
-    # Each has a call of its own: rclpy does not let the severity at one place of the code change.
-    if level is Severity.DEBUG:
-        logger.debug(str(text))
-    elif level is Severity.WARN:
-        logger.warning(str(text))
-    elif level is Severity.ERROR:
-        logger.error(str(text))
-    else:
-        logger.info(str(text))
+    log_to_node(current_run().services.runtime.node, severity_of(severity).value, str(text))
 
 
 def log_throttle(period: float, text: object, severity: int) -> None:

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import MethodType
-from typing import Any, TypeVar, cast
+from types import FunctionType, MethodType
+from typing import Any, TypeVar
 
 from flexbt_common.values.value_types import resolve_type
 from flexbt_core.errors import FlexbtError
@@ -14,7 +14,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.behaviors.run_context import current_run
 
-Method = TypeVar('Method', bound=Callable[..., Any])
+Proxy = TypeVar('Proxy', bound=type[Any])
 
 
 class RunProxy:
@@ -35,7 +35,7 @@ class RunProxy:
 
 
 class _OnClassToo:
-    """See :func:`on_class_too`."""
+    """See :func:`callable_on_class`."""
 
     def __init__(self, method: Callable[..., Any]) -> None:
         self._method = method
@@ -45,10 +45,12 @@ class _OnClassToo:
         return MethodType(self._method, owner() if proxy is None else proxy)
 
 
-def on_class_too(method: Method) -> Method:
-    """Return a method that may be called on the class, as in FlexBE: of proxies that share what they have within a
-    run."""
-    return cast(Method, _OnClassToo(method))
+def callable_on_class(proxy: Proxy) -> Proxy:
+    """Let methods be called on the class, too, as in FlexBE: of proxies that share what they have within a run."""
+    for name, method in tuple(vars(proxy).items()):
+        if isinstance(method, FunctionType) and not name.startswith('_'):
+            setattr(proxy, name, _OnClassToo(method))
+    return proxy
 
 
 def calling_state() -> EventState | None:

@@ -5,7 +5,6 @@ service."""
 from __future__ import annotations
 
 import contextvars
-import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.behaviors.run_context import RunContext, current_run
 
-from .run_proxy import Listeners, RunProxy, message_class, on_class_too
+from .run_proxy import Listeners, RunProxy, callable_on_class, message_class
 
 
 @dataclass(frozen=True)
@@ -36,28 +35,26 @@ class _RunPublishers:
 
     def __init__(self, run: RunContext) -> None:
         self._runtime = run.services.runtime
-        self._topics: dict[str, _Topic] = {}
+        self.topics: dict[str, _Topic] = {}
         run.at_end(self._close)
 
-    def get(self, topic: str) -> _Topic | None:
-        return self._topics.get(topic)
-
     def create(self, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
-        known = self._topics.get(topic)
+        known = self.topics.get(topic)
         if known is None:
             publisher = self._runtime.call(lambda: self._runtime.node.create_publisher(message, topic, qos))
-            self._topics[topic] = _Topic(message, publisher)
+            self.topics[topic] = _Topic(message, publisher)
         elif known.message_class is not message:
             raise ProxyError(
                 f'topic {topic!r} is published as {known.message_class.__name__} already, not as {message.__name__}'
             )
 
     def _close(self) -> None:
-        topics, self._topics = self._topics, {}
+        topics, self.topics = self.topics, {}
         for topic in topics.values():
             self._runtime.post(partial(self._runtime.node.destroy_publisher, topic.publisher))
 
 
+@callable_on_class
 class ProxyPublisher(RunProxy):
     """A publisher of messages. All proxies of the run share their topics."""
 
@@ -73,7 +70,6 @@ class ProxyPublisher(RunProxy):
         for topic, message in (topics or {}).items():
             self.createPublisher(topic, message, qos)
 
-    @on_class_too
     def createPublisher(
         self, topic: str, msg_type: type[Any] | str, qos: QoSProfile | int | None = None, **ignored: Any
     ) -> None:
@@ -86,16 +82,13 @@ class ProxyPublisher(RunProxy):
 
     create_publisher = createPublisher
 
-    @on_class_too
     def remove_publisher(self, topic: str) -> None:
         """Do nothing: the publisher ends with the run, since other states may use it."""
 
-    @on_class_too
     def is_available(self, topic: str) -> bool:
         """Return whether the run publishes on the topic."""
-        return self._publishers.get(topic) is not None
+        return topic in self._publishers.topics
 
-    @on_class_too
     def publish(self, topic: str, msg: Any) -> None:
         """Publish a message.
 
@@ -107,18 +100,16 @@ class ProxyPublisher(RunProxy):
             raise ProxyError(f'topic {topic!r}: a message is a {known.message_class.__name__}, not {short_repr(msg)}')
         known.publisher.publish(msg)
 
-    @on_class_too
     def number_of_subscribers(self, topic: str) -> int:
         """Return how many subscriptions match the publisher, as far as discovery knows."""
         return int(self._topic(topic).publisher.get_subscription_count())
 
-    @on_class_too
     def wait_for_any(self, topic: str, timeout: float = 5.0) -> bool:
         """Return whether there is a subscriber now; ``timeout`` is not waited for."""
         return self.number_of_subscribers(topic) > 0
 
     def _topic(self, topic: str) -> _Topic:
-        known = self._publishers.get(topic)
+        known = self._publishers.topics.get(topic)
         if known is None:
             raise ProxyError(f'nothing is published on topic {topic!r}; call createPublisher first')
         return known
@@ -130,7 +121,10 @@ MessageCallback = Callable[[Any], None]
 
 
 class _Feed:
-    """One topic: what has come, and whom it concerns. Messages come on the executor thread."""
+    """One topic: what has come, and whom it concerns. Messages come on the executor thread.
+
+    ``newest`` is the newest message, None if there is none; ``buffer`` has all, None if they are not kept.
+    """
 
     def __init__(self, runtime: Runtime, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
         self.message_class = message
@@ -139,9 +133,8 @@ class _Feed:
         self.is_persistent = False
         self._runtime = runtime
         self._topic = topic
-        self._lock = threading.Lock()
-        self._newest: Any = None
-        self._buffer: deque[Any] | None = None
+        self.newest: Any = None
+        self.buffer: deque[Any] | None = None
         self._callbacks: dict[Any, MessageCallback] = {}
         self._subscription: Subscription | None = None  # executor thread only
         runtime.post(lambda: self._subscribe(qos))
@@ -154,35 +147,8 @@ class _Feed:
             context = contextvars.copy_context()
             self._callbacks = {**self._callbacks, user: lambda message: context.run(callback, message)}
 
-    def set_buffered(self, is_buffered: bool) -> None:
-        with self._lock:
-            self._buffer = (self._buffer or deque()) if is_buffered else None
-
-    def newest(self) -> Any:
-        return self._newest
-
-    def forget_newest(self) -> None:
-        if not self.is_persistent:
-            self._newest = None
-
     def misfit(self) -> str:
         return qos_misfit(self._runtime, self._runtime.node.resolve_topic_name(self._topic))
-
-    def has_buffered(self) -> bool:
-        return bool(self._buffer)
-
-    def take_oldest(self) -> Any:
-        with self._lock:
-            return self._buffer.popleft() if self._buffer else None
-
-    def peek_oldest(self) -> Any:
-        with self._lock:
-            return self._buffer[0] if self._buffer else None
-
-    def clear_buffer(self) -> None:
-        with self._lock:
-            if self._buffer is not None:
-                self._buffer.clear()
 
     def close(self) -> None:
         self._runtime.post(self._unsubscribe)
@@ -196,10 +162,9 @@ class _Feed:
             self._subscription = None
 
     def _receive(self, message: Any) -> None:
-        with self._lock:
-            self._newest = message
-            if self._buffer is not None:
-                self._buffer.append(message)
+        self.newest = message
+        if (buffer := self.buffer) is not None:
+            buffer.append(message)
         for callback in tuple(self._callbacks.values()):
             try:
                 callback(message)
@@ -213,16 +178,13 @@ class _RunFeeds:
 
     def __init__(self, run: RunContext) -> None:
         self._runtime = run.services.runtime
-        self._feeds: dict[str, _Feed] = {}
+        self.feeds: dict[str, _Feed] = {}
         run.at_end(self._close)
 
-    def get(self, topic: str) -> _Feed | None:
-        return self._feeds.get(topic)
-
     def open(self, topic: str, message: type[Any], qos: QoSProfile | int) -> _Feed:
-        feed = self._feeds.get(topic)
+        feed = self.feeds.get(topic)
         if feed is None:
-            feed = self._feeds[topic] = _Feed(self._runtime, topic, message, qos)
+            feed = self.feeds[topic] = _Feed(self._runtime, topic, message, qos)
         elif feed.message_class is not message:
             raise ProxyError(
                 f'topic {topic!r} is subscribed as {feed.message_class.__name__} already, not as {message.__name__}'
@@ -231,19 +193,20 @@ class _RunFeeds:
 
     def lacks(self, state: EventState) -> list[str]:
         """Why no message comes on topics that a state has asked about and has none of."""
-        asked = (feed for feed in self._feeds.values() if feed.newest() is None and feed.listeners.has(state))
+        asked = (feed for feed in self.feeds.values() if feed.newest is None and feed.listeners.has(state))
         return [text for feed in asked if (text := feed.misfit())]
 
     def drop(self, topic: str) -> None:
-        feed = self._feeds.pop(topic, None)
+        feed = self.feeds.pop(topic, None)
         if feed is not None:
             feed.close()
 
     def _close(self) -> None:
-        for topic in tuple(self._feeds):
+        for topic in tuple(self.feeds):
             self.drop(topic)
 
 
+@callable_on_class
 class ProxySubscriberCached(RunProxy):
     """A subscriber to topics. All proxies of the run share the messages; states that requested one are woken."""
 
@@ -258,7 +221,6 @@ class ProxySubscriberCached(RunProxy):
         for topic, message in (topics or {}).items():
             self.subscribe(topic, message, qos=qos, inst_id=inst_id)
 
-    @on_class_too
     def subscribe(
         self,
         topic: str,
@@ -278,77 +240,67 @@ class ProxySubscriberCached(RunProxy):
         if callback is not None:
             feed.set_callback(inst_id, callback)
         if buffered:
-            feed.set_buffered(True)
+            self.enable_buffer(topic)
 
-    @on_class_too
     def set_callback(self, topic: str, callback: MessageCallback | None, inst_id: Any = -1) -> None:
         """Have something called for each message, on the executor's thread: it must not block."""
         self._feed(topic).set_callback(inst_id, callback)
 
-    @on_class_too
     def enable_buffer(self, topic: str) -> None:
         """Keep all messages from now on."""
-        self._feed(topic).set_buffered(True)
+        feed = self._feed(topic)
+        feed.buffer = feed.buffer or deque()
 
-    @on_class_too
     def disable_buffer(self, topic: str) -> None:
         """Keep the newest message only."""
-        self._feed(topic).set_buffered(False)
+        self._feed(topic).buffer = None
 
-    @on_class_too
     def is_available(self, topic: str) -> bool:
         """Return whether the run listens to the topic."""
         return self._asked(topic) is not None
 
-    @on_class_too
     def has_msg(self, topic: str) -> bool:
         """Return whether a message has come and was not removed."""
         return self.get_last_msg(topic) is not None
 
-    @on_class_too
     def get_last_msg(self, topic: str) -> Any:
         """Return the newest message, None when there is none."""
         feed = self._asked(topic)
-        return feed.newest() if feed is not None else None
+        return feed.newest if feed is not None else None
 
-    @on_class_too
     def has_buffered(self, topic: str) -> bool:
         """Return whether the buffer has messages."""
         feed = self._asked(topic)
-        return feed is not None and feed.has_buffered()
+        return feed is not None and bool(feed.buffer)
 
-    @on_class_too
     def get_from_buffer(self, topic: str) -> Any:
         """Take the oldest message of the buffer; None when it is empty."""
         feed = self._asked(topic)
-        return feed.take_oldest() if feed is not None else None
+        return feed.buffer.popleft() if feed is not None and feed.buffer else None
 
-    @on_class_too
     def peek_at_buffer(self, topic: str) -> Any:
         """Return the oldest message of the buffer, which stays there."""
         feed = self._asked(topic)
-        return feed.peek_oldest() if feed is not None else None
+        return feed.buffer[0] if feed is not None and feed.buffer else None
 
-    @on_class_too
     def remove_last_msg(self, topic: str, clear_buffer: bool = False) -> None:
         """Forget the newest message, unless the topic is persistent."""
         feed = self._asked(topic)
         if feed is not None:
-            feed.forget_newest()
-            if clear_buffer:
-                feed.clear_buffer()
+            if not feed.is_persistent:
+                feed.newest = None
+            if clear_buffer and feed.buffer is not None:
+                feed.buffer.clear()
 
-    @on_class_too
     def make_persistant(self, topic: str) -> None:
         """Let :meth:`remove_last_msg` leave the newest message where it is."""
         self._feed(topic).is_persistent = True
 
     make_persistent = make_persistant
 
-    @on_class_too
     def unsubscribe_topic(self, topic: str, inst_id: Any = -1) -> None:
         """``inst_id`` listens no more; with the last one the subscription ends."""
-        feed = self._feeds.get(topic)
+        feed = self._feeds.feeds.get(topic)
         if feed is not None:
             feed.set_callback(inst_id, None)
             feed.users.discard(inst_id)
@@ -356,13 +308,13 @@ class ProxySubscriberCached(RunProxy):
                 self._feeds.drop(topic)
 
     def _feed(self, topic: str) -> _Feed:
-        feed = self._feeds.get(topic)
+        feed = self._feeds.feeds.get(topic)
         if feed is None:
             raise ProxyError(f'topic {topic!r} is not subscribed; call subscribe first')
         return feed
 
     def _asked(self, topic: str) -> _Feed | None:
-        feed = self._feeds.get(topic)
+        feed = self._feeds.feeds.get(topic)
         if feed is not None:
             feed.listeners.note_caller()
         return feed

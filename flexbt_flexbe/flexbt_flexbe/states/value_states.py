@@ -37,19 +37,10 @@ class FlexibleCalculationState(EventState):
 
     def __init__(self, calculation: Callable[..., Any], input_keys: Sequence[str]) -> None:
         super().__init__(outcomes=['done'], input_keys=input_keys, output_keys=['output_value'], desired_rate=None)
-        self._calculation = checked_callable(self, 'calculation', calculation)
-        self._by_keyword = takes_keywords(calculation, self.input_keys)
-        if not self._by_keyword and not takes_list(calculation):
-            raise StateParameterError(
-                self, 'calculation', f'takes neither one list nor the keywords {", ".join(self.input_keys)}'
-            )
+        self._value_of = _of_keys(self, 'calculation', calculation, prefers_list=False)
 
     def execute(self, userdata: UserData) -> str:
-        if self._by_keyword:
-            value = self._calculation(**{key: userdata[key] for key in self.input_keys})
-        else:
-            value = self._calculation([userdata[key] for key in self.input_keys])
-        userdata['output_value'] = value
+        userdata['output_value'] = self._value_of(userdata)
         return 'done'
 
 
@@ -77,19 +68,10 @@ class FlexibleCheckConditionState(EventState):
 
     def __init__(self, predicate: Callable[..., Any], input_keys: Sequence[str]) -> None:
         super().__init__(outcomes=['true', 'false'], input_keys=input_keys, desired_rate=None)
-        self._predicate = checked_callable(self, 'predicate', predicate)
-        self._by_list = takes_list(predicate)
-        if not self._by_list and not takes_keywords(predicate, self.input_keys):
-            raise StateParameterError(
-                self, 'predicate', f'takes neither one list nor the keywords {", ".join(self.input_keys)}'
-            )
+        self._value_of = _of_keys(self, 'predicate', predicate, prefers_list=True)
 
     def execute(self, userdata: UserData) -> str:
-        if self._by_list:
-            holds = self._predicate([userdata[key] for key in self.input_keys])
-        else:
-            holds = self._predicate(**{key: userdata[key] for key in self.input_keys})
-        return 'true' if holds else 'false'
+        return 'true' if self._value_of(userdata) else 'false'
 
 
 class DecisionState(EventState):
@@ -199,14 +181,22 @@ class LogKeyState(EventState):
 # a function gets what its parameters can take, so that either reading works; the state says which it prefers.
 
 
-def takes_keywords(function: Callable[..., Any], keys: Sequence[str]) -> bool:
-    """Return whether it can be called with the keys as keywords."""
-    return _binds(function, **dict.fromkeys(keys))
+def _of_keys(
+    state: EventState, parameter: str, function: Callable[..., Any], *, prefers_list: bool
+) -> Callable[[UserData], Any]:
+    """Return a function of the userdata that calls a function, which is a parameter, with the values of the input keys.
 
-
-def takes_list(function: Callable[..., Any]) -> bool:
-    """Return whether it can be called with one list."""
-    return _binds(function, [])
+    Raises:
+        StateParameterError: it takes neither form.
+    """
+    checked_callable(state, parameter, function)
+    keys = state.input_keys
+    takes_list, takes_keywords = _binds(function, []), _binds(function, **dict.fromkeys(keys))
+    if not takes_list and not takes_keywords:
+        raise StateParameterError(state, parameter, f'takes neither one list nor the keywords {", ".join(keys)}')
+    if takes_list and (prefers_list or not takes_keywords):
+        return lambda userdata: function([userdata[key] for key in keys])
+    return lambda userdata: function(**{key: userdata[key] for key in keys})
 
 
 def _binds(function: Callable[..., Any], *args: Any, **keywords: Any) -> bool:

@@ -285,7 +285,8 @@ def _is_plain(value: list[Any] | dict[Any, Any]) -> bool:
         return False
 
 
-def _to_bool(text: str) -> bool:
+def to_bool(text: str) -> bool:
+    """Return what an operator wrote for true or false. Raises ValueError."""
     word = text.strip().lower()
     if word in _TRUE:
         return True
@@ -326,7 +327,7 @@ def _to_dict(text: str) -> dict[Any, Any]:
 
 
 _CONVERTERS: Final[dict[str, Callable[[str], ParameterValue]]] = {
-    'bool': _to_bool,
+    'bool': to_bool,
     'int': _to_int,
     'float': _to_float,
     'string': str,

@@ -17,6 +17,7 @@ from typing import Final
 from flexbt_common.values.limits import MACHINE_TEXT
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_msgs.msg import BehaviorInput as BehaviorInputMessage
+from flexbt_msgs.msg import BehaviorList
 from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
 from flexbt_msgs.msg import BehaviorParameter as BehaviorParameterMessage
 from flexbt_onboard.errors import BehaviorError, BrokenBehaviorError, UnknownBehaviorError
@@ -114,6 +115,10 @@ class BehaviorLibrary:
     def entries(self) -> Mapping[str, BehaviorEntry]:
         """All of them, sorted by name."""
         return self._entries
+
+    def to_message(self) -> BehaviorList:
+        """Return all of them as they are shown to the operator."""
+        return BehaviorList(behaviors=[entry.to_message() for entry in self._entries.values()])
 
     def add(self, entry: BehaviorEntry) -> None:
         """Have one more, which was made since, in place of one of its name that was added before.

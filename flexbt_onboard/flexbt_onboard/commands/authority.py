@@ -18,14 +18,17 @@ Goals of the action ``execute_behavior`` come from programs, not from operators;
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
 from typing import Final
 
 from flexbt_common.lifecycle.presence import PresenceWatch
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
+from flexbt_msgs.msg import ExecutiveLog
 from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.link.console_link import ConsoleLink
+from flexbt_onboard.link.status_publisher import StatusPublisher
+from flexbt_onboard.persistence.reporter import Reporter
 
 REQUESTS: Final = 16
 """Maximum number of operators that may request the authority at a time: every status lists them."""
@@ -35,23 +38,35 @@ class Authority:
     """The authority over one executive. Used on the executor thread only.
 
     ``holder`` is the operator who has it, '' for nobody. ``presence`` reports the connected operators, ``timeout`` is
-    in seconds of wall time. ``on_change`` gets a line that says who has it now, and why.
+    in seconds of wall time.
     """
 
     def __init__(
-        self, runtime: Runtime, presence: PresenceWatch, timeout: float, on_change: Callable[[str], None]
+        self,
+        runtime: Runtime,
+        presence: PresenceWatch,
+        timeout: float,
+        report: Reporter,
+        status: StatusPublisher,
     ) -> None:
         self.holder = ''
         self._requests: dict[str, float] = {}  # requesters, and when each was last connected
         self._runtime = runtime
         self._timeout = timeout
-        self._on_change = on_change
+        self._report = report
+        self._status = status
         self._presence = presence
         self._was_present = False
         self._last_seen = 0.0
         self._timer: Timer | None = None
         self._requests_timer: Timer | None = None
         presence.add_listener(self._presence_changed)
+
+    def _on_change(self, text: str) -> None:
+        """Report who has it now, and why."""
+        self._report.log(ExecutiveLog.INFO, text)
+        self._report.event('authority', holder=self.holder, requests=self.requests, text=text)
+        self._status.changed()
 
     @property
     def requests(self) -> list[str]:
@@ -224,18 +239,12 @@ _TOLD: Final = 256
 
 
 class OperatorNames:
-    """The names that are in use. Used on the executor thread only.
+    """The names that are in use. Used on the executor thread only."""
 
-    ``node_of`` gives the node of a participant that can command, '' when there is none any more; ``has_gone`` whether a
-    participant has said that it goes; ``tell`` gets a line for the operators.
-    """
-
-    def __init__(
-        self, node_of: Callable[[bytes], str], has_gone: Callable[[bytes], bool], tell: Callable[[str], None]
-    ) -> None:
-        self._node_of = node_of
-        self._has_gone = has_gone
-        self._tell = tell
+    def __init__(self, link: ConsoleLink, presence: PresenceWatch, report: Reporter) -> None:
+        self._link = link
+        self._presence = presence
+        self._report = report
         self._owners: OrderedDict[str, bytes] = OrderedDict()
         self._told: OrderedDict[tuple[str, bytes], None] = OrderedDict()
 
@@ -248,7 +257,7 @@ class OperatorNames:
         if not operator or participant == UNKNOWN_WRITER:
             return
         owner = self._owners.get(operator, participant)
-        if owner != participant and not self._has_gone(owner) and (node := self._node_of(owner)):
+        if owner != participant and not self._presence.has_gone(owner) and (node := self._link.node_of(owner)):
             self._tell_once(operator, participant, node)
             raise CommandRefusedError(
                 f'operator {operator!r} commands from another console, {node}; end that one, or choose another name '
@@ -266,5 +275,6 @@ class OperatorNames:
         self._told[operator, participant] = None
         while len(self._told) > _TOLD:
             self._told.popitem(last=False)
-        node = self._node_of(participant) or 'a node that is gone'
-        self._tell(f'{node} commands under the name of operator {operator!r}, who is at {owner}; that is refused')
+        node = self._link.node_of(participant) or 'a node that is gone'
+        text = f'{node} commands under the name of operator {operator!r}, who is at {owner}; that is refused'
+        self._report.operators(text, is_warning=True)

@@ -17,12 +17,13 @@ from functools import partial
 from typing import Any, Final, Protocol
 
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
-from flexbt_common.runtime.node_log import RepeatedReports
 from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent, RunReader
 from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.link.status_publisher import StatusPublisher
 from flexbt_onboard.persistence.journal import REMEMBERED_COMMANDS
 from flexbt_onboard.persistence.reporter import Reporter
 from flexbt_onboard.persistence.run_journal import REASON_LENGTH, RunJournal
@@ -67,10 +68,8 @@ class CommandHandling(Protocol):
 class CommandLedger(RunReader):
     """The commands of one executive. Used on the executor thread, except :meth:`read`.
 
-    As a reader of the runs it is notified when a command has taken effect.
-
-    ``changed`` is called when a result is to be reported, or a sender has to be notified that this is another
-    executive.
+    As a reader of the runs it is notified when a command has taken effect. ``status`` is sent when a result is to be
+    reported, or a sender has to be notified that this is another executive.
     """
 
     def __init__(
@@ -79,7 +78,7 @@ class CommandLedger(RunReader):
         handling: CommandHandling,
         journal: RunJournal,
         report: Reporter,
-        changed: Callable[[], None],
+        status: StatusPublisher,
         remembered: int = REMEMBERED_COMMANDS,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -87,7 +86,7 @@ class CommandLedger(RunReader):
         self._handling = handling
         self._journal = journal
         self._report = report
-        self._changed = changed
+        self._status = status
         self._remembered = remembered
         self._now = now
         # A command without a result is open: admitted, and not decided. The entry says who has written it.
@@ -130,7 +129,7 @@ class CommandLedger(RunReader):
             self._report.command(self._handling.fields(command), 'ignored', 'meant for another executive')
         elif isinstance(known, CommandResult):  # a resend: answered again, applied once
             self._report_result(command.id)
-        self._changed()
+        self._status.changed()
 
     def results(self) -> list[CommandResult]:
         """Return the results that are to be reported, oldest first."""
@@ -191,7 +190,7 @@ class CommandLedger(RunReader):
             self._entries[command_id] = CommandResult(command_id=command_id, code=code, reason=told)
             self._forget_old()
             self._report_result(command_id)
-            self._changed()
+            self._status.changed()
 
     def _report_result(self, command_id: str) -> None:
         self._reported[command_id] = self._now()

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -20,10 +19,10 @@ from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, DecisionSubject, PendingDecision
 from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.link.status_publisher import StatusPublisher
+from flexbt_onboard.persistence.reporter import Reporter
 
 from .command_bounds import OPEN_REQUESTS
-
-OnChange = Callable[[str, Mapping[str, Any]], None]
 
 MOST_REQUESTS: Final = 100
 """Requests that are open at a time: each is in every status."""
@@ -49,13 +48,13 @@ class InputRequests:
     """The server of ``operator_input``: each goal is a request that stays open until it is answered, declined or
     withdrawn.
 
-    Used on the executor thread only. ``on_change`` is called when a request comes or goes: with an event of the event
-    log, ``waiting`` or ``decided``, and its fields.
+    Used on the executor thread only.
     """
 
-    def __init__(self, runtime: Runtime, admission: GoalAdmission, on_change: OnChange) -> None:
+    def __init__(self, runtime: Runtime, admission: GoalAdmission, report: Reporter, status: StatusPublisher) -> None:
         self._runtime = runtime
-        self._on_change = on_change
+        self._report = report
+        self._status = status
         self._open: dict[str, _InputRequest] = {}
         self._numbers = itertools.count(1)
         self._server = GoalServer(
@@ -144,7 +143,8 @@ class InputRequests:
             request.goal.canceled(result)
         else:
             request.goal.abort(result)
-        self._on_change('decided', {'decision': request.id})
+        self._report.event('decided', run=self._report.run_id, decision=request.id)
+        self._status.changed()
 
     def _ask(self, goal: ServedGoal) -> None:
         wanted = goal.request
@@ -169,25 +169,24 @@ class InputRequests:
             subject=subject,
         )
         self._open[request.id] = request
-        self._on_change('waiting', _event_fields(request))
+        self._report.event(
+            'waiting',
+            run=self._report.run_id,
+            decision=request.id,
+            path=request.asker,
+            kind='input',
+            outcome='',
+            outcomes=[],
+            required=-1,
+            prompt=request.prompt,
+        )
+        self._status.changed()
         goal.publish_feedback(OperatorInput.Feedback(shown=True))
 
     def _withdraw(self, goal: ServedGoal) -> None:
         for request in list(self._open.values()):
             if request.goal is goal:
                 self._close(request, OperatorInput.Result.CANCELED, 'the request was withdrawn')
-
-
-def _event_fields(request: _InputRequest) -> dict[str, Any]:
-    return {
-        'decision': request.id,
-        'path': request.asker,
-        'kind': 'input',
-        'outcome': '',
-        'outcomes': [],
-        'required': -1,
-        'prompt': request.prompt,
-    }
 
 
 def _refused(why: str) -> Any:

@@ -21,8 +21,8 @@ from std_msgs.msg import Header
 from flexbt_common import names
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages, writer_name
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_common.values.limits import LONG_TEXT, sanitize_message
+from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.places import Place
 from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import (
@@ -158,7 +158,7 @@ class ConsoleLink:
                 self._log.publish(message)
         except InvalidHandle:
             return  # the executive has ended; a run was left behind
-        _log_to_node(self._runtime.node, severity, f'{path}: {text}' if path else text)
+        log_to_node(self._runtime.node, severity, f'{path}: {text}' if path else text)
 
 
 def _pose(place: Place) -> PoseStamped:
@@ -169,7 +169,8 @@ def _pose(place: Place) -> PoseStamped:
     return pose
 
 
-def _log_to_node(node: Node, severity: int, line: str) -> None:
+def log_to_node(node: Node, severity: int, line: str) -> None:
+    """Write a line to the log of a node; ``severity`` is one of ExecutiveLog."""
     logger = node.get_logger()
     # rclpy's logger refuses two severities from one place of the code.
     if severity >= ExecutiveLog.ERROR:

@@ -1,21 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The status of the executive: the contents of the message, the part that may be shown yet, and the time of
-publication."""
+"""The status of the executive: the contents of the message, and the part that may be shown yet."""
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.clock import Clock, ClockType
 
+from flexbt_common.calls.goal_server import GoalAdmission
+from flexbt_common.runtime.clock_watch import ClockHealth
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.decision_subject import subject_fields
 from flexbt_common.values.message_fields import time_of_nanoseconds
-from flexbt_core.clock.clock import Timer
 from flexbt_core.state_machine.model.definition import ROOT_PATH
 from flexbt_core.state_machine.model.state_host import Progress
 from flexbt_msgs.msg import (
@@ -30,9 +29,17 @@ from flexbt_msgs.msg import (
 )
 from flexbt_msgs.msg import Progress as ProgressMessage
 from flexbt_onboard.commands.authority import Authority
-from flexbt_onboard.persistence.run_journal import InterruptedRun
+from flexbt_onboard.commands.command_ledger import CommandLedger
+from flexbt_onboard.commands.input_requests import InputRequests
+from flexbt_onboard.persistence.reporter import StorageProblems
+from flexbt_onboard.persistence.run_journal import InterruptedRun, RunJournal
 from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunPhase, RunSnapshot
-from flexbt_onboard.runs.run_supervisor import LastRun, ShownRun
+from flexbt_onboard.runs.run_supervisor import LastRun, RunSupervisor, ShownRun
+
+from .console_link import ConsoleLink
+from .peers import PeersWatch
+from .robot_state import RobotPlan, RobotPose
+from .status_publisher import StatusPublisher
 
 _STATE_OF_PHASE: Final = {
     RunPhase.STARTING: ExecutiveStatus.STARTING,
@@ -150,32 +157,57 @@ class StatusPicture(NamedTuple):
     subjects: DecisionSubjects
 
 
-class ShownStatus:
+@dataclass(frozen=True)
+class StatusSources:
+    """The objects that a status is made from."""
+
+    journal: RunJournal
+    admission: GoalAdmission
+    problems: StorageProblems
+    clock: ClockHealth
+    peers: PeersWatch
+    pose: RobotPose
+    runs: RunSupervisor
+    authority: Authority
+    input_requests: InputRequests
+    ledger: CommandLedger
+
+    def picture(self) -> StatusPicture:
+        """Return the current status, and what its decisions are about."""
+        run, gone = self.runs.shown, self.peers.gone()
+        status = status_of(
+            run,
+            self.input_requests.decisions(),
+            self.ledger.results(),
+            self.peers.statuses(),
+            self.pose.latest(),
+            self.pose.problem(gone),
+            self.authority,
+            gone,
+            '; '.join(filter(None, [self.admission.refusal, self.problems.text, self.clock.problem])),
+        )
+        return StatusPicture(status, subjects_of(run, self.input_requests.subjects()))
+
+
+class ShownStatus(StatusPublisher):
     """A status that is shown once the journal has everything in it. Used on the executor thread.
 
-    While the disk is slow, the previous status is shown again, so that the heartbeat continues. ``make`` returns the
-    current status, ``publish`` sends one, ``when_durable`` is that of the journal, and ``changed`` is called when the
-    shown status is no longer the newest.
+    While the disk is slow, the previous status is shown again, so that the heartbeat continues.
     """
 
-    def __init__(
-        self,
-        runtime: Runtime,
-        make: Callable[[], StatusPicture],
-        publish: Callable[[StatusPicture], None],
-        when_durable: Callable[[Callable[[], object]], None],
-        changed: Callable[[], None],
-    ) -> None:
-        """Must be called before anything happens: what was found in the journal is durable."""
-        self._picture = make()
-        self._runtime = runtime
-        self._make = make
-        self._publish = publish
-        self._when_durable = when_durable
-        self._changed = changed
+    def __init__(self, runtime: Runtime, link: ConsoleLink, plan: RobotPlan, period: float) -> None:
+        """Nothing may be sent before :meth:`begin`."""
+        super().__init__(runtime, period)
+        self._link = link
+        self._plan = plan
         self._to_show: deque[Callable[[], None]] = deque()
         self._is_waiting = False
         self._is_outdated = False
+
+    def begin(self, sources: StatusSources) -> None:
+        """Show what is made from the sources. Before anything happens: what was found in the journal is durable."""
+        self._sources = sources
+        self._picture = sources.picture()
 
     @property
     def message(self) -> ExecutiveStatus:
@@ -185,17 +217,18 @@ class ShownStatus:
     def show(self, publish: Callable[[], None]) -> None:
         """Have ``publish`` called when the journal has all that has happened so far, in the order of these calls."""
         self._to_show.append(publish)
-        self._when_durable(lambda: self._on_executor(self._show_next))
+        self._sources.journal.when_durable(lambda: self._on_executor(self._show_next))
 
-    def refresh(self) -> None:
-        """Show the current status as soon as possible, until then the previous one."""
+    def send(self) -> None:
+        """Show the current status as soon as possible, until then the previous one; ask for the next one."""
         if self._is_waiting:
             self._is_outdated = True
             self._publish(self._picture)
-            return
-        self._is_waiting = True
-        picture = self._make()
-        self.show(lambda: self._show(picture))
+        else:
+            self._is_waiting = True
+            picture = self._sources.picture()
+            self.show(lambda: self._show(picture))
+        self._sources.runs.status_sent()
 
     def _show_next(self) -> None:
         # The first one suffices, whichever is reported: everything before it is durable as well.
@@ -212,76 +245,9 @@ class ShownStatus:
         self._publish(picture)
         if self._is_outdated:
             self._is_outdated = False
-            self._changed()
+            self.changed()
 
-
-# When the status goes out: at once on a change, as a heartbeat while nothing changes, and never too often.
-
-MAXIMUM_RATE: Final = 20.0
-"""Maximum average rate of messages, 1/s."""
-
-BURST: Final = 4
-"""Messages that may go out at once after a quiet time, so that a command's answer and its effect are not held back."""
-
-
-class StatusPublisher:
-    """A publisher that calls ``send`` on the executor thread: soon after :meth:`changed`, and every ``period`` seconds
-    of wall time.
-
-    Changes that come faster than the rate allows are put together.
-    """
-
-    def __init__(self, runtime: Runtime, send: Callable[[], None], period: float) -> None:
-        self._runtime = runtime
-        self._send = send
-        self._lock = threading.Lock()
-        self._is_due = False
-        self._delay: Timer | None = None
-        self._credit = float(BURST)
-        self._credit_time = runtime.steady.now()
-        # Wall time: the heartbeat goes on while simulated time stands still or has not begun.
-        self._heartbeat = runtime.node.create_timer(
-            period, self._send_now, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
-
-    def changed(self) -> None:
-        """Something in the status has changed; from any thread."""
-        with self._lock:
-            if self._is_due:
-                return
-            self._is_due = True
-        self._runtime.post(self._send_when_allowed)
-
-    def flush(self) -> None:
-        """Send now, if something has changed that was not sent; on the executor thread."""
-        if self._is_due:
-            self._send_now()
-
-    def _send_when_allowed(self) -> None:
-        if not self._is_due:
-            return
-        wait = (1.0 - self._refilled()) / MAXIMUM_RATE
-        if wait <= 0.0:
-            self._send_now()
-        elif self._delay is None:
-            self._delay = self._runtime.post_in(wait, self._delay_is_over)
-
-    def _delay_is_over(self) -> None:
-        self._delay = None
-        self._send_when_allowed()
-
-    def _send_now(self) -> None:
-        if self._delay is not None:
-            self._delay.cancel()
-            self._delay = None
-        with self._lock:
-            self._is_due = False  # before sending: what changes from here on is another message
-        self._credit = max(0.0, self._refilled() - 1.0)
-        self._heartbeat.reset()
-        self._send()
-
-    def _refilled(self) -> float:
-        now = self._runtime.steady.now()
-        self._credit = min(float(BURST), self._credit + (now - self._credit_time) * MAXIMUM_RATE)
-        self._credit_time = now
-        return self._credit
+    def _publish(self, picture: StatusPicture) -> None:
+        if self._link.publish_subjects(picture.subjects):
+            self._plan.judged(picture.subjects.subjects)
+        self._link.publish_status(picture.status)

@@ -16,6 +16,7 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import ExecutiveLog, PeerStatus
+from flexbt_onboard.persistence.reporter import Reporter
 
 LATE_SECONDS: Final = 2.0
 """Time for which a node may be late before it is reported, s. On a busy computer all are late for a moment; the status
@@ -36,26 +37,19 @@ class _Peer:
 class PeersWatch:
     """A watch over nodes by name. Used on the executor thread, except where noted.
 
-    ``log(severity, text)`` tells operators when one has come or gone, or has become ready or is not any more (not when
-    it was late meanwhile), and why one is late, once in a spell of LATE_SECONDS; ``changed()`` follows whatever is
-    another thing for :meth:`statuses` or :meth:`unready`. ``timeout``: how long one may be late, s of wall time.
+    Operators are told when one has come or gone, or has become ready or is not any more (not when it was late
+    meanwhile), and why one is late, once in a spell of LATE_SECONDS. ``timeout``: how long one may be late, s of wall
+    time.
     """
 
     def __init__(
-        self,
-        runtime: Runtime,
-        names: Sequence[str],
-        log: Callable[[int, str], None],
-        changed: Callable[[], None],
-        timeout: float,
-        *,
-        are_expected: bool = True,
+        self, runtime: Runtime, names: Sequence[str], report: Reporter, timeout: float, *, are_expected: bool = True
     ) -> None:
         """``are_expected``: that one was not seen yet is a fault already."""
         self._runtime = runtime
         self._are_expected = are_expected
-        self._log = log
-        self._tell_change = changed
+        self._report = report
+        self._listeners: list[Callable[[], None]] = []
         self._peers = [_Peer(_qualified(runtime, name), runtime.clock.stamp()) for name in names]
         # On the executor thread, so that nothing is reported before all of them are watched.
         self._watches = runtime.call(lambda: self._watch(timeout))
@@ -72,6 +66,10 @@ class PeersWatch:
             )
             for peer in self._peers
         ]
+
+    def add_listener(self, changed: Callable[[], None]) -> None:
+        """Call ``changed`` when :meth:`statuses` or :meth:`unready` have changed."""
+        self._listeners.append(changed)
 
     def statuses(self) -> list[PeerStatus]:
         """Return what is known of each, in the order of the names; one that was never seen is not alive."""
@@ -145,6 +143,13 @@ class PeersWatch:
                 self._log(ExecutiveLog.WARN, f'{peer.name} is alive, but not ready any more')
             peer.told_ready = ready
         self._tell_change()
+
+    def _log(self, severity: int, text: str) -> None:
+        self._report.log(severity, text, run_id=self._report.run_id)
+
+    def _tell_change(self) -> None:
+        for changed in self._listeners:
+            changed()
 
     def _watch_of(self, peer: _Peer) -> LivelinessWatch:
         return self._watches[self._peers.index(peer)]

@@ -26,7 +26,7 @@ from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.runs.behavior_run import BehaviorRun
-from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused
+from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused, StatusSent
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 ExecuteBehaviorResult = ExecuteBehavior.Result
@@ -77,9 +77,11 @@ class BehaviorActionServer(RunReader):
                 self._runtime.post(partial(self._refused, event.reason))
             case BehaviorEnded():
                 self._runtime.post(partial(self._ended, event))
+            case StatusSent():
+                self._refresh()
 
-    def refresh(self) -> None:
-        """Send feedback when other states are active, and look for the client; called with each status."""
+    def _refresh(self) -> None:
+        """Send feedback when other states are active, and look for the client."""
         goal = self._goal
         if goal is None or goal.run is None:
             return

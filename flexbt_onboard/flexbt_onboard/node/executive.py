@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import functools
 import uuid
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from pathlib import Path
+from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -23,10 +23,10 @@ from flexbt_common.files import node_file
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, DiagnosticsPublisher, diagnostic_status
 from flexbt_common.lifecycle.presence import PresenceWatch
-from flexbt_common.runtime.clock_watch import GOES_ON, clock_health
+from flexbt_common.runtime.clock_watch import GOES_ON, ClockHealth, clock_health
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.state_machine.engine.events import RunEvent, RunReader
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
+from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.machine_behavior import MachineStore
 from flexbt_onboard.behaviors.run_context import StateServices
@@ -37,7 +37,7 @@ from flexbt_onboard.commands.input_requests import InputRequests
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.link.event_stream import EventStream
-from flexbt_onboard.link.executive_status import ShownStatus, StatusPicture, StatusPublisher, status_of, subjects_of
+from flexbt_onboard.link.executive_status import ShownStatus, StatusSources
 from flexbt_onboard.link.peers import PeersWatch
 from flexbt_onboard.link.robot_state import RobotPlan, RobotPose
 from flexbt_onboard.persistence.event_log import EventLog
@@ -79,7 +79,7 @@ _SHOWN: Final = (RunRequested, RunMoved, RunReady, RunShown, ViolationFound, Sto
 class Executive(RunReader):
     """The executive on one node. Made by :func:`open_executive`.
 
-    ``library`` has the behaviors, ``runs`` what runs of them.
+    ``library`` has the behaviors, ``runs`` what runs of them, and ``presence`` the connected consoles.
     """
 
     def __init__(
@@ -90,130 +90,111 @@ class Executive(RunReader):
         self._runtime = runtime
         self._id = uuid.uuid4().hex
         self._admission = GoalAdmission('the executive', refusal)
-        node_name = runtime.node.get_fully_qualified_name()
-
-        # Reports, and records.
-        self._link = ConsoleLink(runtime, self._id, parameters.heartbeat_period)
-        self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
-        self._token = LivelinessToken(runtime)
-        self._problems = problems = StorageProblems(self._link.log, self._storage_changed)
-        # First, since it may raise: nothing has asked by then for a status, which lacks what comes below.
-        self._journal = journal = RunJournal(
-            node_file(parameters.journal_directory, node_name, '.journal'),
-            problems.of('journal', ExecutiveLog.ERROR),
-            runtime.steady,
-        )
-        event_log = EventLog(
-            node_file(parameters.event_log_directory, node_name, '.jsonl'),
-            runtime.clock,
-            runtime.steady,
-            problems.of('event log', ExecutiveLog.WARN),
-            parameters.event_log_size,
-            parameters.event_log_files,
-        )
-        runtime.on_close(event_log.close)
-        self._report = report = Reporter(self._link.log, event_log, EventStream(runtime, self._id).add)
-        report.event('executive', state='started', executive=self._id)
-        runtime.on_close(journal.close)
-
-        # The robot, and who watches it.
-        peers = PeersWatch(
-            runtime,
-            parameters.peers,
-            lambda severity, text: report.log(severity, text, run_id=self.runs.run.run_id if self.runs.run else ''),
-            self._nodes_changed,
-            parameters.peer_timeout,
-            are_expected=parameters.expects_peers,
-        )
-        self._clock = clock_health(runtime)
-        self._clock.report = self._report_clock
-        self._clock.add_listener(self._status.changed)
-        runtime.on_close(self._leave_clock)
-        pose = RobotPose(runtime, parameters.pose_topic)
+        link = self._link = ConsoleLink(runtime, self._id, parameters.heartbeat_period)
         self._plan = RobotPlan(runtime, parameters.plan_topic)
         self._planned_run = ''
-        self._presence = presence = PresenceWatch(runtime, functools.partial(self._link.log, ExecutiveLog.WARN))
-        self._authority = Authority(runtime, presence, parameters.authority_timeout, self._authority_changed)
-        self._input_requests = InputRequests(runtime, self._admission, self._input_request_changed)
+        self._status = status = ShownStatus(runtime, link, self._plan, parameters.heartbeat_period)
+        self._token = LivelinessToken(runtime)
+        self._problems = StorageProblems(link.log, self._storage_changed)
+        # Before all that may be asked for a status, since it may raise.
+        self._journal = RunJournal(
+            self._file(parameters.journal_directory, '.journal'),
+            self._problems.of('journal', ExecutiveLog.ERROR),
+            runtime.steady,
+        )
+        self._report = report = self._open_report(parameters)
+        report.event('executive', state='started', executive=self._id)
+        runtime.on_close(self._journal.close)
+        self._clock = self._watch_clock()
+        self.presence = presence = PresenceWatch(runtime, functools.partial(link.log, ExecutiveLog.WARN))
+        pose = RobotPose(runtime, parameters.pose_topic)
+        peers = PeersWatch(
+            runtime, parameters.peers, report, parameters.peer_timeout, are_expected=parameters.expects_peers
+        )
 
-        # Runs and commands.
-        services = ServiceLinks(runtime, parameters.peer_timeout)
-        motion_stop = MotionStop(
-            runtime,
-            services,
-            pose.latest,
-            parameters.motion_actions,
-            parameters.cmd_vel_topic,
-            peers.has_ended,
-            stamped=parameters.stamped_cmd_vel,
-        )
-        runtime.on_close(lambda: runtime.call(motion_stop.release))
-        self.runs = RunSupervisor(
-            runtime,
-            StateServices(
-                runtime=runtime,
-                actions=ActionLinks(runtime, parameters.peer_timeout),
-                services=services,
-                node_name=node_name,
-                unready=peers.unready,
-            ),
-            self._admission,
-            journal,
-            report,
-            OperatorAbsenceWatch(runtime, presence, report.operators),
-            StopEnforcer(
-                runtime, motion_stop, parameters.stop_timeout, functools.partial(self._link.log, ExecutiveLog.WARN)
-            ),
-            parameters.autonomy,
-            parameters.monitoring,
-        )
-        operator_names = OperatorNames(
-            self._link.node_of, presence.has_gone, functools.partial(report.operators, is_warning=True)
-        )
-        registry = CommandRegistry(
-            self._id, library, self.runs, operator_names, self._authority, self._input_requests, report
-        )
-        ledger = CommandLedger(runtime, registry, journal, report, self._status.changed)
-        self._link.listen(ledger.receive)
-
-        # Programs and monitors.
-        self._actions = BehaviorActionServer(runtime, library, self.runs, self._admission)
-        self.runs.readers += (self, ledger, self._actions, UserdataServer(runtime, self.runs))
-        synthesizer = Synthesizer(
-            runtime,
-            library,
-            MachineStore(node_file(parameters.machine_directory, node_name, '')),
-            report,
-            self._behaviors_in_use,
-            self._publish_behaviors,
-            SearchSettings(parameters.capability_directories, parameters.synthesis_memory),
-        )
+        self.runs = runs = self._open_runs(parameters, peers, pose)
+        peers.add_listener(runs.nodes_changed)
+        peers.add_listener(status.changed)
+        authority = Authority(runtime, presence, parameters.authority_timeout, report, status)
+        self._input_requests = InputRequests(runtime, self._admission, report, status)
+        operator_names = OperatorNames(link, presence, report)
+        registry = CommandRegistry(self._id, library, runs, operator_names, authority, self._input_requests, report)
+        ledger = CommandLedger(runtime, registry, self._journal, report, status)
+        link.listen(ledger.receive)
+        actions = BehaviorActionServer(runtime, library, runs, self._admission)
+        runs.readers += (self, ledger, actions, UserdataServer(runtime, runs))
+        store = MachineStore(self._file(parameters.machine_directory, ''))
+        settings = SearchSettings(parameters.capability_directories, parameters.synthesis_memory)
+        synthesizer = Synthesizer(runtime, library, store, report, runs, link, settings)
         SynthesisServer(runtime, synthesizer, self._admission, presence)
         serve_flexbe(runtime, synthesizer, self._admission)
 
-        def picture() -> StatusPicture:
-            run = self.runs.shown
-            status = status_of(
-                run,
-                self._input_requests.decisions(),
-                ledger.results(),
-                peers.statuses(),
-                pose.latest(),
-                pose.problem(peers.gone()),
-                self._authority,
-                peers.gone(),
-                '; '.join(filter(None, [self._admission.refusal, problems.text, self._clock.problem])),
+        status.begin(
+            StatusSources(
+                self._journal,
+                self._admission,
+                self._problems,
+                self._clock,
+                peers,
+                pose,
+                runs,
+                authority,
+                self._input_requests,
+                ledger,
             )
-            return StatusPicture(status, subjects_of(run, self._input_requests.subjects()))
-
-        self._shown = ShownStatus(runtime, picture, self._show, journal.when_durable, self._status.changed)
-        ExecutiveDiagnostics(runtime, lambda: self._shown.message, problems.texts)
+        )
+        ExecutiveDiagnostics(runtime, status, self._problems)
         runtime.on_fault(self._report_fault)
         misfits = runtime.node.qos_misfits
         misfits.on_found(functools.partial(report.log, ExecutiveLog.WARN))
         runtime.on_close(lambda: misfits.on_found(None))
-        self._link.publish_places(parameters.places)
+        link.publish_places(parameters.places)
         self._announce()
+
+    def _file(self, directory: str, suffix: str) -> Path | None:
+        return node_file(directory, self._runtime.node.get_fully_qualified_name(), suffix)
+
+    def _open_report(self, parameters: ExecutiveParameters) -> Reporter:
+        runtime = self._runtime
+        event_log = EventLog(
+            self._file(parameters.event_log_directory, '.jsonl'),
+            runtime.clock,
+            runtime.steady,
+            self._problems.of('event log', ExecutiveLog.WARN),
+            parameters.event_log_size,
+            parameters.event_log_files,
+        )
+        runtime.on_close(event_log.close)
+        return Reporter(self._link.log, event_log, EventStream(runtime, self._id))
+
+    def _watch_clock(self) -> ClockHealth:
+        clock = clock_health(self._runtime)
+        clock.report = self._report_clock
+        clock.add_listener(self._status.changed)
+        self._runtime.on_close(self._leave_clock)
+        return clock
+
+    def _open_runs(self, parameters: ExecutiveParameters, peers: PeersWatch, pose: RobotPose) -> RunSupervisor:
+        runtime, report = self._runtime, self._report
+        services = StateServices(
+            runtime=runtime,
+            actions=ActionLinks(runtime, parameters.peer_timeout),
+            services=ServiceLinks(runtime, parameters.peer_timeout),
+            node_name=runtime.node.get_fully_qualified_name(),
+            unready=peers.unready,
+        )
+        motion_stop = MotionStop(runtime, services.services, pose, parameters, peers)
+        return RunSupervisor(
+            runtime,
+            services,
+            self._admission,
+            self._journal,
+            report,
+            OperatorAbsenceWatch(runtime, self.presence, report),
+            StopEnforcer(runtime, motion_stop, parameters.stop_timeout, report),
+            parameters.autonomy,
+            parameters.monitoring,
+        )
 
     def read(self, event: RunEvent) -> None:
         """Show what happens in a run."""
@@ -266,7 +247,7 @@ class Executive(RunReader):
             self._report.log(ExecutiveLog.ERROR, self._journal.corruption)
         if self._journal.torn:
             self._report.log(ExecutiveLog.WARN, self._journal.torn)
-        self._publish_behaviors()
+        self._link.publish_behaviors(self.library.to_message())
         for entry in self.library.entries.values():
             if entry.error:
                 text = f'behavior {entry.name!r} of {entry.package} is broken: {entry.error}'
@@ -280,15 +261,6 @@ class Executive(RunReader):
                 run_id=interrupted.run_id,
             )
         self._status.changed()
-
-    def _publish_behaviors(self) -> None:
-        entries = self.library.entries.values()
-        self._link.publish_behaviors(BehaviorList(behaviors=[entry.to_message() for entry in entries]))
-
-    def _behaviors_in_use(self) -> set[str]:
-        """Name of the behavior that runs, and of the one that was interrupted."""
-        run, interrupted = self.runs.run, self.runs.interrupted
-        return {one.behavior for one in (run.snapshot if run else None, interrupted) if one is not None}
 
     def _activate(self) -> None:
         if self._admission.refusal:
@@ -311,34 +283,14 @@ class Executive(RunReader):
         self._token.set_ready(not self._problems.texts.get('journal'), 'journal')
         self._status.changed()
 
-    def _publish_status(self) -> None:
-        self._shown.refresh()
-        if self.runs.run is not None:
-            self.runs.run.ask_activities()
-        self._actions.refresh()
-
-    def _show(self, picture: StatusPicture) -> None:
-        if self._link.publish_subjects(picture.subjects):
-            self._plan.judged(picture.subjects.subjects)
-        self._link.publish_status(picture.status)
-
     def _publish_structure(self, structure: BehaviorStructure) -> None:
         if structure.run_id != self._planned_run:  # not when a run goes on with another behavior
             self._planned_run = structure.run_id
             self._plan.clear()
-        self._shown.show(lambda: self._link.publish_structure(structure))
+        self._status.show(lambda: self._link.publish_structure(structure))
         run = self.runs.run
         if run is not None and run.run_id == structure.run_id and not run.snapshot.is_announced:
             run.announce()
-
-    def _authority_changed(self, text: str) -> None:
-        self._report.log(ExecutiveLog.INFO, text)
-        self._report.event('authority', holder=self._authority.holder, requests=self._authority.requests, text=text)
-        self._status.changed()
-
-    def _input_request_changed(self, event: str, fields: Mapping[str, Any]) -> None:
-        self._report.event(event, run=self.runs.shown.run_id, **fields)
-        self._status.changed()
 
     def _report_fault(self, error: BaseException) -> None:
         text = f'fault in the executive, which goes on: {type(error).__name__}: {error}'
@@ -350,11 +302,6 @@ class Executive(RunReader):
     def _leave_clock(self) -> None:
         self._clock.report = self._clock.log
         self._clock.remove_listener(self._status.changed)
-
-    def _nodes_changed(self) -> None:
-        if self.runs.run is not None:
-            self.runs.run.nodes_changed()
-        self._status.changed()
 
 
 def open_executive(
@@ -383,19 +330,16 @@ _STATES: Final = {
 
 
 class ExecutiveDiagnostics:
-    """The diagnostics of the executive: the behavior, the nodes that it depends on, and the files written to the disk.
+    """The diagnostics: the behavior, the nodes that the executive depends on, and the files written to the disk."""
 
-    ``status`` gives the present status of the executive, ``problems`` what is wrong with event log and journal.
-    """
-
-    def __init__(self, runtime: Runtime, status: Callable[[], ExecutiveStatus], problems: Mapping[str, str]) -> None:
+    def __init__(self, runtime: Runtime, status: ShownStatus, problems: StorageProblems) -> None:
         self._runtime = runtime
         self._status = status
         self._problems = problems
         DiagnosticsPublisher(runtime, self._entries)
 
     def _entries(self) -> list[DiagnosticStatus]:
-        status = self._status()
+        status = self._status.message
         return [self._behavior(status), self._peers(status), self._storage()]
 
     def _behavior(self, status: ExecutiveStatus) -> DiagnosticStatus:
@@ -437,7 +381,7 @@ class ExecutiveDiagnostics:
         )
 
     def _storage(self) -> DiagnosticStatus:
-        wrong = {name: text for name, text in self._problems.items() if text}
+        wrong = {name: text for name, text in self._problems.texts.items() if text}
         level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
         return diagnostic_status(
             self._runtime, 'event log and journal', level, '; '.join(wrong.values()) or 'written', wrong

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import TypeVar
 
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
@@ -19,43 +20,90 @@ from flexbt_common.monitoring import declare_monitoring
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_core.monitors.monitoring import Monitoring
 from flexbt_core.state_machine.engine.run import STOP_TIMEOUT
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.places import Place, load_places
 from flexbt_core.values.text import short_repr
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.persistence.event_log import EVENT_LOG_FILES, EVENT_LOG_SIZE
-from flexbt_onboard.runs.motion_stop import MOTION_ACTIONS
+from flexbt_onboard.runs.motion_stop import MotionParameters
 
-
-@dataclass(frozen=True)
-class MotionParameters:
-    """The ways to stop the robot without the nodes that drive it; see :func:`declare_motion` for what each means."""
-
-    pose_topic: str = names.POSE
-    motion_actions: tuple[str, ...] = MOTION_ACTIONS
-    cmd_vel_topic: str = names.CMD_VEL
-    stamped_cmd_vel: bool = False
+P = TypeVar('P', bound=MotionParameters)
 
 
 @dataclass(frozen=True)
 class ExecutiveParameters(MotionParameters):
-    """Values of the parameters; see :func:`declare_parameters` for what each means."""
+    """Values of the parameters."""
 
-    peers: tuple[str, ...] = (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR, names.STOP_GUARD)
-    peer_timeout: float = PEER_TIMEOUT
-    plan_topic: str = names.PLAN
+    peers: tuple[str, ...] = parameter(
+        'peers',
+        (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR, names.STOP_GUARD),
+        'names of the nodes that missions depend on; an operator sees whether they are alive and ready. One of the '
+        'default is missed only after it was seen',
+    )
+    plan_topic: str = parameter(
+        'plan_topic', names.PLAN, 'topic of the path that the robot follows (nav_msgs/msg/Path), for operators'
+    )
+    event_log_directory: str = parameter(
+        'event_log_directory',
+        '',
+        'directory of the event log of commands, decisions and transitions; empty for none',
+        is_fixed=True,
+    )
+    peer_timeout: float = parameter('peer_timeout', PEER_TIMEOUT, PEER_TIMEOUT_TEXT, 0.6, 3600.0)
     places: Mapping[str, Place] = field(default_factory=dict)
-    heartbeat_period: float = 0.5
-    autonomy: int = 1
-    authority_timeout: float = 30.0
-    stop_timeout: float = STOP_TIMEOUT
-    journal_directory: str = ''
-    event_log_directory: str = ''
-    event_log_size: int = EVENT_LOG_SIZE
-    event_log_files: int = EVENT_LOG_FILES
+    heartbeat_period: float = parameter(
+        'heartbeat_period', 0.5, 'seconds of wall time between two status messages while nothing changes', 0.05, 10.0
+    )
+    autonomy: int = parameter('autonomy', 1, 'autonomy level before the first run: 0 Off, 1 Low, 2 High, 3 Full', 0, 3)
+    authority_timeout: float = parameter(
+        'authority_timeout',
+        30.0,
+        'seconds of wall time without a console or a command of the operator who has the authority, '
+        'after which it is lost',
+        0.5,
+        3600.0,
+    )
+    stop_timeout: float = parameter(
+        'stop_timeout',
+        STOP_TIMEOUT,
+        'seconds of wall time after a stop in which everything has to be confirmed at rest; '
+        'a behavior that is not ends as an error then',
+        3.0,
+        3600.0,
+    )
+    journal_directory: str = parameter(
+        'journal_directory',
+        '',
+        'directory of the journal, by which a run can go on after a crash of the executive; empty for none',
+        is_fixed=True,
+    )
+    event_log_size: int = parameter(
+        'event_log_size',
+        EVENT_LOG_SIZE,
+        'bytes of a file of the event log before the next one is begun',
+        1000,
+        10**12,
+        is_fixed=True,
+    )
+    event_log_files: int = parameter(
+        'event_log_files', EVENT_LOG_FILES, 'files of the event log that are kept', 1, 1000, is_fixed=True
+    )
     monitoring: Monitoring = field(default_factory=Monitoring)
     machine_directory: str = ''
-    capability_directories: tuple[str, ...] = ()
-    synthesis_memory: int = 4_000_000_000
+    capability_directories: tuple[str, ...] = parameter(
+        'capability_directories',
+        (),
+        'directories of capability files, which operators name without ".yaml" in a synthesis',
+        is_fixed=True,
+    )
+    synthesis_memory: int = parameter(
+        'synthesis_memory',
+        4_000_000_000,
+        'bytes of address space that the process of a synthesis may take',
+        500_000_000,
+        10**13,
+        is_fixed=True,
+    )
 
     @property
     def expects_peers(self) -> bool:
@@ -70,138 +118,46 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
     Raises:
         OnboardError, UnfitParameterError: a value is not acceptable; names parameter and value.
     """
-    defaults, declare = ExecutiveParameters(), ParameterDeclarer(node)
-    peers = declare.texts(
-        'peers',
-        defaults.peers,
-        'names of the nodes that missions depend on; an operator sees whether they are alive and ready. One of the '
-        'default is missed only after it was seen',
+    declare = ParameterDeclarer(node)
+    directory = f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}'
+    found = _checked(declare.fields(ExecutiveParameters(event_log_directory=directory)))
+    places = declare.fixed.text(
+        'places',
+        '',
+        'YAML file of the places that the robot knows by name, {name: {x: 1.0, y: 2.0, yaw: 0.0}} in m and rad',
     )
-    for name in peers:
-        _require_name('peers', name)
-    plan_topic = declare.text(
-        'plan_topic', defaults.plan_topic, 'topic of the path that the robot follows (nav_msgs/msg/Path), for operators'
+    machine_directory = declare.fixed.text(
+        'machine_directory',
+        f'{found.event_log_directory}/machines' if found.event_log_directory else '',
+        'directory of the behaviors that were synthesized, for the next start; empty for none '
+        '(default: "machines" in that of the event log)',
     )
-    _require_name('plan_topic', plan_topic)
-    event_log_directory = declare.fixed.text(
-        'event_log_directory',
-        f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}',
-        'directory of the event log of commands, decisions and transitions; empty for none',
-    )
-    return ExecutiveParameters(
-        **vars(declare_motion(declare)),
-        peers=tuple(dict.fromkeys(peers)),
-        plan_topic=plan_topic,
-        peer_timeout=declare.real('peer_timeout', defaults.peer_timeout, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
-        places=_places(
-            declare.fixed.text(
-                'places',
-                '',
-                'YAML file of the places that the robot knows by name, {name: {x: 1.0, y: 2.0, yaw: 0.0}} in m and rad',
-            )
-        ),
-        heartbeat_period=declare.real(
-            'heartbeat_period',
-            defaults.heartbeat_period,
-            0.05,
-            10.0,
-            'seconds of wall time between two status messages while nothing changes',
-        ),
-        autonomy=declare.integer(
-            'autonomy',
-            defaults.autonomy,
-            0,
-            3,
-            'autonomy level before the first run: 0 Off, 1 Low, 2 High, 3 Full',
-        ),
-        authority_timeout=declare.real(
-            'authority_timeout',
-            defaults.authority_timeout,
-            0.5,
-            3600.0,
-            'seconds of wall time without a console or a command of the operator who has the authority, '
-            'after which it is lost',
-        ),
-        stop_timeout=declare.real(
-            'stop_timeout',
-            defaults.stop_timeout,
-            3.0,
-            3600.0,
-            'seconds of wall time after a stop in which everything has to be confirmed at rest; '
-            'a behavior that is not ends as an error then',
-        ),
-        journal_directory=declare.fixed.text(
-            'journal_directory',
-            defaults.journal_directory,
-            'directory of the journal, by which a run can go on after a crash of the executive; empty for none',
-        ),
-        event_log_directory=event_log_directory,
-        event_log_size=declare.fixed.integer(
-            'event_log_size',
-            defaults.event_log_size,
-            1000,
-            10**12,
-            'bytes of a file of the event log before the next one is begun',
-        ),
-        event_log_files=declare.fixed.integer(
-            'event_log_files', defaults.event_log_files, 1, 1000, 'files of the event log that are kept'
-        ),
-        monitoring=declare_monitoring(declare),
-        machine_directory=declare.fixed.text(
-            'machine_directory',
-            f'{event_log_directory}/machines' if event_log_directory else '',
-            'directory of the behaviors that were synthesized, for the next start; empty for none '
-            '(default: "machines" in that of the event log)',
-        ),
-        capability_directories=declare.fixed.texts(
-            'capability_directories',
-            defaults.capability_directories,
-            'directories of capability files, which operators name without ".yaml" in a synthesis',
-        ),
-        synthesis_memory=declare.fixed.integer(
-            'synthesis_memory',
-            defaults.synthesis_memory,
-            500_000_000,
-            10**13,
-            'bytes of address space that the process of a synthesis may take',
-        ),
+    return replace(
+        found, places=_places(places), monitoring=declare_monitoring(declare), machine_directory=machine_directory
     )
 
 
-def declare_motion(declare: ParameterDeclarer) -> MotionParameters:
+def declare_motion(node: Node) -> MotionParameters:
     """Declare the parameters of a node that stops the robot, and read them.
 
-    Raises what :func:`declare_parameters` raises.
+    Raises:
+        UnfitParameterError: a value is not acceptable; names parameter and value.
     """
-    defaults = MotionParameters()
-    pose_topic = declare.text(
-        'pose_topic', defaults.pose_topic, 'topic of the robot pose (geometry_msgs/msg/PoseStamped)'
-    )
-    motion_actions = declare.texts(
-        'motion_actions',
-        defaults.motion_actions,
-        'actions that move the robot: all of their goals are canceled when a stop is not confirmed in time',
-    )
-    cmd_vel_topic = declare.text(
-        'cmd_vel_topic',
-        defaults.cmd_vel_topic,
-        'topic of the velocity commands, for zero velocity when a stop is not confirmed in time',
-    )
-    for parameter, values in (
-        ('pose_topic', (pose_topic,)),
-        ('motion_actions', motion_actions),
-        ('cmd_vel_topic', (cmd_vel_topic,)),
-    ):
-        for name in values:
-            _require_name(parameter, name)
-    return MotionParameters(
-        pose_topic=pose_topic,
-        motion_actions=tuple(dict.fromkeys(motion_actions)),
-        cmd_vel_topic=cmd_vel_topic,
-        stamped_cmd_vel=declare.flag(
-            'enable_stamped_cmd_vel', defaults.stamped_cmd_vel, 'velocity commands are TwistStamped instead of Twist'
-        ),
-    )
+    return _checked(ParameterDeclarer(node).fields(MotionParameters()))
+
+
+def _checked(parameters: P) -> P:
+    """Return the parameters, in whose lists each name is once. Raises UnfitParameterError if one is no name in ROS."""
+    lists: dict[str, tuple[str, ...]] = {}
+    for one in fields(parameters):
+        value = getattr(parameters, one.name)
+        if one.name.endswith('_topic'):
+            _require_name(one.name, value)
+        elif one.name in ('peers', 'motion_actions'):
+            for name in value:
+                _require_name(one.name, name)
+            lists[one.name] = tuple(dict.fromkeys(value))
+    return replace(parameters, **lists)
 
 
 def _require_name(parameter: str, name: str) -> None:

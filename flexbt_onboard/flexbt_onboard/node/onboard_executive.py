@@ -14,7 +14,7 @@ from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.commands.command_ledger import CommandLedger
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.console_link import ConsoleLink
-from flexbt_onboard.link.executive_status import StatusPublisher
+from flexbt_onboard.link.status_publisher import StatusPublisher
 from flexbt_onboard.persistence.event_log import EventLog
 from flexbt_onboard.persistence.reporter import Reporter, StorageProblems
 from flexbt_onboard.persistence.run_journal import RunJournal
@@ -33,21 +33,33 @@ def configure(runtime: Runtime, refusal: str) -> Executive:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
-    return run_managed_node(
-        names.ONBOARD_EXECUTIVE, configure, args, UnconfiguredExecutive, declare_parameters, __doc__
-    )
+    return run_managed_node(names.ONBOARD_EXECUTIVE, configure, args, show_unconfigured, declare_parameters, __doc__)
 
 
 # The console's view of an executive that is not configured: it exists, and the reason why it does nothing.
 
 
-class UnconfiguredExecutive:
+def show_unconfigured(runtime: Runtime) -> UnconfiguredExecutive:
+    """Show that the executive of this node is not configured. Off the executor thread."""
+    return runtime.call(lambda: UnconfiguredExecutive(runtime))
+
+
+class UnconfiguredExecutive(StatusPublisher):
     """The operator link of an executive that does not know its behaviors: every command is refused, with the reason."""
 
     def __init__(self, runtime: Runtime) -> None:
-        """Must be called off the executor thread."""
+        """Must be called on the executor thread."""
+        period = ExecutiveParameters().heartbeat_period
+        super().__init__(runtime, period)
         self._refusal = f'the executive {unconfigured(runtime.node)}'
-        runtime.call(lambda: self._open(runtime, ExecutiveParameters().heartbeat_period))
+        self._link = ConsoleLink(runtime, uuid.uuid4().hex, period)
+        problems = StorageProblems(self._link.log)
+        journal = RunJournal(None, problems.of('journal', ExecutiveLog.ERROR), runtime.steady)
+        event_log = EventLog(None, runtime.clock, runtime.steady, problems.of('event log', ExecutiveLog.WARN))
+        self._ledger = CommandLedger(runtime, self, journal, Reporter(self._link.log, event_log), self)
+        self._link.listen(self._ledger.receive)
+        self._link.log(ExecutiveLog.WARN, self._refusal)
+        self.changed()
 
     def is_addressed(self, _command: ExecutiveCommand) -> bool:
         """Whichever executive it was for: this one is in its place, and has nothing."""
@@ -61,19 +73,8 @@ class UnconfiguredExecutive:
         """Refuse it."""
         raise CommandRefusedError(self._refusal)
 
-    def _open(self, runtime: Runtime, heartbeat_period: float) -> None:
-        self._link = ConsoleLink(runtime, uuid.uuid4().hex, heartbeat_period)
-        self._status = StatusPublisher(runtime, self._publish, heartbeat_period)
-        problems = StorageProblems(self._link.log)
-        journal = RunJournal(None, problems.of('journal', ExecutiveLog.ERROR), runtime.steady)
-        event_log = EventLog(None, runtime.clock, runtime.steady, problems.of('event log', ExecutiveLog.WARN))
-        report = Reporter(self._link.log, event_log)
-        self._ledger = CommandLedger(runtime, self, journal, report, self._status.changed)
-        self._link.listen(self._ledger.receive)
-        self._link.log(ExecutiveLog.WARN, self._refusal)
-        self._status.changed()
-
-    def _publish(self) -> None:
+    def send(self) -> None:
+        """Send the status: idle, with the reason."""
         self._link.publish_status(
             ExecutiveStatus(state=ExecutiveStatus.IDLE, message=self._refusal, results=self._ledger.results())
         )

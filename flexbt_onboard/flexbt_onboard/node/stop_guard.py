@@ -24,20 +24,18 @@ from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages
-from flexbt_common.runtime.node_log import RepeatedReports
 from flexbt_common.runtime.node_runtime import LargeQueueNode, NodeRuntime, run_node
-from flexbt_common.runtime.parameters import ParameterDeclarer
-from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_common.values.limits import sanitize_message
 from flexbt_core.clock.clock import Timer
-from flexbt_core.values.text import one_line, sanitize_for_message
-from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StopGuardStatus
+from flexbt_core.clock.rates import RepeatedReports, SenderRates
+from flexbt_core.values.text import one_line
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus, StopGuardStatus
 from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS
-from flexbt_onboard.link.console_link import CommandIntake
+from flexbt_onboard.link.console_link import CommandIntake, log_to_node
 from flexbt_onboard.link.robot_state import RobotPose
-from flexbt_onboard.runs.motion_stop import MotionStop
+from flexbt_onboard.runs.motion_stop import MotionParameters, MotionStop
 
-from .executive_parameters import MotionParameters, declare_motion
+from .executive_parameters import declare_motion
 
 GRACE_SECONDS: Final = 0.15
 """Time within which the executive has to confirm a STOP, s; otherwise the guard carries it out as well."""
@@ -103,10 +101,8 @@ class StopGuard:
         self._motion = MotionStop(
             runtime,
             ServiceLinks(runtime),
-            RobotPose(runtime, parameters.pose_topic).latest,
-            parameters.motion_actions,
-            parameters.cmd_vel_topic,
-            stamped=parameters.stamped_cmd_vel,
+            RobotPose(runtime, parameters.pose_topic),
+            parameters,
         )
         self._motion.prepare()
         self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
@@ -118,12 +114,11 @@ class StopGuard:
             self._on_status,
             STATUS_BYTES,
         )
-        CommandIntake(runtime, self._on_stop, functools.partial(_log, runtime), only_stops=True)
+        CommandIntake(runtime, self._on_stop, functools.partial(log_to_node, node), only_stops=True)
         LivelinessToken(runtime).set_ready(True)
         self._publish()
         # The first line of a log takes long: rclpy looks for its place in the sources of all modules.
         runtime.node.get_logger().info(f'ready; guards {", ".join(parameters.motion_actions)}')
-        runtime.on_close(lambda: runtime.call(self._motion.release))
 
     @property
     def is_open(self) -> bool:
@@ -257,17 +252,9 @@ class StopGuard:
         self._status.publish(status)
 
 
-def _log(runtime: NodeRuntime, severity: int, text: str) -> None:
-    logger = runtime.node.get_logger()
-    if severity >= ExecutiveLog.ERROR:
-        logger.error(sanitize_for_message(text))
-    else:
-        logger.warning(sanitize_for_message(text))
-
-
 def open_stop_guard(runtime: NodeRuntime) -> StopGuard:
     """Make the guard from the parameters of the node."""
-    return runtime.call(lambda: StopGuard(runtime, declare_motion(ParameterDeclarer(runtime.node))))
+    return runtime.call(lambda: StopGuard(runtime, declare_motion(runtime.node)))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import Enum
 from importlib.metadata import entry_points
 from typing import Any, Final
@@ -22,7 +22,9 @@ from flexbt_msgs.msg import ExecutiveLog
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.machine_behavior import MACHINE_LENGTH, MachineStore, check_name, machine_entry
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError, OnboardError
+from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 SEARCH_GROUP: Final = 'flexbt.synthesis'
 """Entry point group of the module that searches, as a separate program: see flexbt_formal.requests.search."""
@@ -101,11 +103,7 @@ class RunningSearch:
 
 
 class Synthesizer:
-    """A synthesizer of behaviors. Used on the executor thread.
-
-    ``in_use`` gives the names of behaviors that run or were interrupted, ``changed`` is called when the library has
-    changed.
-    """
+    """A synthesizer of behaviors. Used on the executor thread."""
 
     def __init__(
         self,
@@ -113,8 +111,8 @@ class Synthesizer:
         library: BehaviorLibrary,
         store: MachineStore,
         report: Reporter,
-        in_use: Callable[[], set[str]],
-        changed: Callable[[], None],
+        runs: RunSupervisor,
+        link: ConsoleLink,
         settings: SearchSettings,
         command: Sequence[str] | None = None,
     ) -> None:
@@ -123,8 +121,8 @@ class Synthesizer:
         self._library = library
         self._store = store
         self._report = report
-        self._in_use = in_use
-        self._changed = changed
+        self._runs = runs
+        self._link = link
         self._settings = settings
         self._command = command
         self._search: RunningSearch | None = None
@@ -172,18 +170,10 @@ class Synthesizer:
         seconds = request.seconds or DEFAULT_SECONDS
         search = RunningSearch(request, on_progress, on_end, self._runtime.steady.now(), name)
         asked = {
-            'system': request.system,
-            'capabilities': request.capabilities,
-            'specification': request.specification,
-            'goals': list(request.goals),
-            'initial_conditions': list(request.initial_conditions),
-            'outcomes': list(request.outcomes),
-            'liveness': request.liveness,
-            'retries': request.retries,
+            **asdict(request),
+            **asdict(self._settings),
             'name': name,
             'seconds': seconds,
-            'directories': list(self._settings.directories),
-            'memory': self._settings.memory,
             'with_states': not request.is_kept,
         }
         search.process = SearchProcess(
@@ -204,7 +194,7 @@ class Synthesizer:
             self._library.check_free(name)
         except OnboardError as error:
             raise CommandRefusedError(str(error)) from error
-        if name in self._in_use():
+        if name in self._runs.behaviors_in_use():
             raise CommandRefusedError(f'behavior {name!r} runs, or was interrupted: give another name')
 
     def _close(self) -> None:
@@ -239,7 +229,7 @@ class Synthesizer:
         Raises:
             OnboardError: it was started meanwhile, or an installed behavior has its name.
         """
-        in_use = self._in_use()
+        in_use = self._runs.behaviors_in_use()
         if name in in_use:
             raise CommandRefusedError(f'behavior {name!r} was started meanwhile: give another name')
         self._library.add(machine_entry(name, machine))
@@ -250,7 +240,7 @@ class Synthesizer:
         if answer.verdict is SynthesisVerdict.MADE and search.request.is_kept:
             for name in gone:
                 self._library.remove(name)
-            self._changed()
+            self._link.publish_behaviors(self._library.to_message())
         if problem:
             self._report.log(ExecutiveLog.WARN, problem)
         self._report.log(*_said(search.name, answer))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from flexbt_msgs.msg import ExecutiveLog
+from flexbt_onboard.link.event_stream import EventStream
 
 from .event_log import EventLog
 
@@ -50,16 +51,19 @@ class Reporter:
         self,
         log: Callable[..., None],
         event_log: EventLog,
-        stream: Callable[[str, Mapping[str, Any]], None] = lambda event, fields: None,
+        stream: EventStream | None = None,
     ) -> None:
         self.log = log
+        self.run_id = ''
+        """ID of the run that goes on, for lines that concern it."""
         self._event_log = event_log
         self._stream = stream
 
     def event(self, event: str, **fields: Any) -> None:
         """Write an event."""
         self._event_log.add(event, **fields)
-        self._stream(event, fields)
+        if self._stream is not None:
+            self._stream.add(event, fields)
 
     def command(self, fields: Mapping[str, Any], effect: str, why: str = '') -> None:
         """Report what became of a command: applied, refused or ignored."""

@@ -11,20 +11,25 @@ refused, nor those that are being canceled already.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Final
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
-from geometry_msgs.msg import Pose, PoseStamped, Twist, TwistStamped
+from geometry_msgs.msg import Pose, Twist, TwistStamped
 from rclpy.qos import qos_profile_action_status_default
 
+from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
 from flexbt_common.names import BT_EXECUTOR
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
+from flexbt_core.values.parameter_fields import parameter
+from flexbt_onboard.link.peers import PeersWatch
+from flexbt_onboard.link.robot_state import RobotPose
 
 MOTION_ACTIONS: Final = (
     BT_EXECUTOR,
@@ -80,33 +85,49 @@ _REST_RADIANS: Final = 0.02
 """A robot stands still whose pose has changed by less in this time; poses of a localization are noisy."""
 
 
+@dataclass(frozen=True)
+class MotionParameters:
+    """The ways to stop the robot without the nodes that drive it."""
+
+    pose_topic: str = parameter('pose_topic', names.POSE, 'topic of the robot pose (geometry_msgs/msg/PoseStamped)')
+    motion_actions: tuple[str, ...] = parameter(
+        'motion_actions',
+        MOTION_ACTIONS,
+        'actions that move the robot: all of their goals are canceled when a stop is not confirmed in time',
+    )
+    cmd_vel_topic: str = parameter(
+        'cmd_vel_topic',
+        names.CMD_VEL,
+        'topic of the velocity commands, for zero velocity when a stop is not confirmed in time',
+    )
+    stamped_cmd_vel: bool = parameter(
+        'enable_stamped_cmd_vel', False, 'velocity commands are TwistStamped instead of Twist'
+    )
+
+
 class MotionStop:
     """Used on the executor thread only.
 
-    ``pose`` gives the robot's last known pose, with an empty frame while there is none; ``actions`` are the names of
-    the servers' actions, of which those count that exist; ``has_ended`` whether the process of a writer has ended for
-    certain, which the middleware reports only when the lease is over.
+    Of the actions those count that exist. ``peers`` know when the process of a server has ended for certain, which the
+    middleware reports only when the lease is over.
     """
 
     def __init__(
         self,
         runtime: Runtime,
         services: ServiceLinks,
-        pose: Callable[[], PoseStamped],
-        actions: Sequence[str],
-        cmd_vel_topic: str,
-        has_ended: Callable[[bytes], bool] = lambda _writer: False,
-        *,
-        stamped: bool,
+        pose: RobotPose,
+        parameters: MotionParameters,
+        peers: PeersWatch | None = None,
     ) -> None:
         self._runtime = runtime
         self._services = services
         self._pose = pose
-        self._actions = actions
-        self._has_ended = has_ended
-        self._stamped = stamped
-        message_type: Any = TwistStamped if stamped else Twist
-        self._commands = runtime.node.create_publisher(message_type, cmd_vel_topic, 1)
+        self._parameters = parameters
+        self._peers = peers
+        message_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
+        self._commands = runtime.node.create_publisher(message_type, parameters.cmd_vel_topic, 1)
+        runtime.on_close(lambda: runtime.call(self.release))
         self._asked: dict[str, ServiceCall] = {}
         self._busy: dict[str, set[bytes]] = {}  # by action: the writers that have reported a goal that goes on
         self._timer: Timer | None = None
@@ -138,7 +159,7 @@ class MotionStop:
             (name, writer): f'{name} (of {writer_name(node, _status_topic(name), writer) or "a node that is gone"})'
             for name, busy in self._busy.items()
             for writer in busy and busy & self._writers(name)
-            if not self._has_ended(writer)
+            if self._peers is None or not self._peers.has_ended(writer)
         }
 
     def hold(self) -> None:
@@ -178,7 +199,11 @@ class MotionStop:
     def _servers(self) -> list[str]:
         node = self._runtime.node
         there = {name for name, _ in node.get_service_names_and_types()}
-        return [name for name in self._actions if node.resolve_service_name(f'{name}/_action/cancel_goal') in there]
+        return [
+            name
+            for name in self._parameters.motion_actions
+            if node.resolve_service_name(f'{name}/_action/cancel_goal') in there
+        ]
 
     def _listen(self, name: str) -> None:
         if name in self._busy:
@@ -244,13 +269,13 @@ class MotionStop:
         )
 
     def _moves(self) -> bool:
-        pose, now = self._pose().pose, self._runtime.steady.now()
+        pose, now = self._pose.latest().pose, self._runtime.steady.now()
         if _differ(self._seen, pose):
             self._seen, self._seen_at = pose, now
         return now - self._seen_at < _REST_SECONDS
 
     def _command_zero(self) -> None:
-        if self._stamped:
+        if self._parameters.stamped_cmd_vel:
             message = TwistStamped()
             message.header.stamp = self._runtime.clock.stamp()
             self._commands.publish(message)

@@ -134,6 +134,12 @@ class RunShown(RunEvent):
     __slots__ = ()
 
 
+class StatusSent(RunEvent):
+    """Operators were sent a status. On the executor thread."""
+
+    __slots__ = ()
+
+
 class RunRecorder(RunReader):
     """A recorder of a run: to the journal, the event log and the log of the operators."""
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -34,6 +33,7 @@ from .run_events import (
     RunRefused,
     RunRequested,
     RunShown,
+    StatusSent,
     StopRequested,
 )
 from .run_snapshot import RunSnapshot
@@ -103,6 +103,21 @@ class RunSupervisor(RunReader):
         """The run that operators see."""
         return self.snapshot or self.interrupted or self._last
 
+    def behaviors_in_use(self) -> set[str]:
+        """Return the name of the behavior that runs, and of the one that was interrupted."""
+        return {one.behavior for one in (self.snapshot, self.interrupted) if one is not None}
+
+    def nodes_changed(self) -> None:
+        """Look again at the nodes that behaviors need: one has come or gone, or has become ready."""
+        if self.run is not None:
+            self.run.nodes_changed()
+
+    def status_sent(self) -> None:
+        """Have the active states asked what they are doing, for the next status."""
+        if self.run is not None:
+            self.run.ask_activities()
+        self._tell(StatusSent())
+
     def set_next_autonomy(self, level: int) -> None:
         """Set the level for the next run."""
         self._journal.set_next_autonomy(level)
@@ -132,6 +147,7 @@ class RunSupervisor(RunReader):
             )
         run_id = run_id or uuid.uuid4().hex
         recorder = RunRecorder(run_id, request.entry.name, self._journal, self._report)
+        self._report.run_id = run_id
         self._stops.begins()
         readers = (self, *self.readers)
         stop_timeout = self._stops.timeout
@@ -182,6 +198,7 @@ class RunSupervisor(RunReader):
     def _ended(self, outcome: str, message: str) -> None:
         assert self.run is not None  # there is no other before this one has ended
         last, self.run = self.run.snapshot, None
+        self._report.run_id = ''
         self._operators.watch_over(None)
         self._journal.set_next_autonomy(last.autonomy)
         self._last = replace(self._last, autonomy=last.autonomy)
@@ -198,13 +215,13 @@ class RunSupervisor(RunReader):
 class OperatorAbsenceWatch:
     """A watch for the presence of any console. Used on the executor thread only.
 
-    ``presence`` reports the connected operators. ``tell`` gets a line for the operator, and whether it is a warning. A
-    run that continues anyway does not report it: programs that ask and leave would fill the log.
+    ``presence`` reports the connected operators. A run that continues anyway does not report it: programs that ask and
+    leave would fill the log.
     """
 
-    def __init__(self, runtime: Runtime, presence: PresenceWatch, tell: Callable[[str, bool], None]) -> None:
+    def __init__(self, runtime: Runtime, presence: PresenceWatch, report: Reporter) -> None:
         self._runtime = runtime
-        self._tell = tell
+        self._report = report
         self._run: BehaviorRun | None = None
         self._timer: Timer | None = None
         self._presence = presence
@@ -222,7 +239,9 @@ class OperatorAbsenceWatch:
             return
         self._was_there = is_there
         if self._run is not None and self._run.snapshot.operator_gone is not OperatorGone.CONTINUE:
-            self._tell('an operator is there' if is_there else 'no operator is there any more', not is_there)
+            self._report.operators(
+                'an operator is there' if is_there else 'no operator is there any more', not is_there
+            )
         self._set_timer()
 
     def _set_timer(self) -> None:
@@ -242,8 +261,9 @@ class OperatorAbsenceWatch:
         shown = run.snapshot
         why = f'no operator was there for {shown.operator_gone_after:g} s'
         if shown.operator_gone is OperatorGone.STOP:
-            self._tell(f'{why}: behavior {shown.behavior!r} is stopped', True)
+            self._report.operators(f'{why}: behavior {shown.behavior!r} is stopped', is_warning=True)
             run.stop(why)
         else:
-            self._tell(f'{why}: behavior {shown.behavior!r} is paused until an operator resumes it', True)
+            text = f'{why}: behavior {shown.behavior!r} is paused until an operator resumes it'
+            self._report.operators(text, is_warning=True)
             run.command(None, pause)  # refused when it is paused already

@@ -8,11 +8,13 @@ its client has given it up: the robot is kept stopped as long as it does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
+from flexbt_msgs.msg import ExecutiveLog
+from flexbt_onboard.persistence.reporter import Reporter
 
 from .behavior_run import BehaviorRun
 from .motion_stop import MotionStop
@@ -28,14 +30,16 @@ _PERIOD: Final = 0.5
 
 
 class StopEnforcer:
-    """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on;
-    ``warn(message)`` reports to operators what goes on after the end of the run, and when it has ended."""
+    """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on.
 
-    def __init__(self, runtime: Runtime, robot: MotionStop, timeout: float, warn: Callable[[str], None]) -> None:
+    Operators are told what goes on after the end of the run, and when it has ended.
+    """
+
+    def __init__(self, runtime: Runtime, robot: MotionStop, timeout: float, report: Reporter) -> None:
         self.timeout = timeout
         self._runtime = runtime
         self._robot = robot
-        self._warn = warn
+        self._report = report
         self._told: Mapping[tuple[str, bytes], str] = {}
         self._run: BehaviorRun | None = None
         self._since = 0.0
@@ -106,13 +110,15 @@ class StopEnforcer:
         """Return whether something moves the robot anyway, which is reported to operators."""
         going_on = self._robot.going_on
         if going_on and going_on.keys() != self._told.keys():
-            self._warn(
+            self._report.log(
+                ExecutiveLog.WARN,
                 f'the robot is kept at rest until the next start: {_listed(going_on)} went on after the stop. '
                 'Restart the node if it does not end the goal; a node that was killed is taken for running '
-                'for up to 30 s: wait, or start the next run'
+                'for up to 30 s: wait, or start the next run',
             )
         elif self._told and not going_on:
-            self._warn(f'{_listed(self._told)} has ended: the robot is not kept at rest any more')
+            text = f'{_listed(self._told)} has ended: the robot is not kept at rest any more'
+            self._report.log(ExecutiveLog.WARN, text)
         self._told = going_on
         return bool(going_on)
 

@@ -136,7 +136,7 @@ def test_claims_of_ghosts_are_bounded_and_give_way_to_those_who_are_there(make_b
         bench.applied(CLAIM, operator_id=f'ghost {number}')
     assert f'{REQUESTS} operators ask' in bench.refused(CLAIM, operator_id='one more')
     consoles('bob')
-    bench.wait_for(lambda _status: 'bob' in bench.executive._presence.present, 'there')
+    bench.wait_for(lambda _status: 'bob' in bench.executive.presence.present, 'there')
     bench.applied(CLAIM, operator_id='bob')
     assert len(bench.status.authority_requests) == REQUESTS
     bench.applied(RELEASE, operator_id='ann', run_id='')
@@ -164,7 +164,7 @@ def test_a_name_is_that_of_the_console_which_commands_under_it_as_long_as_it_is_
         other.applied(STOP)  # which anybody may
         bench.wait_idle()
         PresenceToken(runtime, 'bob')
-        bench.wait_for(lambda _status: 'bob' in bench.executive._presence.present, 'there')
+        bench.wait_for(lambda _status: 'bob' in bench.executive.presence.present, 'there')
     # The console has gone: another one has its name at once.
     with NodeRuntime.open('console_of_bob') as runtime:
         again = Operator(runtime, 'bob')
@@ -197,7 +197,7 @@ def test_any_sequence_of_claims_is_as_the_rules_say(make_bench: Make, consoles: 
     bench = make_bench(3600.0)
     for operator in OPERATORS:
         consoles(operator)
-    bench.wait_for(lambda _status: bench.executive._presence.present >= set(OPERATORS), 'all are there')
+    bench.wait_for(lambda _status: bench.executive.presence.present >= set(OPERATORS), 'all are there')
 
     @settings(max_examples=25)
     @given(ACTIONS)

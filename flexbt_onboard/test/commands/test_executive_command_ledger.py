@@ -42,9 +42,8 @@ class Books:
             lambda _severity, text, path='', run_id='': self.told.append(text), EventLog(None, clock, clock, print)
         )
         runtime: Any = SimpleNamespace(post=self._post)
-        self.ledger = CommandLedger(
-            runtime, self, self.journal, report, self._changed, remembered, now=lambda: self.time
-        )
+        status: Any = SimpleNamespace(changed=self._changed)
+        self.ledger = CommandLedger(runtime, self, self.journal, report, status, remembered, now=lambda: self.time)
 
     def send(self, id: str, kind: int = STOP) -> None:
         """Let a command arrive."""

@@ -26,7 +26,7 @@ from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.node.executive import Executive, open_executive
 from flexbt_onboard.node.executive_parameters import declare_parameters
-from flexbt_onboard.node.onboard_executive import UnconfiguredExecutive
+from flexbt_onboard.node.onboard_executive import show_unconfigured
 from flexbt_onboard.persistence import journal
 from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
 from flexbt_testing.nodes.executive_bench import behavior_of, entry_of
@@ -78,7 +78,7 @@ class ManagedBench(Operator):
         super().__init__(NodeRuntime('console', args=()))
         Hold.rest, Hold.left = threading.Event(), []
         Hold.rest.set()
-        self.node.manage(self.runtime, self._configure, UnconfiguredExecutive, declare_parameters)
+        self.node.manage(self.runtime, self._configure, show_unconfigured, declare_parameters)
         self.manager = LifecycleClient(self.console, names.ONBOARD_EXECUTIVE)
         self.links = ActionLinks(self.console)
 

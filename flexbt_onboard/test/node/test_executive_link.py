@@ -49,7 +49,7 @@ from flexbt_msgs.msg import (
     PlaceList,
 )
 from flexbt_onboard.link.console_link import ConsoleLink
-from flexbt_onboard.link.executive_status import BURST, MAXIMUM_RATE, StatusPublisher
+from flexbt_onboard.link.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
@@ -490,9 +490,14 @@ def test_a_command_has_its_effect_within_milliseconds(make_bench: Make) -> None:
 
 
 def test_changes_that_come_fast_are_put_together() -> None:
+    sent: list[float] = []
+
+    class Publisher(StatusPublisher):
+        def send(self) -> None:
+            sent.append(time.monotonic())
+
     with NodeRuntime.open('publisher') as runtime:
-        sent: list[float] = []
-        publisher = runtime.call(lambda: StatusPublisher(runtime, lambda: sent.append(time.monotonic()), 10.0))
+        publisher = runtime.call(lambda: Publisher(runtime, 10.0))
         begin, uncontended = time.monotonic(), uncontended_time()
         publisher.changed()
         wait_until(lambda: sent, 'the first at once')

@@ -6,6 +6,8 @@ from __future__ import annotations
 import functools
 import threading
 from contextlib import ExitStack
+from types import SimpleNamespace
+from typing import Any
 
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.runtime.node_runtime import NodeRuntime
@@ -21,13 +23,8 @@ def test_a_node_that_is_late_is_told_once_in_a_spell_and_its_return_is_no_news()
 
     with ExitStack() as stack:
         runtime, other = (stack.enter_context(NodeRuntime.open(name)) for name in ('watching', 'watched'))
-        watch = PeersWatch(
-            runtime,
-            ['watched'],
-            lambda severity, text: told.append(text),
-            lambda: None,
-            timeout=60.0,
-        )
+        report: Any = SimpleNamespace(run_id='', log=lambda severity, text, run_id: told.append(text))
+        watch = PeersWatch(runtime, ['watched'], report, 60.0)
         other.call(lambda: LivelinessToken(other).set_ready(True))
         wait_until(lambda: told == ['/watched is alive', '/watched is ready'], lambda: told)
         for spell in (1, 2):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -25,7 +26,7 @@ from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.runs import motion_stop, stop_enforcer
-from flexbt_onboard.runs.motion_stop import MOTION_ACTIONS, MotionStop
+from flexbt_onboard.runs.motion_stop import MotionParameters, MotionStop
 from flexbt_onboard.runs.stop_enforcer import StopEnforcer
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
@@ -77,6 +78,19 @@ def publisher_of(runtime: NodeRuntime, topic: str, name: str) -> bytes:
     return bytes(found.endpoint_gid)
 
 
+def pose_of(pose: PoseStamped) -> Any:
+    """Return the source of a pose."""
+    return SimpleNamespace(latest=lambda: pose)
+
+
+AT_REST: Any = pose_of(PoseStamped())
+
+
+def reporter(tell: Callable[[str], object]) -> Any:
+    """Return a reporter that gives the text of each line to ``tell``."""
+    return SimpleNamespace(log=lambda severity, text: tell(text))
+
+
 def silence(robot: Robot, steady_seconds: float = 0.4) -> None:
     """Wait until nothing has been commanded for a while."""
     clock = robot.runtime.steady
@@ -94,11 +108,7 @@ def silence(robot: Robot, steady_seconds: float = 0.4) -> None:
 def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot: Robot) -> None:
     pose = PoseStamped()
     with NodeRuntime.open('executive') as runtime:
-        stop = runtime.call(
-            lambda: MotionStop(
-                runtime, ServiceLinks(runtime), lambda: pose, MOTION_ACTIONS, names.CMD_VEL, stamped=False
-            )
-        )
+        stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), pose_of(pose), MotionParameters()))
         runtime.call(stop.prepare)
         wait_until(lambda: runtime.call(lambda: runtime.node.count_subscribers(names.CMD_VEL)), 'the robot')
         runtime.call(stop.hold)
@@ -130,11 +140,7 @@ def test_who_sends_the_robot_somewhere_is_asked_first_and_waited_for_in_vain_for
 ) -> None:
     robot.front_answers = Future()
     with NodeRuntime.open('executive') as runtime:
-        stop = runtime.call(
-            lambda: MotionStop(
-                runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
-            )
-        )
+        stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), AT_REST, MotionParameters()))
         wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
         with monkeypatch.context() as patched:
             patched.setattr(motion_stop, '_FRONT_SECONDS', 1e6)
@@ -156,10 +162,8 @@ def test_who_sends_the_robot_somewhere_is_asked_first_and_waited_for_in_vain_for
 def test_a_cancel_that_waits_for_its_server_does_not_end_what_begins_then(robot: Robot) -> None:
     with NodeRuntime.open('executive') as runtime:
         links = ServiceLinks(runtime)
-        stop = runtime.call(
-            lambda: MotionStop(runtime, links, PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False)
-        )
-        watch = StopEnforcer(runtime, stop, 1.0, pytest.fail)
+        stop = runtime.call(lambda: MotionStop(runtime, links, AT_REST, MotionParameters()))
+        watch = StopEnforcer(runtime, stop, 1.0, reporter(pytest.fail))
         wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
 
         def stop_and_start() -> None:
@@ -178,12 +182,8 @@ def test_a_stop_while_the_time_of_the_one_before_runs_out_lasts_as_long(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with NodeRuntime.open('executive') as runtime:
-        stop = runtime.call(
-            lambda: MotionStop(
-                runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
-            )
-        )
-        watch = StopEnforcer(runtime, stop, 1.0, pytest.fail)
+        stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), AT_REST, MotionParameters()))
+        watch = StopEnforcer(runtime, stop, 1.0, reporter(pytest.fail))
 
         def stop_twice() -> None:
             with monkeypatch.context() as brief:
@@ -219,11 +219,7 @@ def test_a_docking_server_does_not_send_the_robot_off_again(monkeypatch: pytest.
 
         driver = ScriptedActionServer(robot, NavigateToPose, names.NAVIGATE_TO_POSE)
         ScriptedActionServer(robot, DockRobot, names.DOCK_ROBOT, dock)
-        stop = runtime.call(
-            lambda: MotionStop(
-                runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
-            )
-        )
+        stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), AT_REST, MotionParameters()))
         wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
         docking = ActionLinks(runtime).link(DockRobot, names.DOCK_ROBOT)
         for count, ask in enumerate((stop.cancel_others, stop.hold), 1):
@@ -237,25 +233,16 @@ def test_a_docking_server_does_not_send_the_robot_off_again(monkeypatch: pytest.
 
 def test_what_a_server_has_said_of_its_goals_goes_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[bytes] = []  # processes that the middleware still takes for alive
+    peers: Any = SimpleNamespace(has_ended=lambda writer: guid_prefix_of(writer) in ended)
     with NodeRuntime.open('executive') as runtime, NodeRuntime.open('next') as later:
-        stop = runtime.call(
-            lambda: MotionStop(
-                runtime,
-                ServiceLinks(runtime),
-                PoseStamped,
-                MOTION_ACTIONS,
-                names.CMD_VEL,
-                lambda writer: guid_prefix_of(writer) in ended,
-                stamped=False,
-            )
-        )
+        stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), AT_REST, MotionParameters(), peers))
 
         def goes_on() -> list[str]:
             runtime.call(stop.prepare)
             return sorted(runtime.call(lambda: stop.going_on).values())
 
         told: list[str] = []
-        watch = StopEnforcer(runtime, stop, 1.0, told.append)
+        watch = StopEnforcer(runtime, stop, 1.0, reporter(told.append))
 
         with NodeRuntime.open('robot') as robot:
             spin = ScriptedActionServer(robot, Spin, names.SPIN)

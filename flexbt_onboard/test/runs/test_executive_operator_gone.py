@@ -50,7 +50,7 @@ def operator(bench: ExecutiveBench) -> Iterator[NodeRuntime]:
     """Yield a console, as far as the executive sees that it is there."""
     runtime = NodeRuntime('console', args=())
     PresenceToken(runtime, 'ann')
-    bench.wait_for(lambda _status: bench.executive._presence.present, 'seen')
+    bench.wait_for(lambda _status: bench.executive.presence.present, 'seen')
     yield runtime
     runtime.close()
 
@@ -85,7 +85,7 @@ def test_a_run_is_held_until_an_operator_resumes_it(bench: ExecutiveBench, opera
 
 def test_who_comes_and_goes_is_no_news_where_the_run_goes_on_anyway(bench: ExecutiveBench) -> None:
     bench.start('continue')
-    presence = bench.executive._presence
+    presence = bench.executive.presence
     with NodeRuntime.open('console') as visitor:
         PresenceToken(visitor, 'ann')
         bench.wait_for(lambda _status: presence.present, 'there')

@@ -184,7 +184,7 @@ def test_a_search_that_nobody_wants_any_more_makes_room(
     monkeypatch.setattr('flexbt_onboard.node.synthesis_server.GONE_SECONDS', 0.1)
     with NodeRuntime.open('other') as other:
         PresenceToken(other, 'bob')
-        bench.wait_for(lambda _status: 'bob' in bench.executive._presence.present, 'there')
+        bench.wait_for(lambda _status: 'bob' in bench.executive.presence.present, 'there')
         _, done = bench.ask(capabilities=COFFEE, name='never', operator_id='bob', time_limit=3600.0)
         bench.logged("synthesis of 'never'")
         assert 'another synthesis' in bench.made(capabilities=COFFEE, operator_id='ann').message

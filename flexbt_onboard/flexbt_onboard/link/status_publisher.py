@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The time when a status is sent: at once on a change, as a heartbeat while nothing changes, and never too often."""
+
+from __future__ import annotations
+
+import threading
+from typing import Final
+
+from rclpy.clock import Clock, ClockType
+
+from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_core.clock.clock import Timer
+
+MAXIMUM_RATE: Final = 20.0
+"""Maximum average rate of messages, 1/s."""
+
+BURST: Final = 4
+"""Messages that may go out at once after a quiet time, so that a command's answer and its effect are not held back."""
+
+
+class StatusPublisher:
+    """A publisher that calls :meth:`send` on the executor thread: soon after :meth:`changed`, and every ``period``
+    seconds of wall time.
+
+    Changes that come faster than the rate allows are put together.
+    """
+
+    def __init__(self, runtime: Runtime, period: float) -> None:
+        self._runtime = runtime
+        self._lock = threading.Lock()
+        self._is_due = False
+        self._delay: Timer | None = None
+        self._credit = float(BURST)
+        self._credit_time = runtime.steady.now()
+        # Wall time: the heartbeat goes on while simulated time stands still or has not begun.
+        self._heartbeat = runtime.node.create_timer(
+            period, self._send_now, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def send(self) -> None:
+        """Send the status."""
+        raise NotImplementedError
+
+    def changed(self) -> None:
+        """Something in the status has changed; from any thread."""
+        with self._lock:
+            if self._is_due:
+                return
+            self._is_due = True
+        self._runtime.post(self._send_when_allowed)
+
+    def flush(self) -> None:
+        """Send now, if something has changed that was not sent; on the executor thread."""
+        if self._is_due:
+            self._send_now()
+
+    def _send_when_allowed(self) -> None:
+        if not self._is_due:
+            return
+        wait = (1.0 - self._refilled()) / MAXIMUM_RATE
+        if wait <= 0.0:
+            self._send_now()
+        elif self._delay is None:
+            self._delay = self._runtime.post_in(wait, self._delay_is_over)
+
+    def _delay_is_over(self) -> None:
+        self._delay = None
+        self._send_when_allowed()
+
+    def _send_now(self) -> None:
+        if self._delay is not None:
+            self._delay.cancel()
+            self._delay = None
+        with self._lock:
+            self._is_due = False  # before sending: what changes from here on is another message
+        self._credit = max(0.0, self._refilled() - 1.0)
+        self._heartbeat.reset()
+        self.send()
+
+    def _refilled(self) -> float:
+        now = self._runtime.steady.now()
+        self._credit = min(float(BURST), self._credit + (now - self._credit_time) * MAXIMUM_RATE)
+        self._credit_time = now
+        return self._credit
