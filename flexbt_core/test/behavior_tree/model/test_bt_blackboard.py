@@ -439,3 +439,43 @@ def test_a_scope_with_keys_of_its_own_shares_all_others() -> None:
     assert sorted(first) == ['_private', 'code', 'count', 'path'] and sorted(shared) == ['_private', 'code', 'path']
     second.unset('path')
     assert 'path' not in shared and first.lock is shared.lock
+
+
+def test_the_outermost_scope_of_a_key_is_found_through_remappings_but_not_for_private_keys() -> None:
+    root = Blackboard()
+    middle = Blackboard(root)
+    middle.remap('given', 'found')
+    middle.enable_autoremap()
+    inner = Blackboard(middle)
+    inner.remap('port', 'given')
+    middle.set('_private', 1)
+    inner.set('own', 1)
+    scopes = {
+        (inner, 'own'): (inner, 'own'),
+        (inner, 'other'): (inner, 'other'),
+        (inner, 'port'): (root, 'found'),
+        (inner, '@top'): (root, 'top'),
+        (middle, 'any'): (root, 'any'),
+        (middle, '_private'): (middle, '_private'),
+        (middle, '_new'): (middle, '_new'),
+    }
+    assert {place: place[0].outermost(place[1]) for place in scopes} == scopes
+
+
+def test_a_key_leads_to_the_root_once() -> None:
+    with pytest.raises(BlackboardError, match=r"'@' is used several times in the key \[@a@b\]"):
+        Blackboard().declare('@a@b', None)
+
+
+def test_the_entries_of_a_scope_are_those_that_it_has() -> None:
+    board = Blackboard()
+    board.set('a', 1)
+    entries = board.entries()
+    board.set('a', 2)
+    board.set('b', 3)
+    assert {key: entry.value for key, entry in entries.items()} == {'a': 2}
+    assert entries['a'] is board.entry('a')
+
+
+def test_an_output_port_may_have_a_pointer_as_its_default() -> None:
+    assert output_port(INT, default='{x}').default == '{x}'
