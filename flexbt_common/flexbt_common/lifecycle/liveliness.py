@@ -46,7 +46,6 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.exceptions import InvalidHandle
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
-from flexbt_common.errors import LimitExceededError
 from flexbt_common.middleware.received_messages import (
     COMPLAINT_SECONDS,
     UNKNOWN_WRITER,
@@ -57,9 +56,8 @@ from flexbt_common.middleware.received_messages import (
 from flexbt_common.names import alive_topic
 from flexbt_common.runtime.clock_watch import clock_health
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_common.runtime.sender_rates import SenderRates
-from flexbt_common.values.limits import check_limits
 from flexbt_core.clock.clock import Timer
+from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import one_line, sanitize_for_message
 
 LEASE_SECONDS: Final = 0.5
@@ -423,7 +421,6 @@ class _SeenToken:
         self._heard_at = self._silent_since = 0.0
         self._runtime = runtime
         self._timer: Timer | None = None
-        self._rates = SenderRates(_STATUS_RATE, _STATUS_BURST, runtime.steady.now)
         self._messages = ReceivedMessages(
             runtime.node,
             DiagnosticStatus,
@@ -432,6 +429,7 @@ class _SeenToken:
             self._receive,
             _STATUS_BYTES,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
+            rates=SenderRates(_STATUS_RATE, _STATUS_BURST, runtime.steady.now),
         )
 
     @property
@@ -454,13 +452,9 @@ class _SeenToken:
         return process is not None and process in self._replaced
 
     def _receive(self, received: Received) -> None:
-        if not self._rates.allows(received.process):
-            self._messages.blame(received)
-            return
         try:
-            status = received.unpack(DiagnosticStatus)
-            check_limits(status)
-        except (ValueError, LimitExceededError) as error:
+            status = received.checked(DiagnosticStatus)
+        except ValueError as error:
             logger = self._runtime.node.get_logger()
             logger.error(f'{self._topic}: left aside: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS)
             return

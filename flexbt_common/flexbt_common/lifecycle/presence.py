@@ -17,12 +17,10 @@ from typing import Any, Final, NamedTuple
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
 from flexbt_common import names
-from flexbt_common.errors import LimitExceededError
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, ReceivedMessages
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_common.runtime.sender_rates import SenderRates
-from flexbt_common.values.limits import check_limits
 from flexbt_core.clock.clock import Timer
+from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import PeerStatus
 
@@ -111,7 +109,6 @@ class PresenceWatch:
         self._heard: dict[_Token, float] = {}
         self._ended: OrderedDict[bytes, None] = OrderedDict()  # participants whose tokens have ended
         self._look: Timer | None = None
-        self._rates = SenderRates(WORD_RATE, WORD_BURST, runtime.steady.now)
         self._messages = ReceivedMessages(
             runtime.node,
             PeerStatus,
@@ -121,6 +118,7 @@ class PresenceWatch:
             limit=WORD_BYTES,
             event_callbacks=SubscriptionEventCallbacks(matched=self._matched),
             on_ignored=on_ignored,
+            rates=SenderRates(WORD_RATE, WORD_BURST, runtime.steady.now),
         )
 
     @property
@@ -137,13 +135,9 @@ class PresenceWatch:
         return participant in self._ended
 
     def _on_message(self, received: Received) -> None:
-        if not self._rates.allows(received.process):
-            self._messages.blame(received)
-            return
         try:
-            word = received.unpack(PeerStatus)
-            check_limits(word)
-        except (ValueError, LimitExceededError) as error:
+            word = received.checked(PeerStatus)
+        except ValueError as error:
             self._runtime.node.get_logger().error(
                 f'{names.EXECUTIVE_PRESENCE}: left aside: {one_line(str(error))}',
                 throttle_duration_sec=PRESENCE_LEASE_SECONDS,

@@ -28,7 +28,9 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from flexbt_common.values.limits import MESSAGE
+from flexbt_common.errors import LimitExceededError
+from flexbt_common.values.limits import MESSAGE, check_limits
+from flexbt_core.clock.rates import SenderRates
 
 from .fastdds import ignore_participant, loaded_function
 from .rclpy_private import EXECUTOR, is_usable
@@ -82,6 +84,19 @@ class Received:
         identifiers, it is that of one participant."""
         return self.writer[:8]
 
+    def checked(self, message_type: type[Any]) -> Any:
+        """Return the message, within the limits of its texts and lists.
+
+        Raises:
+            ValueError: these bytes are not such a message, or it is too large.
+        """
+        message = self.unpack(message_type)
+        try:
+            check_limits(message)
+        except LimitExceededError as error:
+            raise ValueError(str(error)) from error
+        return message
+
     def unpack(self, message_type: type[Any]) -> Any:
         """Return the message.
 
@@ -102,7 +117,7 @@ class ReceivedMessages:
     Messages of more than ``limit`` bytes arrive without their data. A process that keeps sending them, or messages that
     the receiver blames it for, is ignored if the middleware supports that; ``on_ignored`` gets a line about it, by
     default the node's log does. While ``is_awaited`` returns False, messages stay in the queue of the middleware;
-    stock rclpy delivers them anyway.
+    stock rclpy delivers them anyway. Of a process that sends more than its ``rates`` allow, the rest is dropped.
     """
 
     def __init__(
@@ -116,8 +131,10 @@ class ReceivedMessages:
         event_callbacks: SubscriptionEventCallbacks | None = None,
         on_ignored: Callable[[str], object] | None = None,
         is_awaited: Callable[[], bool] | None = None,
+        rates: SenderRates | None = None,
     ) -> None:
         self._node = node
+        self._rates = rates
         self._topic = topic
         self._on_message = on_message
         self._limit = limit
@@ -136,7 +153,7 @@ class ReceivedMessages:
             """For the executor of rclpy, which has taken the message."""
             size = len(data)
             sent = info['source_timestamp'] * 1e-9
-            self._on_message(Received(data if size <= self._limit else None, size, UNKNOWN_WRITER, sent))
+            self._receive(Received(data if size <= self._limit else None, size, UNKNOWN_WRITER, sent))
 
         if self._taker is not None:
             callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.OpenExecutor
@@ -164,8 +181,14 @@ class ReceivedMessages:
             return False
         if received.data is None:
             self.blame(received)
-        self._on_message(received)
+        self._receive(received)
         return True
+
+    def _receive(self, received: Received) -> None:
+        if self._rates is None or self._rates.allows(received.process):
+            self._on_message(received)
+        else:
+            self.blame(received)
 
     def blame(self, received: Received) -> None:
         """Note that a message is more than its sender may send. Who goes on with that is ignored."""

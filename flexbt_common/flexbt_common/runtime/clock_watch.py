@@ -19,8 +19,8 @@ from rosgraph_msgs.msg import Clock
 from flexbt_common import names
 from flexbt_common.middleware.received_messages import Received, ReceivedMessages, reports_writers, writer_name
 from flexbt_core.clock.clock import Timer
+from flexbt_core.clock.rates import RepeatedReports
 
-from .node_log import RepeatedReports
 from .node_runtime import NodeRuntime, Runtime
 from .ros_clock import watch_clock_publishers
 

@@ -19,21 +19,19 @@ import contextlib
 import ctypes
 import fcntl
 import io
-import math
 import os
 import select
 import stat
 import sys
 import threading
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
 from functools import cache
 from typing import Any, Final
 
 from rclpy.logging import LoggingSeverity
 
 from flexbt_common.middleware.rclpy_private import ExtendedLogger, log_for_callers_of
+from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import escape_lines, pluralize
 
 LINES: Final = 200
@@ -42,8 +40,6 @@ LINES: Final = 200
 LOG_BURST: Final = 4_000_000
 LOG_RATE: Final = 2_000
 """Maximum number of characters that a node logs, at once and per second; errors and the rest are counted separately."""
-
-_KINDS: Final = 100
 
 log_for_callers_of(__file__)
 
@@ -55,9 +51,9 @@ class _Allowance:
     """
 
     def __init__(self, burst: float, rate: float) -> None:
-        self._burst = self._left = burst
         self.rate = rate
-        self._at = time.monotonic()
+        self._bucket = TokenBucket(rate, burst, time.monotonic)
+        self._enough = burst / 10
         self._is_used_up = False
         self._lock = threading.RLock()  # garbage that is collected while it is held may log, too
         self._dropped = 0
@@ -65,17 +61,14 @@ class _Allowance:
     def admit(self) -> bool:
         """Return whether a message may be logged; count it as dropped if not."""
         with self._lock:
-            now = time.monotonic()
-            self._left = min(self._burst, self._left + (now - self._at) * self.rate)
-            self._at = now
-            self._is_used_up = self._left < (self._burst / 10 if self._is_used_up else 0.0)
+            self._is_used_up = self._bucket.left < (self._enough if self._is_used_up else 0.0)
             self._dropped += self._is_used_up
             return not self._is_used_up
 
     def charge(self, characters: int) -> None:
         """Take what was logged off what is left."""
         with self._lock:
-            self._left -= characters
+            self._bucket.take(characters)
 
     def take_dropped(self) -> int:
         """Return how many messages were dropped since the last call."""
@@ -136,33 +129,6 @@ class NodeLogger(ExtendedLogger):
         if dropped:
             why = f'this node logged more than {allowance.rate:g} characters a second'
             self._notices.warning(f'{pluralize(dropped, "message")} dropped: {why}')
-
-
-class RepeatedReports:
-    """A filter that lets a report of each kind pass once in ``seconds``, and counts those between. From any thread.
-
-    ``now`` is in seconds. Only the newest hundred kinds are remembered.
-    """
-
-    def __init__(self, seconds: float, now: Callable[[], float]) -> None:
-        self._seconds = seconds
-        self._now = now
-        self._lock = threading.Lock()
-        self._passed: OrderedDict[Hashable, tuple[float, int]] = OrderedDict()  # when, and how many were held since
-
-    def held_before(self, kind: Hashable) -> int | None:
-        """Return how many reports of this kind were held since the last one that passed; None if this one is held."""
-        now = self._now()
-        with self._lock:
-            passed_at, held = self._passed.get(kind, (-math.inf, 0))
-            if now < passed_at + self._seconds:
-                self._passed[kind] = passed_at, held + 1
-                return None
-            self._passed[kind] = now, 0
-            self._passed.move_to_end(kind)
-            if len(self._passed) > _KINDS:
-                self._passed.popitem(last=False)
-            return held
 
 
 # ------------------------------------------------------------------------------------------------ standard streams

@@ -62,12 +62,13 @@ from flexbt_common.middleware.qos_misfits import QosMisfits
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.names import service_qos
 from flexbt_core.clock.clock import SteadyClock, Timer
+from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.clock.waiting import CoalescedTimers
 from flexbt_core.values.text import escape_lines
 
 from .health import Hang, Health
 from .node_executor import Later, NodeExecutor, StockNodeExecutor, make_executor
-from .node_log import NodeLogger, RepeatedReports, StandardStreams, watchdog_descriptor
+from .node_log import NodeLogger, StandardStreams, watchdog_descriptor
 from .parameters import (
     bounded,
     is_parameter_service,

@@ -24,7 +24,7 @@ from flexbt_common.middleware.received_messages import (
     writer_name,
 )
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.sender_rates import Pace
+from flexbt_common.runtime.pace import Pace
 from flexbt_testing.waiting import wait_until
 
 TOPIC = 'what_comes'

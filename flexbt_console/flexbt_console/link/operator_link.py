@@ -21,7 +21,7 @@ from flexbt_common.errors import LimitExceededError
 from flexbt_common.lifecycle.presence import PresenceToken
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.sender_rates import Pace, SenderRates
+from flexbt_common.runtime.pace import Pace
 from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
@@ -30,6 +30,7 @@ from flexbt_console.mirror.mirror import Change, Mirror, Transit
 from flexbt_console.mirror.records import CommandKind, OperatorCommand, Synthesis, SynthesisRequest, UserdataScope
 from flexbt_console.mirror.view import View
 from flexbt_core.clock.clock import Timer
+from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import (
     BehaviorList,

@@ -17,7 +17,7 @@ from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.middleware.received_messages import Received, ReceivedMessages, writer_name
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.sender_rates import Pace
+from flexbt_common.runtime.pace import Pace
 from flexbt_common.values.limits import check_limits
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import GridMap

@@ -15,7 +15,6 @@ import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSCloseCode, WSMsgType, WSServerHandshakeError
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
-from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_console.errors import NoAnswerError, UsageError
 from flexbt_console.mirror.records import (
     CommandKind,
@@ -35,6 +34,7 @@ from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, RATE
 from flexbt_console.ui.web.server import GREETING_OF_SOURCE, MOST_CONNECTIONS, MOST_GREETING, MOST_PAGES
+from flexbt_core.clock.rates import SenderRates
 from flexbt_testing.waiting import DEADLINE
 
 

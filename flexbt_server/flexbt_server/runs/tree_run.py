@@ -22,9 +22,9 @@ from flexbt_core.behavior_tree.engine.observers import StatusLog
 from flexbt_core.behavior_tree.engine.tick_control import TickCommand, TickControl
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
-from flexbt_core.behavior_tree.model.definition import TreeKey
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, TickAbandoned
 from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.monitors.monitoring import Findings, violation_text
 from flexbt_core.monitors.properties import Violation
@@ -98,8 +98,8 @@ class TreeRun(Generic[Client]):
         self._services = services
         self._events = events
         self._tick_period = 1.0 / parameters.tick_rate
-        self._silent_until = -math.inf
-        self._overruns = TickOverrunWarner(self.key, self._tick_period)
+        self._livelocks = RepeatedReports(1.0, self._steady.now)
+        self._overruns = TickOverrunWarner(self.key.id, self._tick_period, self._steady.now)
         self._waited = 0.0
         self._findings = Findings(self._report_finding)
         self._monitor: TreeMonitor | None = None
@@ -270,7 +270,7 @@ class TreeRun(Generic[Client]):
             if monitor is not None and status is not None:
                 monitor.ticked(status)
             if not tree.callbacks.active:  # breakpoints are not to be blamed on leaves
-                self._warn(self._overruns.note(began + self._waited, self._steady.now()))
+                self._warn(self._overruns.note(self._steady.now() - began - self._waited))
             if status is not None and status is not NodeStatus.RUNNING:
                 return outcome_of_tree(tree, status)
             if not self._control.pending:
@@ -308,9 +308,7 @@ class TreeRun(Generic[Client]):
             self._events.emit(TreeExpanded(self.tree))
 
     def _report_livelock(self, message: str) -> None:
-        now = self._steady.now()
-        if now >= self._silent_until:
-            self._silent_until = now + 1.0
+        if self._livelocks.held_before() is not None:
             self._warn(message)
 
     def _warn(self, text: str) -> None:
@@ -423,34 +421,28 @@ def outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
         return RunOutcome(BtExecute.Result.ERROR, f'fault in the BT server: {traceback.format_exc()}')
 
 
-# Ticks that take longer than there is time for.
-
-
 class TickOverrunWarner:
-    """A warning of ticks that take too long, once a second at most."""
+    """A warning of ticks that take longer than there is time for, once a second at most."""
 
-    def __init__(self, key: TreeKey, period: float) -> None:
-        self._tree = key.id
+    def __init__(self, tree: str, period: float, now: Callable[[], float]) -> None:
+        self._tree = tree
         self._period = period
-        self._count = 0
         self._longest = 0.0
-        self._silent_until = -math.inf
+        self._reports = RepeatedReports(1.0, now)
 
-    def note(self, began: float, ended: float) -> str:
-        """Take in a tick from ``began`` to ``ended``, s; return a warning, or '' when none is due."""
-        took = ended - began
+    def note(self, took: float) -> str:
+        """Take in how long the tick took that has just ended, s; return a warning, or '' when none is due."""
         if took <= self._period:
             return ''
-        self._count += 1
         self._longest = max(self._longest, took)
-        if ended < self._silent_until:
+        held = self._reports.held_before()
+        if held is None:
             return ''
-        warning = (
-            f'tree [{self._tree}]: {self._count} ticks took longer than the period of {self._period:.3f} s '
-            f'(parameter tick_rate), the longest {self._longest:.3f} s; no leaf should block'
+        longest, self._longest = self._longest, 0.0
+        return (
+            f'tree [{self._tree}]: {held + 1} ticks took longer than the period of {self._period:.3f} s '
+            f'(parameter tick_rate), the longest {longest:.3f} s; no leaf should block'
         )
-        self._count, self._longest, self._silent_until = 0, 0.0, ended + 1.0
-        return warning
 
 
 # Where a thread that ticks a tree is: in the code of which node.

@@ -23,7 +23,6 @@ from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import Encoding, from_entry, to_entry
-from flexbt_core.behavior_tree.model.definition import TreeKey
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_msgs.action import BtExecute, BtLoad, BtSetData
 from flexbt_server.bt_server import BtServer
@@ -382,9 +381,13 @@ def test_a_tree_that_keeps_waking_itself_is_told_of(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_report_of_ticks_that_take_too_long_is_of_those_since_the_last_one() -> None:
-    overruns = TickOverrunWarner(TreeKey('', 'Main'), 0.010)
-    ticks = [(0.0, 0.010), (0.01, 0.03), (0.03, 0.09), (0.09, 0.11), (0.11, 0.115), (1.02, 1.06)]
-    told = [warning for began, ended in ticks if (warning := overruns.note(began, ended))]
+    now = 0.0
+    overruns = TickOverrunWarner('Main', 0.010, lambda: now)
+    told = []
+    for took, pause in ((0.010, 0.0), (0.02, 0.0), (0.06, 0.0), (0.02, 0.0), (0.005, 0.905), (0.04, 0.0)):
+        now += took
+        told += [warning] if (warning := overruns.note(took)) else []
+        now += pause
     assert [message.split(': ')[1].split(' took')[0] for message in told] == ['1 ticks', '3 ticks']
     assert ['the longest 0.020 s' in told[0], 'the longest 0.060 s' in told[1]] == [True, True]
 

@@ -15,7 +15,6 @@ from typing import Any, Final
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.runtime.sender_rates import SenderRates
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror.fleet import RobotOverview
 from flexbt_console.mirror.records import OperatorCommand
@@ -23,6 +22,7 @@ from flexbt_console.present.json_form import encode_json
 from flexbt_console.present.style import tone_of
 from flexbt_console.ui.station import Session, Station
 from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import escape_lines, one_line
 
 from .access import Access, WrongTokens

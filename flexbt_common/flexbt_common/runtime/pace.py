@@ -1,41 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rate limits for each sender, so that a flood of one does not harm the others."""
+"""A limit of the time that the executor spends with work that others cause."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Final
 
 from .node_runtime import Runtime
-
-_SENDERS: Final = 256
-
-
-class SenderRates:
-    """A limit for each sender: ``rate`` messages a second on average, and ``burst`` at once after a quiet time.
-
-    ``now`` is in seconds. Only a limited number of the most recent senders is remembered.
-    """
-
-    def __init__(self, rate: float, burst: int, now: Callable[[], float]) -> None:
-        self._rate = rate
-        self._burst = float(burst)
-        self._now = now
-        self._credits: OrderedDict[bytes, tuple[float, float]] = OrderedDict()  # and when they were counted
-
-    def allows(self, sender: bytes) -> bool:
-        """Return whether a message of a sender is within its rate; counts it then."""
-        now = self._now()
-        credit, since = self._credits.pop(sender, (self._burst, now))
-        credit = min(self._burst, credit + (now - since) * self._rate)
-        is_allowed = credit >= 1.0
-        self._credits[sender] = (credit - 1.0 if is_allowed else credit, now)
-        if len(self._credits) > _SENDERS:
-            self._credits.popitem(last=False)
-        return is_allowed
 
 
 class Pace:

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Limits of how often something is done or reported. ``now`` is a clock, in seconds."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Final
+
+_KINDS: Final = 256
+"""Senders, and kinds of reports, that are remembered: the newest ones."""
+
+
+class TokenBucket:
+    """An allowance of ``rate`` a second on average, and of ``burst`` at once after a quiet time."""
+
+    def __init__(self, rate: float, burst: float, now: Callable[[], float]) -> None:
+        self._rate = rate
+        self._burst = self._left = burst
+        self._now = now
+        self._at = now()
+
+    @property
+    def left(self) -> float:
+        """What may be taken now; less than 0 if more was taken than there was."""
+        now = self._now()
+        self._left = min(self._burst, self._left + (now - self._at) * self._rate)
+        self._at = now
+        return self._left
+
+    def take(self, amount: float) -> None:
+        """Take something, whether it is there or not."""
+        self._left -= amount
+
+
+class SenderRates:
+    """A limit for each sender: ``rate`` messages a second on average, and ``burst`` at once after a quiet time."""
+
+    def __init__(self, rate: float, burst: int, now: Callable[[], float]) -> None:
+        self._limit = rate, float(burst), now
+        self._buckets: OrderedDict[bytes, TokenBucket] = OrderedDict()
+
+    def allows(self, sender: bytes) -> bool:
+        """Return whether a message of a sender is within its rate; counts it then."""
+        bucket = self._buckets[sender] = self._buckets.pop(sender, None) or TokenBucket(*self._limit)
+        if len(self._buckets) > _KINDS:
+            self._buckets.popitem(last=False)
+        is_allowed = bucket.left >= 1.0
+        if is_allowed:
+            bucket.take(1.0)
+        return is_allowed
+
+
+class RepeatedReports:
+    """A filter that lets a report of each kind pass once in ``seconds``, and counts those between. From any thread."""
+
+    def __init__(self, seconds: float, now: Callable[[], float]) -> None:
+        self._seconds = seconds
+        self._now = now
+        self._lock = threading.Lock()
+        self._passed: OrderedDict[Hashable, tuple[float, int]] = OrderedDict()  # when, and how many were held since
+
+    def held_before(self, kind: Hashable = '') -> int | None:
+        """Return how many reports of this kind were held since the last one that passed; None if this one is held."""
+        now = self._now()
+        with self._lock:
+            passed_at, held = self._passed.get(kind, (-math.inf, 0))
+            if now < passed_at + self._seconds:
+                self._passed[kind] = passed_at, held + 1
+                return None
+            self._passed[kind] = now, 0
+            self._passed.move_to_end(kind)
+            if len(self._passed) > _KINDS:
+                self._passed.popitem(last=False)
+            return held
