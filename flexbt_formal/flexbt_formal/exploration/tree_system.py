@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.context import TreeContext, UnfinishedWork
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
@@ -15,7 +16,7 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, PortError
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port
 from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
 from flexbt_core.monitors.properties import Property, Violation, shared_keys
 from flexbt_core.monitors.requirement_text import Vocabulary
@@ -151,13 +152,22 @@ def _goes_on_for_ever(node: TreeNode) -> bool:
     return node.id == 'KeepRunningUntilFailure' or (node.id == 'Repeat' and _is_unlimited(node))
 
 
+class _PortUse(NamedTuple):
+    """A port that is bound to a key: what its node says of it (None if only its name is known), the key, the entry."""
+
+    node: TreeNode
+    port: Port | None
+    key: str
+    entry: Entry | None
+
+
 class TreeSystem(System):
     """A tree with its own clock.
 
     ``models`` returns the model of a node. ``given`` are keys that are on the blackboard from the beginning; so are
-    those that something reads and nothing in the tree writes. ``stops``: whether it may be canceled at any time.
-    ``requirements`` are checked after each tick. ``observed`` are keys that others read, after its end. With
-    ``reduces``, keys that nothing reads do not distinguish situations.
+    those that something reads and nothing in the tree writes. ``requirements`` are checked after each tick.
+    ``observed`` are keys that others read, after its end. With ``reduces``, keys that nothing reads do not distinguish
+    situations.
     """
 
     def __init__(
@@ -167,14 +177,12 @@ class TreeSystem(System):
         models: LeafModels = leaf_model,
         *,
         given: Iterable[str] = (),
-        stops: bool = True,
         requirements: Iterable[Requirement] = (),
         observed: Iterable[str] = (),
         reduces: bool = True,
     ) -> None:
         """Raise TreeLoadError or LookupError, as Tree does."""
         super().__init__()
-        self._stops = stops
         monitor = self._monitor = TreeMonitor(self._note, requirements)
         self.requirements = monitor.requirements
         board = self._board = Blackboard()
@@ -207,10 +215,22 @@ class TreeSystem(System):
         self._heard: set[int] = set()
         monitor.begins(self.tree)
         self._questions: list[tuple[str, Entry, tuple[Any, ...]]] = []
-        self.given = self._give(set(given), scripts)
+        declared = {key: board.declare(key, None) for key in sorted(set(given))}
+        self._entry_names = {
+            entry: key
+            for subtree in reversed(self.tree.subtrees)
+            for key, entry in subtree.blackboard.entries().items()
+        }
+        uses = [
+            _PortUse(node, node.ports.get(name), value.key, node.blackboard.entry(value.key))
+            for node in self.tree.nodes
+            for name, value in node.port_values.items()
+            if value.key is not None
+        ]
+        self.given = self._give(declared, uses)
         self._environment.described = self._described
-        unread = self._unread(scripts)
-        self._writes = self._written_keys(unread)
+        unread = self._unread(scripts, uses)
+        self._writes = self._written_keys(unread, uses)
         self._run = _Run()
         self._memory = StateSnapshotter(
             (
@@ -229,7 +249,7 @@ class TreeSystem(System):
             unread=unread if reduces else (),
         )
 
-    def _unread(self, scripts: list[str]) -> list[Entry]:
+    def _unread(self, scripts: Iterable[str], uses: Iterable[_PortUse]) -> list[Entry]:
         """Return the entries that nothing reads. None, when a node that is not ours may look at any."""
         known = (isinstance(node, _MODELS) or type(node).__module__.startswith(_OURS) for node in self.tree.nodes)
         if not all(known):
@@ -237,82 +257,61 @@ class TreeSystem(System):
         names = self._observed.union(_NAME.findall(' '.join(scripts)))
         boards = [subtree.blackboard for subtree in self.tree.subtrees]
         entries = [(key, entry) for board in boards for key, entry in board.entries().items()]
-        read = {id(entry) for key, entry in entries if key in names} | {
-            id(node.blackboard.entry(value.key))
-            for node in self.tree.nodes
-            for name, value in node.port_values.items()
-            if value.key is not None and (name not in node.ports or node.ports[name].readable)
+        read = {entry for key, entry in entries if key in names} | {
+            use.entry for use in uses if use.port is None or use.port.readable
         }
-        return [entry for _, entry in entries if id(entry) not in read]
+        return [entry for _, entry in entries if entry not in read]
 
-    def _written_keys(self, unread: Iterable[Entry]) -> dict[str, tuple[str, ...]]:
-        """By the paths of the actions, the keys that they write and that something may read. A port of which only the
+    def _written_keys(self, unread: Collection[Entry], uses: Iterable[_PortUse]) -> Mapping[str, Sequence[str]]:
+        """By the paths of the nodes, the keys that they write and that something may read. A port of which only the
         name is known may be an input."""
-        quiet = set(map(id, unread))
-        found = {}
-        for node in self.tree.nodes:
-            if isinstance(node, ModelAction):
-                keys = (
-                    node.port_values[name].key
-                    for name, port in node.ports.items()
-                    if port.writable and (port.declares or not port.readable) and name in node.port_values
-                )
-                entries = (node.blackboard.entry(key) for key in keys if key is not None)
-                found[node.path] = tuple(
-                    self._entry_names[id(entry)] for entry in entries if entry is not None and id(entry) not in quiet
-                )
+        found: dict[str, list[str]] = defaultdict(list)
+        for node, port, _, entry in uses:
+            writes = port is not None and port.writable and (port.declares or not port.readable)
+            if writes and entry is not None and entry not in unread:
+                found[node.path].append(self._entry_names[entry])
         return found
 
-    def _give(self, given: set[str], scripts: Iterable[str]) -> tuple[str, ...]:
+    def _give(self, declared: Mapping[str, Entry], uses: Iterable[_PortUse]) -> tuple[str, ...]:
         """Write what is there from the beginning; the keys, as they are called nearest to the root."""
-        declared = {key: self._board.declare(key, None) for key in sorted(given)}
-        names = self._entry_names = {
-            id(entry): key
-            for subtree in reversed(self.tree.subtrees)
-            for key, entry in subtree.blackboard.entries().items()
-        }
-        read: dict[int, tuple[str, Any]] = {}
-        needed: set[int] = set()
-        written: set[int] = set()
+        read: dict[Entry, str] = {}
+        needed: set[Entry] = set()
+        written: set[Entry] = set()
         assigned = {name for script in _scripts(self.tree.definitions) for name in _ASSIGNED.findall(script)}
-        for node in self.tree.nodes:
-            for name, value in node.port_values.items():
-                port = node.ports.get(name)
-                entry = node.blackboard.entry(value.key) if value.key is not None else None
-                if port is None or entry is None or value.key is None:
-                    continue
-                if port.readable:
-                    read.setdefault(id(entry), (names[id(entry)], entry))
-                    if port.required or port.default is not NO_DEFAULT:
-                        needed.add(id(entry))
-                if port.writable or value.key in assigned:
-                    written.add(id(entry))
-        found = []
-        tested = self._tested(scripts)
+        for _, port, key, entry in uses:
+            if port is None or entry is None:
+                continue
+            if port.readable:
+                read.setdefault(entry, self._entry_names[entry])
+                if port.required or port.default is not NO_DEFAULT:
+                    needed.add(entry)
+            if port.writable or key in assigned:
+                written.add(entry)
+        tested = self._tested()
         for key, entry in declared.items():
-            if id(entry) in tested:  # scripts read it, by any name
-                read.setdefault(id(entry), (key, entry))
-                needed.add(id(entry))
-        for at, (key, entry) in read.items():
-            if entry.value is EMPTY and (at not in written or key in given):
-                options = fitting(entry.type, tested.get(at, ()))
+            if entry in tested:  # scripts read it, by any name
+                read.setdefault(entry, key)
+                needed.add(entry)
+        found = []
+        for entry, key in read.items():
+            if entry.value is EMPTY and (entry not in written or key in declared):
+                options = fitting(entry.type, tested.get(entry, ()))
                 entry.write(options[0] if options else some_value(entry.type))
                 if len(options) > 1:
                     self._questions.append((key, entry, options))
-                found.append((key, at in needed))
+                found.append((key, entry in needed))
         self.needed = frozenset(key for key, is_needed in found if is_needed)
         """Keys of ``given`` without which a node fails."""
         return tuple(sorted({key for key, _ in found}))
 
-    def _tested(self, scripts: Iterable[str]) -> dict[int, tuple[Any, ...]]:
+    def _tested(self) -> dict[Entry, tuple[Any, ...]]:
         """Values that make a difference to scripts, by entries, under any name in a sub-tree."""
-        values = tested_values(scripts)
-        found: dict[int, tuple[Any, ...]] = {}
+        found: dict[Entry, tuple[Any, ...]] = {}
         for subtree in self.tree.subtrees:
-            for key in values:
+            for key, values in self._environment.values.items():
                 entry = subtree.blackboard.entry(key)
                 if entry is not None:
-                    found[id(entry)] = found.get(id(entry), ()) + values[key]
+                    found[entry] = found.get(entry, ()) + values
         return found
 
     # -- what an exploration needs -----------------------------------------------------------------------------------
@@ -360,9 +359,7 @@ class TreeSystem(System):
         labels += confirms
         if self._next_due() is not None:
             labels.append(Label(TIMER))
-        labels.append(Label(TICK))
-        if self._stops:
-            labels.append(Label(STOP))
+        labels += [Label(TICK), Label(STOP)]
         return labels
 
     def answer(self, label: Label) -> LabelEffect | None:
@@ -428,7 +425,7 @@ class TreeSystem(System):
         if value.key is None:  # 0.20 and 0.2 are the same number
             return f'{name}="{value.literal if type(value.literal) in _PLAIN else value.text}"'
         entry = node.blackboard.entry(value.key)
-        key = value.key if entry is None else self._entry_names.get(id(entry), value.key)
+        key = value.key if entry is None else self._entry_names.get(entry, value.key)
         is_read = name not in node.ports or node.ports[name].readable
         is_plain = is_read and entry is not None and type(entry.value) in _PLAIN
         plain = f' ({entry.value!r})' if entry is not None and is_plain else ''
