@@ -7,11 +7,14 @@ import pytest
 
 from flexbt_core.behavior_tree.engine.leaf import SyncAction
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError, TickAbandoned
+from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError, TickAbandoned, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
 from flexbt_core.behavior_tree.script.parser import MAX_TOKENS
 from flexbt_core.behavior_tree.script.values import MAX_TEXT, MAX_TEXTS
+from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_testing.behavior_trees.steps import make
 
 
@@ -83,3 +86,12 @@ def test_a_stop_is_heard_between_two_recoveries() -> None:
     with pytest.raises(TickAbandoned):
         tree.tick_once()
     assert tree.blackboard.get('count') == 5
+
+
+def test_a_tree_may_have_as_many_nodes_as_the_limit_and_no_more() -> None:
+    body = '<Sequence><AlwaysSuccess/><AlwaysSuccess/></Sequence>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    document = load_xml(text, 'f', builtin_registry())
+    TreeLibrary([document], max_nodes=3)
+    with pytest.raises(TreeLoadError, match=r'tree \[Main\] has 3 nodes with its sub-trees; the limit is 2'):
+        TreeLibrary([document], max_nodes=2)
