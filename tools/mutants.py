@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Change the product at random places and report the changes that no test notices (mutation testing).
 
-``make mutants AREA=nodes MINUTES=20`` first runs the area's tests once, to find which of them reach which line; this is
-kept until a file changes. Then it tries changes that mutmut makes, drawn by ``SEED``, until the time is up. It prints
+``make mutants AREA=nodes MINUTES=20`` first runs the area's tests once, for half of the time at most, to find which of
+them reach which line; this is kept until a file changes. Then it tries changes that mutmut makes, drawn by ``SEED``, until the time is up. It prints
 each change that was not noticed as a diff, and the share that was. The exit code is 1 when that is less than 95 %.
 
 A change counts as noticed if a test fails, or if the tests use far more processor time than before. If they only take
@@ -48,21 +48,30 @@ PYTEST: Final = ('-q', '-p', 'no:cacheprovider', '--rootdir', '.')
 
 
 class Area(NamedTuple):
-    """Files that are changed, and the tests that have to notice it; both are relative to the package."""
+    """Files of a package that are changed, and the tests of this and of other packages that have to notice it."""
 
     package: str
     files: tuple[str, ...]
     tests: tuple[str, ...]
 
 
-TREES: Final = 'behavior_tree'
-MACHINES: Final = 'state_machine'
+_ENGINES: Final = ('behavior_tree', 'state_machine')
+_TESTS_OF_ENGINES: Final = (
+    *(f'flexbt_core/test/{engine}' for engine in _ENGINES),
+    'flexbt_server/test/nav2/test_nav2_node_types.py',
+    'flexbt_server/test/nav2/test_nav2_path_and_goal_leaves.py',
+    'flexbt_tools/test/trees/test_bt_tool_reachability.py',
+)
 AREAS: Final = {
-    'model': Area('flexbt_core', (f'{TREES}/model', f'{MACHINES}/model'), (f'test/{TREES}', f'test/{MACHINES}')),
-    'engine': Area('flexbt_core', (f'{TREES}/engine', f'{MACHINES}/engine'), (f'test/{TREES}', f'test/{MACHINES}')),
-    'nodes': Area('flexbt_core', (f'{TREES}/nodes',), (f'test/{TREES}', f'test/{MACHINES}')),
-    'commands': Area('flexbt_onboard', ('commands',), ('test/commands',)),
-    'stop': Area('flexbt_onboard', ('runs/stop_enforcer.py', 'runs/motion_stop.py'), ('test/runs', 'test/node')),
+    'model': Area('flexbt_core', tuple(f'{engine}/model' for engine in _ENGINES), _TESTS_OF_ENGINES),
+    'engine': Area('flexbt_core', tuple(f'{engine}/engine' for engine in _ENGINES), _TESTS_OF_ENGINES),
+    'nodes': Area('flexbt_core', ('behavior_tree/nodes',), _TESTS_OF_ENGINES),
+    'commands': Area('flexbt_onboard', ('commands',), ('flexbt_onboard/test/commands',)),
+    'stop': Area(
+        'flexbt_onboard',
+        ('runs/stop_enforcer.py', 'runs/motion_stop.py'),
+        ('flexbt_onboard/test/runs', 'flexbt_onboard/test/node'),
+    ),
 }
 
 
@@ -105,7 +114,8 @@ class Reach(NamedTuple):
 
 def reach(area: Area, copy: Path, deadline: float) -> Reach:
     """Run the tests of an area once under coverage. Files of tests that are not run in time reach nothing."""
-    files = sorted(file for name in area.tests for file in (copy / name).rglob('test_*.py'))
+    places = [copy / name for name in area.tests]
+    files = [file for place in places for file in ([place] if place.is_file() else sorted(place.rglob('test_*.py')))]
     with ThreadPoolExecutor(WORKERS) as pool:
         parts = list(pool.map(lambda file: _reach_of(area, copy, file, deadline), files))
     tests: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
@@ -124,8 +134,14 @@ def _reach_of(area: Area, copy: Path, file: Path, deadline: float) -> Reach:
     if left <= 0.0:
         return Reach({}, {})
     output = copy / f'{file.stem}.reach'
-    words = [sys.executable, __file__, '--measure', str(output), *(f'{area.package}/{name}' for name in area.files)]
-    environment = os.environ | {'PYTHONPATH': f'{copy}{os.pathsep}{os.environ["PYTHONPATH"]}'}
+    words = [
+        sys.executable,
+        __file__,
+        '--measure',
+        str(output),
+        *(str(Path(area.package, area.package, name)) for name in area.files),
+    ]
+    environment = _environment(copy / area.package)
     try:
         subprocess.run(
             [*words, *PYTEST, str(file)],
@@ -139,6 +155,11 @@ def _reach_of(area: Area, copy: Path, file: Path, deadline: float) -> Reach:
     except (subprocess.TimeoutExpired, OSError):
         return Reach({}, {})
     return Reach({name: {int(line): found for line, found in lines.items()} for name, lines in tests.items()}, seconds)
+
+
+def _environment(first: Path) -> dict[str, str]:
+    """Return the environment in which the packages in a directory are imported first."""
+    return os.environ | {'PYTHONPATH': f'{first}{os.pathsep}{os.environ["PYTHONPATH"]}'}
 
 
 class Measuring:
@@ -196,13 +217,13 @@ def measure(output: Path, names: list[str], words: list[str]) -> None:
 
 def mutants(area: Area, copy: Path, seed: int) -> Iterator[Mutant]:
     """Yield the changes of the files of an area, in an order by ``seed``."""
-    os.chdir(copy)  # mutmut reads its settings there
+    os.chdir(copy / area.package)  # mutmut reads its settings there
     from libcst import FunctionDef
     from mutmut.mutation.file_mutation import create_mutations
 
     found = []
     for name in area.files:
-        path = Path(area.package, name)
+        path = copy / area.package / area.package / name
         for file in sorted(path.rglob('*.py')) if path.is_dir() else [path]:
             before = file.read_text(encoding='utf-8')
             module, mutations, _, _ = create_mutations(str(file), before)
@@ -210,7 +231,7 @@ def mutants(area: Area, copy: Path, seed: int) -> Iterator[Mutant]:
                 function = one.contained_by_top_level_function
                 # What is done when a module is imported is done before any test.
                 if isinstance(function, FunctionDef) and function.name.value != '__init_subclass__':
-                    found.append((file, before, module, one))
+                    found.append((file.relative_to(copy), before, module, one))
     print(f'{len(found)} changes', flush=True)
     random.Random(seed).shuffle(found)
     for file, before, module, one in found:
@@ -219,18 +240,17 @@ def mutants(area: Area, copy: Path, seed: int) -> Iterator[Mutant]:
             yield Mutant(file, before, after)
 
 
-def try_out(mutant: Mutant, tests: list[str], seconds: float, copy: Path, number: int) -> str:
+def try_out(mutant: Mutant, tests: list[str], seconds: float, package: str, number: int) -> str:
     """Return ``noticed``, ``not noticed`` or ``undecided``."""
     own = OUTPUT / f'worker_{number}'
     changed = own / mutant.file
     changed.write_text(mutant.after, encoding='utf-8')
     limit = int(CPU_SECONDS + CPU_TIMES * seconds)
-    environment = os.environ | {'PYTHONPATH': f'{own}{os.pathsep}{os.environ["PYTHONPATH"]}'}
     limited = ['sh', '-c', 'ulimit -t "$0" && exec "$@"', str(limit)]
     process = subprocess.Popen(
         [*limited, sys.executable, '-m', 'pytest', '-x', *PYTEST, *tests],
         cwd=own,
-        env=environment,
+        env=_environment(own / package),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
@@ -252,9 +272,10 @@ def try_out(mutant: Mutant, tests: list[str], seconds: float, copy: Path, number
 
 def prepared(area: Area, deadline: float) -> tuple[Path, Reach]:
     """Return a copy of the package, and the tests that reach its lines: those of all areas with the same tests."""
-    name = '_'.join([area.package, *(Path(test).name for test in area.tests)])
-    copy = OUTPUT / name / area.package
-    sources = sorted((ROOT / area.package).rglob('*.py'))
+    name = '_'.join([area.package, *(Path(test).stem for test in area.tests)])
+    copy = OUTPUT / name
+    packages = sorted({area.package, *(Path(test).parts[0] for test in area.tests)})
+    sources = sorted(file for package in packages for file in (ROOT / package).rglob('*.py'))
     stamp = hashlib.sha256(b''.join(file.read_bytes() for file in sources)).hexdigest()
     kept = OUTPUT / f'{name}.json'
     if kept.exists():
@@ -263,7 +284,8 @@ def prepared(area: Area, deadline: float) -> tuple[Path, Reach]:
             by_line = {file: {int(line): found for line, found in lines.items()} for file, lines in tests.items()}
             return copy, Reach(by_line, seconds)
     shutil.rmtree(copy, ignore_errors=True)
-    shutil.copytree(ROOT / area.package, copy, ignore=shutil.ignore_patterns('__pycache__'))
+    for package in packages:
+        shutil.copytree(ROOT / package, copy / package, ignore=shutil.ignore_patterns('__pycache__'))
     alike = [one for one in AREAS.values() if (one.package, one.tests) == (area.package, area.tests)]
     files = tuple(file for one in alike for file in one.files)
     reached = reach(area._replace(files=files), copy, deadline)
@@ -306,7 +328,7 @@ def main() -> int:
             tests = reached.of(mutant)
             result = 'not reached'
             if tests:
-                result = try_out(mutant, tests, sum(map(reached.seconds.__getitem__, tests)), copy, number)
+                result = try_out(mutant, tests, sum(map(reached.seconds.__getitem__, tests)), area.package, number)
             results[result] += 1
             if result != 'noticed':
                 print(f'{result}: {len(tests)} tests\n{mutant.diff}\n', flush=True)
