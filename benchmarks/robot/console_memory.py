@@ -27,6 +27,7 @@ from _figures import write_figures
 from aiohttp import ClientSession
 
 from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.link.fleet_link import FleetLink
 from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
@@ -145,7 +146,7 @@ class Robot(RobotLink):
             self.mirror.receive_map(GridMap(200, 200, 0.05, 0.0, 0.0, bytes([int(now) % 100]) * 40_000))
 
 
-class Robots:
+class Robots(FleetLink):
     """The one robot, as the server of the page finds it."""
 
     def __init__(self, robot: Robot) -> None:

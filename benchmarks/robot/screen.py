@@ -24,6 +24,7 @@ from typing import Any
 from _figures import write_figures
 
 from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.link.fleet_link import FleetLink
 from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
@@ -87,7 +88,7 @@ class TimedScreen(OperatorScreen):
         self.displayed = self.displayed or time.perf_counter()
 
 
-class Robots:
+class Robots(FleetLink):
     """All of them, as the screen wants them."""
 
     def __init__(self, count: int, clock: SteadyClock) -> None:
@@ -97,7 +98,7 @@ class Robots:
         for name, robot in self.robots.items():
             self.fleet.add(name, robot.mirror)
 
-    def select(self, name: str) -> tuple[Mirror, Robot]:
+    def select(self, name: str) -> tuple[Mirror, Any]:
         """Go to a robot."""
         return self.robots[name].mirror, self.robots[name]
 

@@ -14,7 +14,7 @@ from flexbt_console.mirror.freshness import LOST_SECONDS
 from flexbt_core.values.text import did_you_mean, short_repr, truncate_middle
 
 from .registry import COMMANDS, find
-from .spec import CommandLine, CommandSpec, Option, Read, robot_names, seconds
+from .spec import NO_COMMAND, CommandLine, CommandSpec, Option, Read, robot_names, seconds
 
 COMMON_OPTIONS: Final = (
     Option('--json', 'print JSON for programs: one object, or one a line for watch'),
@@ -51,7 +51,7 @@ def parse(words: Sequence[str]) -> CommandLine:
         UsageError: unknown command or option, a missing value, too few or too many words.
     """
     own, ros_arguments = _split_ros_arguments(words)
-    spec: CommandSpec | None = None
+    spec = NO_COMMAND
     positional: list[str] = []
     options: dict[str, list[str]] = {}
     rest = list(own)
@@ -64,13 +64,12 @@ def parse(words: Sequence[str]) -> CommandLine:
             word = '--help'
         if word.startswith('-') and len(word) > 1 and not _NUMBER.match(word):
             _take_option(word, rest, spec, options)
-        elif spec is None:
+        elif spec is NO_COMMAND:
             spec = _find(word)
         else:
             positional.append(word)
-    words_of_command = tuple(positional) if spec is None else spec.joined(positional)
-    line = CommandLine(spec, words_of_command, options, ros_arguments)
-    if spec is not None and not line.has('--help'):
+    line = CommandLine(spec, spec.joined(positional), options, ros_arguments)
+    if spec is not NO_COMMAND and not line.has('--help'):
         least = sum(argument.required for argument in spec.arguments)
         most = math.inf if any(argument.repeated for argument in spec.arguments) else len(spec.arguments)
         if not least <= len(line.words) <= most:
@@ -84,7 +83,6 @@ def check(line: CommandLine) -> None:
     Raises:
         UsageError: one is not written as it has to be.
     """
-    assert line.spec is not None
     for option in COMMON_OPTIONS + line.spec.options:
         for value in line.values(option.name) if option.read is not None else ():
             _read(option.read, value, f'{option.name} ')
@@ -119,12 +117,12 @@ def _find(name: str) -> CommandSpec:
     return spec
 
 
-def _take_option(word: str, rest: list[str], spec: CommandSpec | None, options: dict[str, list[str]]) -> None:
+def _take_option(word: str, rest: list[str], spec: CommandSpec, options: dict[str, list[str]]) -> None:
     name, equals, value = word.partition('=')
-    known: tuple[Option, ...] = COMMON_OPTIONS + (spec.options if spec else ())
+    known: tuple[Option, ...] = COMMON_OPTIONS + spec.options
     option = next((option for option in known if option.name == name), None)
     if option is None:
-        where = f'"{spec.name}" has' if spec else 'there is'
+        where = f'"{spec.name}" has' if spec.name else 'there is'
         near = did_you_mean(name, [option.name for option in known], '')
         raise UsageError(f'{where} no option {truncate_middle(name)} here{near}')
     if name in options and not option.repeated:

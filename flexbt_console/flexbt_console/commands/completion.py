@@ -13,7 +13,7 @@ from flexbt_console.mirror.view import View
 
 from .command_line import COMMON_OPTIONS
 from .registry import COMMANDS, find
-from .spec import CommandSpec, Option, Typed, short_answers
+from .spec import NO_COMMAND, CommandSpec, Option, Typed, short_answers
 
 BUILT_IN = ('help', 'quit')
 """Commands of the prompt itself."""
@@ -69,11 +69,9 @@ def _words(before: list[str], last: str, view: View) -> Iterable[str]:
     if before[0] == 'help':
         return names
     spec = find(before[0])
-    return _after(spec, before[1:], last, view) if spec is not None and spec.in_prompt else ()
-
-
-def _after(spec: CommandSpec, given: list[str], last: str, view: View) -> Iterable[str]:
-    return next_words(spec, given, last, spec.prompt_options, view)[0]
+    if spec is None or not spec.in_prompt:
+        return ()
+    return next_words(spec, before[1:], last, spec.prompt_options, view)[0]
 
 
 def next_words(
@@ -140,7 +138,7 @@ class ShellLine(NamedTuple):
     is written, and how much of it stands before the quote that is open in it (None where none is); and the namespace
     that is named in the line."""
 
-    spec: CommandSpec | None
+    spec: CommandSpec
     given: list[str]
     last: str
     written: str
@@ -177,8 +175,8 @@ def read_line(text: str) -> ShellLine | None:
     written = re.split(r'(?<!\\)\s', text)[-1]
     namespaces = [after for word, after in pairwise(before) if word == '--namespace']
     namespaces += [word.partition('=')[2] for word in before if word.startswith('--namespace=')]
-    spec = find(before[name]) if name is not None else None
-    if name is not None and spec is None:
+    spec = find(before[name]) if name is not None else NO_COMMAND
+    if spec is None:
         return None
     given = before if name is None else before[:name] + before[name + 1 :]
     unquoted = _before_quote(text, end) if end else None
@@ -187,8 +185,7 @@ def read_line(text: str) -> ShellLine | None:
 
 def shell_words(line: ShellLine, view: View, robots: tuple[str, ...] = ()) -> tuple[list[str], bool]:
     """Return the words that the one at the cursor may become, and whether more of them may be known to the robot."""
-    spec = line.spec or CommandSpec('', '', COMMANDS[0].action)
-    known = (*spec.options, *COMMON_OPTIONS)
+    spec, known = line.spec, (*line.spec.options, *COMMON_OPTIONS)
     option, equals, value = line.last.partition('=')
     if equals and option.startswith('--'):
         found, asks = next_words(spec, [option], value, known, view, robots)
@@ -196,7 +193,7 @@ def shell_words(line: ShellLine, view: View, robots: tuple[str, ...] = ()) -> tu
     else:
         found, asks = next_words(spec, line.given, line.last, known, view, robots)
         words = list(found)
-        if line.spec is None and not line.names_robot:
+        if spec is NO_COMMAND and not line.names_robot:
             words += [one.name for one in COMMANDS]
     fitting = [word for word in dict.fromkeys(words) if word.startswith(line.last) and word.isprintable()]
     return fitting, asks

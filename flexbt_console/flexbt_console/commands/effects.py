@@ -55,7 +55,6 @@ def to_requester(kind: CommandKind) -> Send:
 def check_input(line: CommandLine) -> None:
     """Raise UsageError: neither a value, nor that it is declined."""
     if not line.has('--decline') and not line.words:
-        assert line.spec is not None
         raise UsageError(f'usage: {line.spec.usage}')
 
 
@@ -238,22 +237,20 @@ def map_of_robot(line: CommandLine, inquiry: Inquiry) -> Reading:
     wants_scan = line.has('--scan')
 
     def has_arrived(view: View) -> bool:
-        around, snapshot = view.drawn, view.snapshot
-        drives = snapshot is not None and any(state.progress is not None for state in snapshot.active_states)
-        wanted = (around.map, around.plan or not drives, around.scan or not wants_scan)
+        around = view.drawn
+        wanted = (around.map, around.plan or not view.drives, around.scan or not wants_scan)
         has_subject = view.decision is None or not view.lacks(view.decision)
         return view.has_places and has_subject and all(wanted)
 
     view = inquiry.robot.surroundings(
         has_arrived, min(inquiry.timeout, SURROUNDINGS_SECONDS), SCAN_PERIOD if wants_scan else 0.0
     )
-    around, pose = view.drawn, view.snapshot.robot_pose if view.snapshot else None
-    if around.map is None and pose is None:
+    if view.drawn.map is None and view.robot_pose is None:
         raise NoAnswerError('neither a map nor the pose of the robot has arrived')
     value = map_json(view)
     if line.has('--png'):
         file = Path(line.value('--png'))
-        save_map(file, around, pose, view.places)
+        save_map(file, view)
         return Reading({**value, 'file': str(file)}, [f'the map is in {one_line(str(file))}'])
     return Reading(value, map_lines(view, map_size(line.value('--size'))))
 
@@ -282,7 +279,7 @@ def synthesis(line: CommandLine, inquiry: Inquiry) -> Reading:
 
 def check_synthesis(line: CommandLine) -> None:
     if line.has('--cancel'):
-        own = {option.name for option in line.spec.options} if line.spec is not None else set()
+        own = {option.name for option in line.spec.options}
         if line.words or own & line.options.keys() != {'--cancel'}:
             raise UsageError('--cancel takes no other words: it ends the running synthesis')
     elif line.has('--file') == bool(line.words):

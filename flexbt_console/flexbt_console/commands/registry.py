@@ -68,6 +68,10 @@ _ROBOT = Option(
     repeated=True,
     values=spec.robot_names,
 )
+_BEHAVIOR = (
+    Argument('NAME', spaced=True, values=spec.behaviors),
+    Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
+)
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
     '--wait-timeout', 'stop waiting after this time (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
@@ -172,10 +176,7 @@ COMMANDS: Final = (
         'start',
         'start a behavior',
         effects.START,
-        (
-            Argument('NAME', spaced=True, values=spec.behaviors),
-            Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
-        ),
+        _BEHAVIOR,
         (
             Option(
                 '--autonomy',
@@ -325,10 +326,7 @@ COMMANDS: Final = (
         'switch',
         'switch to another behavior, keeping the active states',
         effects.SWITCH,
-        (
-            Argument('NAME', spaced=True, values=spec.behaviors),
-            Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
-        ),
+        _BEHAVIOR,
         (_UNSEEN_MACHINE,),
         details=('The other behavior must have the active states at the same paths. A refusal lists those it lacks.',),
         needs=(Part.BEHAVIORS,),
@@ -480,6 +478,6 @@ def build(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCom
         UsageError: it is not written as it has to be.
         RefusedError: it cannot work now.
     """
-    assert line.spec is not None and isinstance(line.spec.action, Send)
+    assert isinstance(line.spec.action, Send)
     command = line.spec.action.build(line, view, builder)
     return replace(command, reason=line.value(_REASON.name))

@@ -162,7 +162,8 @@ class Ask(NamedTuple):
 
 
 class Mode(Enum):
-    """A command that is a mode of the console and runs until it is interrupted. In line mode only."""
+    """A command that is a mode of the console and runs until it is interrupted. In line mode only. DEFAULT: the screen
+    or the prompt, for a line without a command."""
 
     WATCH = 'watch'
     PROMPT = 'prompt'
@@ -171,6 +172,7 @@ class Mode(Enum):
     ROBOTS = 'robots'
     REPLAY = 'replay'
     COMPLETION = 'completion'
+    DEFAULT = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +251,9 @@ class CommandSpec:
         return found
 
 
+NO_COMMAND: Final = CommandSpec('', '', Mode.DEFAULT)
+"""The command of a line that names none."""
+
 DECISION: Final = '--decision'
 """The option by which a line names the decision that it answers."""
 
@@ -260,7 +265,7 @@ UNSEEN: Final = '--unseen'
 class CommandLine:
     """A command with its words. ``ros_arguments`` are those for ROS, ``--ros-args`` included."""
 
-    spec: CommandSpec | None
+    spec: CommandSpec = NO_COMMAND
     words: tuple[str, ...] = ()
     options: dict[str, list[str]] = field(default_factory=dict)
     ros_arguments: tuple[str, ...] = ()

@@ -21,7 +21,6 @@ from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
 
 from .operator_link import ExecutiveLink
-from .robot_link import RobotLink
 
 MOST_ROBOTS: Final = 64
 """Maximum number of robots that are joined without being named or opened."""
@@ -85,7 +84,7 @@ class FleetLink:
         if not only:
             runtime.call(self._look)
 
-    def robot(self, name: str) -> tuple[Mirror, RobotLink]:
+    def robot(self, name: str) -> tuple[Mirror, ExecutiveLink]:
         """Return the mirror and the link of a robot. Raises KeyError when it is not known."""
         link = self._joined[name]
         return link.mirror, link
@@ -105,7 +104,7 @@ class FleetLink:
         """See :meth:`open`."""
         self._joined[name].close_surroundings()
 
-    def select(self, name: str) -> tuple[Mirror, RobotLink]:
+    def select(self, name: str) -> tuple[Mirror, ExecutiveLink]:
         """Have one robot open, instead of the one before, and give it. Raises as :meth:`robot`."""
         self.open(name)
         if self._selected:

@@ -72,6 +72,16 @@ class View:
         )
 
     @property
+    def robot_pose(self) -> FramedPose | None:
+        """The pose of the robot, None if it is not known."""
+        return self.snapshot.robot_pose if self.snapshot else None
+
+    @property
+    def drives(self) -> bool:
+        """True if an active state reports the progress of a drive."""
+        return self.snapshot is not None and any(state.progress is not None for state in self.snapshot.active_states)
+
+    @property
     def running_trees(self) -> list[MirroredTree]:
         """The trees that run for the active states, in their order, or all that run when no state names its own.
 
@@ -134,8 +144,7 @@ class View:
         goal = next((value.pose for value in sorted(poses, key=lambda value: value.key != 'goal')), None)
         if paths or goal is not None:
             return replace(around, plan=paths[0].points if paths else (), at=None if goal is None else (goal.x, goal.y))
-        drives = self.snapshot is not None and any(state.progress is not None for state in self.snapshot.active_states)
-        return around if drives and not self.lacks(decision) else replace(around, plan=())
+        return around if self.drives and not self.lacks(decision) else replace(around, plan=())
 
     def turned_to(self, decision_id: str) -> View:
         """Return the same picture with that decision before those that have waited longer, if it is pending."""

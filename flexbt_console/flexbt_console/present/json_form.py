@@ -83,7 +83,7 @@ def map_json(view: View) -> dict[str, Any]:
     around = view.drawn
     return {
         'map': fields_of(around.map, 'cells') if around.map is not None else None,
-        'robot': view.snapshot.robot_pose if view.snapshot else None,
+        'robot': view.robot_pose,
         'goal': around.goal,
         'lacks': view.lacks(view.decision) if view.decision is not None else '',
         'plan': around.plan,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from flexbt_console.errors import UsageError
-from flexbt_console.mirror.records import OCCUPIED, FramedPose, GridMap, Surroundings
+from flexbt_console.mirror.records import OCCUPIED, GridMap
 from flexbt_console.mirror.view import View
 from flexbt_core.values.text import one_line, truncate_middle
 
@@ -93,14 +93,13 @@ class Frame:
         return self.x + (2 * column + 1) * self.step, self.y + (4 * (self.rows - row) - 2) * self.step
 
 
-def frame_for(
-    around: Surroundings, robot: FramedPose | None, places: Mapping[str, FramedPose], columns: int, rows: int
-) -> Frame:
+def frame_for(view: View, columns: int, rows: int) -> Frame:
     """Return the smallest frame that shows all of the map, or all that is drawn where there is none."""
+    around, robot = view.drawn, view.robot_pose
     if around.map is not None:
         (left, bottom), (width, height) = (around.map.x, around.map.y), around.map.size
     else:
-        poses = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
+        poses = [(pose.x, pose.y) for pose in (*view.places.values(), *([robot] if robot else []))]
         points = [*poses, *around.plan, *around.driven, *around.scan] or [(0.0, 0.0)]
         left, bottom = (min(one[axis] for one in points) - _MARGIN for axis in (0, 1))
         width, height = (max(one[axis] for one in points) + _MARGIN - low for axis, low in ((0, left), (1, bottom)))
@@ -117,18 +116,11 @@ class MapCanvas:
         self._signs = signs
         self._walls: tuple[GridMap, Frame, frozenset[tuple[int, int]]] | None = None
 
-    def draw(
-        self,
-        around: Surroundings,
-        robot: FramedPose | None,
-        places: Mapping[str, FramedPose],
-        cursor: Point | None,
-        columns: int,
-        rows: int,
-    ) -> tuple[Frame, list[list[Cell]]]:
+    def draw(self, view: View, cursor: Point | None, columns: int, rows: int) -> tuple[Frame, list[list[Cell]]]:
         """Return the frame, and its characters row by row from the top. Points of a scan that are on the map already
         are left out."""
-        frame = frame_for(around, robot, places, columns, rows)
+        around, robot, places = view.drawn, view.robot_pose, view.places
+        frame = frame_for(view, columns, rows)
         dots: dict[tuple[int, int], Layer] = {}
         walls = self._walls_of(around.map, frame) if around.map is not None else frozenset()
         dots.update(dict.fromkeys(walls, Layer.WALL))
@@ -213,9 +205,8 @@ def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) 
 def map_lines(view: View, size: tuple[int, int]) -> list[str]:
     """Return the map of this many columns and rows, in lines; the last ones show the pose of the robot, and the
     legend."""
-    signs, robot = glyphs(), view.snapshot.robot_pose if view.snapshot else None
-    columns, rows = size[0], max(1, size[1] - 2)
-    _, cells = MapCanvas(signs).draw(view.drawn, robot, view.places, None, columns, rows)
+    signs, columns, rows = glyphs(), size[0], max(1, size[1] - 2)
+    _, cells = MapCanvas(signs).draw(view, None, columns, rows)
     legend = f'{signs.robot[0]} robot  {signs.goal} goal  {signs.place} place  {_MET} met by the lidar'
     drawn = [''.join(sign for sign, _ in row).rstrip() for row in cells]
     return [*drawn, *(cut(line, columns) for line in (where_text(view), legend))]
@@ -223,7 +214,7 @@ def map_lines(view: View, size: tuple[int, int]) -> list[str]:
 
 def where_text(view: View) -> str:
     """Return where the robot is, and how long its plan is."""
-    robot = view.snapshot.robot_pose if view.snapshot else None
+    robot = view.robot_pose
     blind = blind_text(view.snapshot) if view.snapshot else ''
     where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else blind or 'pose unknown'
     if view.decision is not None and (lacking := view.lacks(view.decision)):
@@ -286,11 +277,12 @@ _GOAL: Final = '#cc1177'
 _ROBOT: Final = '#008a5e'
 
 
-def map_image(around: Surroundings, robot: FramedPose | None, places: Mapping[str, FramedPose]) -> Image:
+def map_image(view: View) -> Image:
     """Return the map, its longer side of :data:`PIXELS`."""
     from PIL import Image, ImageDraw, ImageFont  # what only an image needs
 
-    wide = frame_for(around, robot, places, PIXELS // 2, PIXELS // 4)
+    around, robot, places = view.drawn, view.robot_pose, view.places
+    wide = frame_for(view, PIXELS // 2, PIXELS // 4)
     pad = (PIXELS - _extent(around.map, wide, 0)) // 2, (PIXELS - _extent(around.map, wide, 1)) // 2
     image = Image.new('RGB', (PIXELS, PIXELS), '#cdcdcd')
     if around.map is not None:
@@ -321,13 +313,13 @@ def map_image(around: Surroundings, robot: FramedPose | None, places: Mapping[st
     return image.crop((pad[0], pad[1], PIXELS - pad[0], PIXELS - pad[1]))
 
 
-def save_map(file: Path, around: Surroundings, robot: FramedPose | None, places: Mapping[str, FramedPose]) -> None:
+def save_map(file: Path, view: View) -> None:
     """Write the map as PNG, whatever the name of the file ends with.
 
     Raises:
         UsageError: the file cannot be written.
     """
-    image = map_image(around, robot, places)
+    image = map_image(view)
     try:
         image.save(file, 'PNG')
     except OSError as error:

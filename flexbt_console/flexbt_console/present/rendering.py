@@ -203,18 +203,15 @@ def asked_text(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
         return f'{where} asks for a value ({form}){prompt}'
     if pending.kind is DecisionKind.TRANSITION:
         has_breakpoint = pending.path in snapshot.breakpoints
-        needs = f' ({"breakpoint" if has_breakpoint else _required(pending.required_autonomy)})'
-        return f'{where} wants {one_line(pending.outcome)}{needs}{prompt}'
+        level = pending.required_autonomy
+        needs = 'breakpoint' if has_breakpoint else autonomy_needed(level) if level >= 0 else 'your decision'
+        return f'{where} wants {one_line(pending.outcome)} ({needs}){prompt}'
     return f'{one_line(pending.prompt)} ({where})' if pending.prompt else f'{where}: choose an outcome'
 
 
 def autonomy_needed(level: int) -> str:
     """Return the level of autonomy at which a transition that requires ``level`` needs no operator."""
     return 'always asks' if level >= AutonomyLevel.FULL else f'auto at {AutonomyLevel(level + 1).name.capitalize()}'
-
-
-def _required(level: int) -> str:
-    return autonomy_needed(level) if level >= 0 else 'your decision'
 
 
 def reason_lines(pending: Decision, view: View) -> list[str]:

@@ -21,6 +21,7 @@ from flexbt_common.lifecycle.presence import PresenceWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_common.values.value_types import resolve_type
+from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import pluralize
 
 from .run_file import MOST_WAITING, RunWriter
@@ -110,19 +111,18 @@ class Recorder:
 
     def _callback_of(self, topic: str) -> Callable[[bytes, Mapping[str, int]], None]:
         due, kept = -math.inf, TOPICS[topic]
-        left, at = float(TOPIC_BURST), self._runtime.steady.now()
+        bucket = TokenBucket(TOPIC_RATE, TOPIC_BURST, self._runtime.steady.now)
 
         def on_message(data: bytes, info: Mapping[str, int]) -> None:
-            nonlocal due, left, at
+            nonlocal due
             now = self._runtime.steady.now()
             if self._is_full or now < due or len(data) > kept.bytes:
                 return
             due = now + kept.period
-            left, at = min(TOPIC_BURST, left + (now - at) * TOPIC_RATE), now
-            if left <= 0.0:
+            if bucket.left <= 0.0:
                 self._report_left_out(topic)
                 return
-            left -= len(data)
+            bucket.take(len(data))
             try:
                 self._writer.add(topic, bytes(data), time.time_ns(), info['source_timestamp'])
             except OSError as error:

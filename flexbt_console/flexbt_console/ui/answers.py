@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import COMMON_OPTIONS, check, parse
 from flexbt_console.commands.registry import COMMANDS, build, find
-from flexbt_console.commands.spec import DECISION, CommandLine, LinkNeed, Send, Show
+from flexbt_console.commands.spec import DECISION, NO_COMMAND, CommandLine, LinkNeed, Send, Show
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.records import CommandKind, Decision, DecisionKind, OperatorCommand
 from flexbt_console.mirror.view import View
@@ -41,7 +41,7 @@ class Meaning:
     local: Local = Local.NOTHING
     command: OperatorCommand | None = None
     label: str = ''
-    line: CommandLine | None = None
+    line: CommandLine = field(default_factory=CommandLine)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +83,8 @@ def interpret(text: str, view: View, builder: CommandBuilder, bound: Bound) -> M
     if name in ('quit', 'exit'):
         return Meaning(Local.QUIT)
     if name in ('help', '?'):
-        topic = find(words[1]) if len(words) > 1 else None
-        if topic is None and len(words) > 1:
+        topic = find(words[1]) if len(words) > 1 else NO_COMMAND
+        if topic is None:
             raise UsageError(_no_command(words[1]))
         return Meaning(Local.HELP, line=CommandLine(topic))
     spec = find(name)
@@ -99,7 +99,6 @@ def interpret(text: str, view: View, builder: CommandBuilder, bound: Bound) -> M
 
 def _command(line: CommandLine, view: View, builder: CommandBuilder, bound: Bound) -> Meaning:
     spec = line.spec
-    assert spec is not None
     if line.has('--help'):
         return Meaning(Local.HELP, line=line)
     shell_only = [option.name for option in spec.options if not option.in_prompt and line.has(option.name)]
@@ -120,7 +119,6 @@ def meaning_of(line: CommandLine, view: View, builder: CommandBuilder, label: st
     Raises:
         ConsoleError: it cannot work now; nothing is sent.
     """
-    assert line.spec is not None
     if isinstance(line.spec.action, Send):
         return Meaning(command=build(line, view, builder), label=label)
     return Meaning(Local.READ, line=line)
@@ -128,7 +126,7 @@ def meaning_of(line: CommandLine, view: View, builder: CommandBuilder, label: st
 
 def _bind(line: CommandLine, view: View, bound: Bound) -> CommandLine:
     """Return the line with the decision that it answers named in it."""
-    assert line.spec is not None and isinstance(line.spec.action, Send)
+    assert isinstance(line.spec.action, Send)
     answers = line.spec.action.answers
     if answers is None or line.has(DECISION) or answers.names_its_own(line, view):
         return line

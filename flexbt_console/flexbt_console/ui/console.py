@@ -12,11 +12,11 @@ import importlib.util
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from flexbt_common.command_line import (
     abandon_stdout,
@@ -31,7 +31,7 @@ from flexbt_console.commands.completion import ShellLine, as_typed, completion_s
 from flexbt_console.commands.effects import SCAN_PERIOD
 from flexbt_console.commands.operator_values import full_namespace, load_places, port_number
 from flexbt_console.commands.registry import find
-from flexbt_console.commands.spec import CommandLine, Mode
+from flexbt_console.commands.spec import NO_COMMAND, CommandLine, Mode
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.freshness import LOST_SECONDS, LinkState
@@ -83,31 +83,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Has to be called on the main thread: it handles SIGINT and SIGTERM.
     """
     make_streams_safe()
-    line: CommandLine | None = None
+    line = CommandLine()
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         _raise_at_signals()
         line = parse(words)
         if line.has('--help'):
-            print(overview() if line.spec is None else command_help(line.spec))
+            print(overview() if line.spec is NO_COMMAND else command_help(line.spec))
             _flush()
             return ExitCode.OK
-        if line.spec is None:
+        if line.spec is NO_COMMAND:
             if not sys.stdin.isatty():
                 print(overview(), file=sys.stderr)
                 return ExitCode.USAGE
-            line = replace(line, spec=find('screen' if _can_show_screen() else 'prompt'))
+            # This terminal has to be able to place its cursor.
+            can_show = _is_installed(_INTERACTIVE[Mode.SCREEN]) and os.environ.get('TERM', 'dumb') != 'dumb'
+            line = replace(line, spec=find('screen' if can_show else 'prompt') or NO_COMMAND)
         check(line)
         code = _run(line)
         _flush()
         return code
     except ConsoleError as error:
-        return _report(words, line, error.exit_code, str(error))
+        return _report(words, line.spec.name, error.exit_code, str(error))
     except (_Interrupted, RuntimeError) as error:
         # A caller that waited for a lock when the signal arrived has lost it, and raises a RuntimeError.
         if not any(isinstance(one, _Interrupted) for one in (error, error.__context__)):
             raise
-        endless = line is not None and line.spec is not None and isinstance(line.spec.action, Mode)
+        endless = line.spec is not NO_COMMAND and isinstance(line.spec.action, Mode)
         return ExitCode.OK if endless else ExitCode.INTERRUPTED
     except BrokenPipeError:
         abandon_stdout()
@@ -116,11 +118,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not report_full_output('console', error):
             raise
         return ExitCode.FAULT
-
-
-def _can_show_screen() -> bool:
-    """Return whether the library of the screen is installed, and this terminal can place its cursor."""
-    return _is_installed(_INTERACTIVE[Mode.SCREEN]) and os.environ.get('TERM', 'dumb') != 'dumb'
 
 
 def _is_installed(library: str) -> bool:
@@ -137,19 +134,14 @@ def _flush() -> None:
 
 
 def _run(line: CommandLine) -> ExitCode:
-    if line.spec is not None and line.spec.action is Mode.WEB:
-        return _run_web(line)
-    if line.spec is not None and line.spec.action is Mode.REPLAY:
-        return _run_replay(line)
-    if line.spec is not None and line.spec.action is Mode.COMPLETION:
-        return _complete(line)
-    if line.spec is not None and line.spec.action in _INTERACTIVE:
-        return _run_interactive(line, _INTERACTIVE[line.spec.action])
+    action = line.spec.action
+    if isinstance(action, Mode) and (run := _RUNS.get(action)):
+        return run(line)
     from flexbt_console.ui.line.line_mode import LineMode, list_robots
 
     keep_stdout_for_python()
     with _open_runtime(line) as runtime:
-        if line.spec is not None and line.spec.action is Mode.ROBOTS:  # an observer is not present anywhere
+        if action is Mode.ROBOTS:  # an observer is not present anywhere
             fleet = _fleet(line, runtime, None).fleet
             return list_robots(fleet, runtime.steady, _timeout(line), as_json=line.has('--json'))
         mirror, link = _parts(line, runtime)
@@ -175,7 +167,7 @@ def _complete(line: CommandLine) -> ExitCode:
 def _known_of_robots(typed: ShellLine) -> tuple[View, tuple[str, ...]]:
     """Return the picture of the robot that a line is for, or which robots there are, if its name is what is typed."""
     named = {'--namespace': [typed.namespace]} if typed.namespace and not typed.names_robot else {}
-    line = CommandLine(None, options={**named, '--observer': []})
+    line = CommandLine(options={**named, '--observer': []})
 
     def is_known(view: View) -> bool | None:
         is_idle = view.snapshot is not None and not view.snapshot.run_id
@@ -193,8 +185,9 @@ def _known_of_robots(typed: ShellLine) -> tuple[View, tuple[str, ...]]:
         return mirror.view(), ()
 
 
-def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
-    assert line.spec is not None
+def _run_interactive(line: CommandLine) -> ExitCode:
+    assert isinstance(line.spec.action, Mode)
+    needs = _INTERACTIVE[line.spec.action]
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError(f'the interactive {line.spec.name} needs a terminal; use a command, see console --help')
     if not _is_installed(needs):
@@ -265,6 +258,15 @@ def _run_web(line: CommandLine) -> ExitCode:
         server = WebServer(_fleet(line, runtime, operator, list(only)), station, access)
         run_web(server.application(), access, _port(line), print_address)
         return ExitCode.OK
+
+
+_RUNS: Final[Mapping[Mode, Callable[[CommandLine], ExitCode]]] = {
+    Mode.WEB: _run_web,
+    Mode.REPLAY: _run_replay,
+    Mode.COMPLETION: _complete,
+    Mode.PROMPT: _run_interactive,
+    Mode.SCREEN: _run_interactive,
+}
 
 
 def _port(line: CommandLine) -> int:
@@ -390,7 +392,7 @@ def operator_name(line: CommandLine) -> str:
 
 
 def _place(line: CommandLine) -> str:
-    if line.spec is not None and line.spec.action is Mode.WEB:
+    if line.spec.action is Mode.WEB:
         port = _port(line)
         return 'page' if port == DEFAULT_PORT else f'page{port or os.getpid()}'
     for descriptor in range(3):
@@ -399,8 +401,7 @@ def _place(line: CommandLine) -> str:
     return ''
 
 
-def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, reason: str) -> int:
-    name = line.spec.name if line is not None and line.spec is not None else ''
+def _report(words: list[str], name: str, exit_code: ExitCode, reason: str) -> int:
     if {'--json', '--jsonl'} & set(words):
         print(encode_json(failure_json(name, exit_code, reason)))
     else:

@@ -26,6 +26,7 @@ Written = Callable[[View, str | None], list[str]]
 class KeyBinding:
     """A key, or several, by what is shown of them. ``action`` is its name, for the screen where it has no ``lines``:
     its ``label``, if nothing else is given. ``keys`` have Textual's names: by default the one that is shown.
+    ``begins``: it opens the line that is typed, with this text.
 
     ``sends``: it sends a command that needs a live link, and the authority if an operator has it. ``rank``: 1 has a
     place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs`` it now.
@@ -36,6 +37,7 @@ class KeyBinding:
     help: str
     action: str = ''
     keys: tuple[str, ...] = ()
+    begins: str | None = None
     blocked: Possible = lambda view: ''
     lines: Written | None = None
     rank: int = 1
@@ -74,8 +76,8 @@ class KeyBinding:
 
 def has_map(view: View) -> bool:
     """Return whether there is anything to draw on a map."""
-    around, robot = view.drawn, view.snapshot.robot_pose if view.snapshot else None
-    return bool(around.map or around.plan or around.driven or robot or view.places)
+    around = view.drawn
+    return bool(around.map or around.plan or around.driven or view.robot_pose or view.places)
 
 
 def _runs(view: View) -> str:
@@ -285,7 +287,9 @@ KEYS: Final = (
         rank=3,
         needs=_is_held_or_asked_for,
     ),
-    KeyBinding(':', 'command', 'Type any command; Tab completes, Esc cancels', 'command_line', keys=('colon',)),
+    KeyBinding(
+        ':', 'command', 'Type any command; Tab completes, Esc cancels', 'command_line', keys=('colon',), begins=''
+    ),
     KeyBinding('?', 'keys', 'Show the keys and the commands', 'help', keys=('question_mark', 'f1')),
     KeyBinding('Tab', 'focus', 'Focus the next pane (PgUp, PgDn and z then act on it)', keys=('tab',), rank=3),
     KeyBinding(
@@ -304,7 +308,7 @@ KEYS: Final = (
     KeyBinding(
         'u', 'userdata', 'Show the data that states pass to each other', blocked=_runs, lines=_line('userdata'), rank=3
     ),
-    KeyBinding('n', 'note', 'Write a note to the log', rank=3),
+    KeyBinding('n', 'note', 'Write a note to the log', begins='note ', rank=3),
 )
 
 SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state wants'))

@@ -55,20 +55,17 @@ class Station:
         Raises:
             ConsoleError: what is to be shown has not arrived.
         """
-        line = meaning.line
+        line, spec = meaning.line, meaning.line.spec
         if meaning.command is not None:
             command = self.attention.measured(meaning.command)
             self.link.send(command, self.timeout, meaning.label)
             return command
-        spec = line.spec if line is not None else None
         if meaning.local is Local.HELP:
-            text = prompt_help(self.leaving) if spec is None else prompt_command_help(spec)
+            text = prompt_command_help(spec) if spec.name else prompt_help(self.leaving)
             return Reading(None, text, title='help')
-        if line is None or spec is None:
-            return None
         if isinstance(spec.action, Show):
             return spec.action.show(line, view, self.mirror)._replace(title=spec.name)
-        return RobotRequest(line, self.timeout)
+        return RobotRequest(line, self.timeout) if isinstance(spec.action, Ask) else None
 
 
 class RobotRequest(NamedTuple):
@@ -84,7 +81,7 @@ class RobotRequest(NamedTuple):
             ConsoleError: there is no answer.
         """
         spec = self.line.spec
-        assert spec is not None and isinstance(spec.action, Ask)
+        assert isinstance(spec.action, Ask)
         reading = spec.action.ask(self.line, Inquiry(robot, self.timeout, tell, left))
         return reading._replace(title=spec.name, is_map=spec.action.is_map)
 

@@ -232,7 +232,7 @@ def test_a_machine_that_was_synthesized_is_shown_before_it_is_started(mirror: Mi
     assert line(f'{word} Look there', mirror.view(), make).kind is kind
     assert parts_of(mirror.view(), 'ann')['behaviors'][0]['machine'] == MACHINE.rstrip()
     one = parse(['behaviors', 'Look', 'there'])
-    assert one.spec is not None and isinstance(one.spec.action, Show)
+    assert isinstance(one.spec.action, Show)
     assert one.spec.action.show(one, mirror.view(), mirror).text[1:] == [f'    {row}' for row in MACHINE.splitlines()]
     assert behaviors_lines((made,))[1:] == ['    machine of 3 lines: behaviors Look there']
 

@@ -73,7 +73,7 @@ def shown(seen: SeenRobot, *words: str) -> Reading:
     """Return the answer of a command."""
     line = parse(words)
     check(line)
-    assert line.spec is not None and isinstance(line.spec.action, Ask)
+    assert isinstance(line.spec.action, Ask)
     return line.spec.action.ask(line, Inquiry(seen, 5.0, print))
 
 
@@ -162,13 +162,19 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
             shown(robot(), 'map', '--png', str(file))
 
 
+def seen(grid: GridMap, pose: FramedPose | None, places: dict[str, FramedPose]) -> View:
+    """Return the picture of a robot on a map."""
+    snapshot = ExecutiveSnapshot('e', 1, robot_pose=pose)
+    return View(LinkState.LIVE, 0.1, snapshot=snapshot, places=places, surroundings=Surroundings(map=grid))
+
+
 def test_names_of_places_cover_neither_each_other_nor_their_signs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('FLEXBT_ASCII', '1')
     names = {'alpha_dock': 1.0, 'archive_door': 1.9, 'beta_dock': 2.6, 'lobby': 3.4}
     places = {name: FramedPose(x, 1.0) for name, x in names.items()}
     grid = GridMap(80, 40, 0.05, 0.0, 0.0, bytes(3200))
     for columns in (24, 32, 60):
-        _, cells = MapCanvas(ASCII).draw(Surroundings(map=grid), None, places, None, columns, 12)
+        _, cells = MapCanvas(ASCII).draw(seen(grid, None, places), None, columns, 12)
         drawn = [''.join(sign for sign, _ in row) for row in cells]
         assert sum(line.count('@') for line in drawn) == 4
         words = [word for line in drawn for word in line.replace('@', ' ').split()]
@@ -181,7 +187,7 @@ def test_a_wide_name_takes_its_cells_and_what_is_drawn_over_half_of_a_character_
     for robot_x, expected in ((None, '◦厨房 '), (2.15, '◦→ 房'), (2.25, '◦ →房')):
         pose = FramedPose(robot_x, 1.0) if robot_x is not None else None
         places = {'厨房': FramedPose(2.0, 1.0)}
-        _, cells = MapCanvas(UNICODE).draw(Surroundings(map=grid), pose, places, None, 40, 10)
+        _, cells = MapCanvas(UNICODE).draw(seen(grid, pose, places), None, 40, 10)
         drawn = [''.join(sign for sign, _ in row) for row in cells]
         assert all(width(line) == 40 for line in drawn), drawn
         assert any(expected in line for line in drawn), drawn

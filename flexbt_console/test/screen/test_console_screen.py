@@ -1220,7 +1220,7 @@ class FakeRobots(FleetLink):
         for name, robot in self.robots.items():
             self.fleet.add(name, robot.mirror)
 
-    def select(self, name: str) -> tuple[Mirror, NotingLink]:
+    def select(self, name: str) -> tuple[Mirror, Any]:
         return self.robots[name].mirror, self.robots[name].link
 
 

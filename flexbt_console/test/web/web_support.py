@@ -175,7 +175,7 @@ class WebRobots(FleetLink):
         self.stations[name] = station
         self.fleet.add(name, station.mirror)
 
-    def robot(self, name: str) -> tuple[Mirror, RobotLink]:
+    def robot(self, name: str) -> tuple[Mirror, Any]:
         """See :class:`FleetLink`."""
         station = self.stations.get(name)
         return (station.mirror, station.link) if station else (Mirror(ManualClock()), WebRobot())

@@ -50,7 +50,6 @@ class LineMode:
 
     def __init__(self, line: CommandLine, station: Station, link: ExecutiveLink, clock: Clock) -> None:
         """Prepare the command of ``line``. ``station.timeout`` is that of the link and of the answer."""
-        assert line.spec is not None
         self._line = line
         self._spec = line.spec
         self._station = station

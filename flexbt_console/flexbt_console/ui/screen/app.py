@@ -365,7 +365,9 @@ class OperatorScreen(OrderedApp):
             raise RefusedError(f'{key.label}: {why}')
         if key.gives_command:
             self._station.builder.require_operator()
-        if key.lines is None:
+        if key.begins is not None:
+            self._line.open(key.begins)
+        elif key.lines is None:
             getattr(self, f'_do_{action}')(key, view)
         elif len(written := key.lines(view, self._station.builder.operator)) == 1 and key.asks:
             self._session.interpret(written[0], view, _shown(view))  # shows at once why it cannot work now
@@ -611,12 +613,6 @@ class OperatorScreen(OrderedApp):
                 self._ask_to_insist(error, entry, lambda: self.do(f'{line} {UNSEEN}'))
 
         self.open(StartForm(command, behavior, self._view(), self._clock), filled)
-
-    def _do_note(self, key: KeyBinding, view: View) -> None:
-        self._line.open('note ')
-
-    def _do_command_line(self, key: KeyBinding, view: View) -> None:
-        self._line.open('')
 
     def _do_focus(self, key: KeyBinding, view: View) -> None:
         self._panes.layout.focus_next()

@@ -322,7 +322,7 @@ class StartForm(ModalScreen[str | None]):
         """See :class:`textual.screen.Screen`."""
         with VerticalScroll(classes='dialog', can_focus=False) as dialog:
             dialog.border_title = Text(f'{self._command.name} {one_line(self._behavior.name)}')
-            dialog.border_subtitle = self._how
+            dialog.border_subtitle = f'Enter: {self._command.name}; Tab: next field; Up Down: choices; Esc leaves'
             if self._behavior.description:
                 yield Label(Text(one_line(self._behavior.description)), classes='dim')
             for field in self._fields:
@@ -332,10 +332,6 @@ class StartForm(ModalScreen[str | None]):
                 yield Label(Text('machine, as it was synthesized (PgUp PgDn scroll):'), classes='dim')
             if machine := machine_text_lines(self._behavior):
                 yield Label(Text('\n'.join(machine), TONES[tone_of(machine[0])]))
-
-    @property
-    def _how(self) -> str:
-        return f'Enter: {self._command.name}; Tab: next field; Up Down: choices; Esc leaves'
 
     def on_mount(self) -> None:
         """Focus the first field."""
@@ -416,13 +412,12 @@ class MapImage(ModalScreen[None]):
     def draw(self) -> None:
         """Draw what is known now, unless that is on the screen."""
         view = self._view()
-        robot = view.snapshot.robot_pose if view.snapshot else None
-        shown = view.drawn, robot, view.places, view.live
+        shown = view.drawn, view.robot_pose, view.places, view.live
         if shown != self._drawn:
             self._drawn = shown
             age = '' if view.live else 'NOT OF NOW  '
             self.query_one('#where', Label).update(Text(f'{age}{where_text(view)}  (Esc leaves)'))
-            self.query_one(self._widget).image = map_image(*shown[:3])
+            self.query_one(self._widget).image = map_image(view)
 
 
 def folded(text: Sequence[str], columns: int) -> list[str]:

@@ -238,7 +238,7 @@ class MapPane:
 
     def point(self, view: View) -> None:
         """Put the cursor where the robot is, for the decision that waits. There has to be a map."""
-        robot = view.snapshot.robot_pose if view.snapshot else None
+        robot = view.robot_pose
         if self._frame is None:  # it is hidden, and is drawn now
             self.draw(view, 2 * LEAST_COLUMNS, 2 * LEAST_ROWS)
         assert self._frame is not None and view.decision is not None
@@ -288,13 +288,12 @@ class MapPane:
     def draw(self, view: View, columns: int, rows: int) -> Text:
         """Return the map in this many rows of this many cells; the last row shows the place of the robot, or of the
         cursor."""
-        robot = view.snapshot.robot_pose if view.snapshot else None
         room = rows - 1
         if columns < LEAST_COLUMNS or room < LEAST_ROWS:
             return Text('')
-        shown = view.drawn, robot, view.places, self._cursor, columns, room
+        shown = view.drawn, view.robot_pose, view.places, self._cursor, columns, room
         if self._drawn is None or self._drawn[0] != shown:
-            self._frame, cells = self._canvas.draw(*shown)
+            self._frame, cells = self._canvas.draw(view, self._cursor, columns, room)
             self._drawn = shown, drawn(cells)
         text = self._drawn[1].copy()
         if self._cursor is not None:

@@ -117,7 +117,7 @@ def parts_of(view: View, operator: str | None) -> dict[str, Any]:
         'tree_states': {run.run_id: _tree_state(run) for run in view.drawn_trees},
         'left_out': left_out_lines(view),
         'pose': _pose(view),
-        'where': _where(view),
+        'where': '  '.join(where_lines(view.snapshot)) if view.snapshot else '',
         'plan': [[round(x, 3), round(y, 3)] for x, y in view.surroundings.plan],
         'scan': [[round(x, 2), round(y, 2)] for x, y in view.surroundings.scan],
         'places': {name: [pose.x, pose.y] for name, pose in [*view.places.items()][:MOST_LISTED]},
@@ -247,12 +247,8 @@ def left_out_lines(view: View) -> list[str]:
 
 
 def _pose(view: View) -> dict[str, Any] | None:
-    pose = view.snapshot.robot_pose if view.snapshot else None
+    pose = view.robot_pose
     return {**fields_of(pose), 'text': pose_text(pose)} if pose is not None else None
-
-
-def _where(view: View) -> str:
-    return '  '.join(where_lines(view.snapshot)) if view.snapshot else ''
 
 
 def _behaviors(view: View) -> list[dict[str, Any]]:
@@ -324,12 +320,9 @@ def _told(robot: RobotOverview) -> str:
     view = robot.view
     if robot.is_unreachable:
         return unreachable_text(view)
+    asked = asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
     missed = [peer_line(peer) for peer in view.snapshot.missed_peers] if view.live and view.snapshot else []
-    return '  '.join([alarm_line(view) or _asked(view) or what_runs(view), *missed])
-
-
-def _asked(view: View) -> str:
-    return asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
+    return '  '.join([alarm_line(view) or asked or what_runs(view), *missed])
 
 
 def log_part(line: LogLine) -> dict[str, Any]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import math
 import signal
 import time
 from collections import Counter
@@ -25,6 +24,7 @@ from flexbt_console.errors import UsageError
 from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.ui.station import Station
+from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
 from .access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
@@ -321,20 +321,17 @@ class _MalformedRequests(logging.Filter):
 
     def __init__(self) -> None:
         super().__init__()
-        self._told_at = -math.inf
-        self._held = 0
+        self._reports = RepeatedReports(REPORT_SECONDS, time.monotonic)
 
     def filter(self, record: logging.LogRecord) -> bool:
         """See :class:`logging.Filter`."""
         error = record.exc_info[1] if record.exc_info else None
         if not isinstance(error, HttpProcessingError):
             return True
-        now = time.monotonic()
-        if now < self._told_at + REPORT_SECONDS:
-            self._held += 1
+        held = self._reports.held_before()
+        if held is None:
             return False
-        more = f'; {self._held} more since the last such line' if self._held else ''
-        self._told_at, self._held = now, 0
+        more = f'; {held} more since the last such line' if held else ''
         record.msg, record.args = (
             f'a malformed request was refused: {one_line(str(error), REPORT_CHARACTERS)}{more}',
             (),
