@@ -6,10 +6,10 @@ from __future__ import annotations
 import random
 import time
 from collections import deque
-from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Final, NamedTuple, Protocol
+from typing import Final
 
 from flexbt_formal.exploration.explorer import OnProgress, unreported
 from flexbt_formal.roaml.language.draws import ManyValuesError
@@ -17,8 +17,8 @@ from flexbt_formal.roaml.language.draws import ManyValuesError
 from .model import RoamlModel
 from .probabilities import BAD, GOOD, GraphChoices, bounds_of, looks, reach
 from .properties import ModelProperty, judge_of
-from .rounds import SATISFIED, EndlessError, Flow, Order, Outcomes, OverError, Path, Rounds
-from .system import NANOSECONDS, GlobalState, ModelStep, one_of
+from .rounds import SATISFIED, EndlessError, Flow, Made, Order, Outcomes, OverError, Path, Rounds, Watch
+from .system import NANOSECONDS, GlobalState, one_of
 
 _CHAIN: Final = 2_000
 """Steps without a choice that are made as one."""
@@ -112,31 +112,33 @@ def check(
     left, right = (judge_of(one, model.events, watched) for one in (asked.left, asked.right))
     path = Path(system, left, right, asked, order)
     notes: list[str] = []
-    watch = _Watch(on_progress, begin + limits.seconds)
+    watch = Watch(on_progress, begin + limits.seconds)
     followed = 0
     rounds = (
         Rounds(path, limits.states) if order is not Order.ANY and not path.is_bounded and system.has_timers else None
     )
     if method is not Method.STATISTICAL and not model.is_random:
-        share = 1.0 if method is Method.EXACT or order is Order.ANY else 0.5
-        first = _Watch(on_progress, begin + limits.seconds * share)
+        has_to_be_exact = method is Method.EXACT or order is Order.ANY
+        first = Watch(on_progress, begin + limits.seconds * (1.0 if has_to_be_exact else 0.5))
         try:
             if rounds is not None:
+                flow = Flow(rounds, path, limits.states, first)
                 try:
-                    found = _flowed(path, rounds, begin, limits.states, first)
+                    with suppress(OverError):
+                        flow.run()
                 except EndlessError:
                     rounds = None
                 else:
-                    if found.is_complete or method is Method.EXACT:
-                        return found
-                    followed = found.size
+                    if flow.is_complete or has_to_be_exact:
+                        return _flowed(path, flow, len(rounds), begin)
+                    followed = flow.size
             if rounds is None:
                 explorer = _Explorer(path, limits.states, first)
-                if explorer.run() or method is Method.EXACT or order is Order.ANY:
+                if explorer.run() or has_to_be_exact:
                     return explorer.result(begin)
             notes.append('there are too many states to follow all of them')
         except ManyValuesError as error:
-            if method is Method.EXACT or order is Order.ANY:
+            if has_to_be_exact:
                 raise
             notes.append(str(error))
             rounds = None
@@ -149,48 +151,31 @@ def check(
     return _sampled(path, limits, begin, watch, notes, _StepRuns(path, generator))
 
 
-def _flowed(path: Path, rounds: Rounds, begin: float, most: int, watch: _Watch) -> Result:
-    """Exact, time by time. Raises EndlessError."""
-
-    def may_go_on(done: int, left: int) -> bool:
-        return done <= 20 * most and len(rounds) <= most and watch.has_time(done, left)
-
-    flow = Flow(rounds, path, may_go_on)
-    is_complete = flow.run()
-    asked = path.asked
-    low, high = flow.good, (flow.good if is_complete else 1.0 - flow.bad)
+def _flowed(path: Path, flow: Flow, rounds: int, begin: float) -> Result:
     # What is left of 1 or 0 is the rounding of sums.
-    low, high = (round(value, 12) for value in (low, high))
-    if asked.is_negated:
-        low, high = 1.0 - high, 1.0 - low
-    seconds = time.process_time() - begin
-    how = f'exact: {flow.states} states, {len(rounds)} without their time, automata {_ORDERS[path.order]}'
-    if not is_complete:
-        how = f'bounds only: {flow.states} states were followed before the limit'
-    notes = (rounds.stuck,) if rounds.stuck else ()
-    way = flow.way() if high < 1.0 else ()
+    low, high = (round(value, 12) for value in (flow.good, flow.good if flow.is_complete else 1.0 - flow.bad))
+    how = f'exact: {flow.size} states, {rounds} without their time, automata {_ORDERS[path.order]}'
+    return _exact(path, flow, (low, high), how, begin)
+
+
+def _exact(path: Path, found: Flow | _Explorer, values: tuple[float, float], how: str, begin: float) -> Result:
+    """Return the result of what follows states, by the least and greatest probability that it gives."""
+    asked = path.asked
+    low, high = (1.0 - values[1], 1.0 - values[0]) if asked.is_negated else values
+    if not found.is_complete:
+        how = f'bounds only: {found.size} states were followed before the limit'
+    way = found.way() if high < 1.0 else ()
     value = low if low == high or asked.is_least else high
-    return Result(
-        asked, value, low, high, how, is_complete, is_complete, flow.states, seconds, way, notes, flow.has_failed
-    )
-
-
-class _Watch(NamedTuple):
-    """The time limit of a check, which also reports its progress."""
-
-    on_progress: OnProgress
-    until: float
-
-    def has_time(self, done: int, left: int) -> bool:
-        """Report how much is done and left, and return whether there is time left."""
-        self.on_progress(done, left)
-        return time.process_time() < self.until
+    notes = (found.stuck,) if found.stuck else ()
+    seconds = time.process_time() - begin
+    whole = found.is_complete
+    return Result(asked, value, low, high, how, whole, whole, found.size, seconds, way, notes, found.has_failed)
 
 
 class _Explorer:
     """The graph of what can follow, by breadth: states 0 and 1 are where the property has failed, or is satisfied."""
 
-    def __init__(self, path: Path, most: int, watch: _Watch) -> None:
+    def __init__(self, path: Path, most: int, watch: Watch) -> None:
         self._path = path
         self._most = most
         self._watch = watch
@@ -198,8 +183,8 @@ class _Explorer:
         self._numbers: dict[tuple[GlobalState, int], int] = {}
         self._states: list[tuple[GlobalState, int] | None] = [None, None]
         self._from: list[int] = [-1, -1]
-        self._fails: tuple[int, GlobalState, int] | None = None
-        self._stuck = ''
+        self._fails: tuple[int, GlobalState] | None = None
+        self.stuck = ''
         self._made = 0
         self._is_late = False
         self.is_complete = False
@@ -236,7 +221,8 @@ class _Explorer:
         """Return whether the time is over, which is looked at after each 64 steps."""
         self._made += 1
         if self._made % 64 == 0:
-            self._is_late = not self._watch.has_time(len(self.graph), left)
+            self._watch.done, self._watch.left = len(self.graph), left
+            self._is_late = not self._watch.has_time()
         return self._is_late
 
     def _reached(self, source: int, state: GlobalState, count: int, ahead: deque[int]) -> int:
@@ -248,12 +234,11 @@ class _Explorer:
                 seen = state.seen
                 decided = path.decided(state, count)
                 if decided is not None:
-                    return self._ended(source, state, count, decided)
+                    return self._ended(source, state, decided)
             steps = path.steps(state)
             if not steps:
-                stuck = path.system.waiting(state)
-                self._stuck = self._stuck or stuck
-                return self._ended(source, state, count, path.at_end(state))
+                self.stuck = self.stuck or path.system.waiting(state)
+                return self._ended(source, state, path.at_end(state))
             if len(steps) > 1:
                 break
             if made and (state, count if path.is_bounded else 0) in self._numbers:
@@ -277,30 +262,24 @@ class _Explorer:
             ahead.append(number)
         return number
 
-    def _ended(self, source: int, state: GlobalState, count: int, is_good: bool) -> int:
+    def _ended(self, source: int, state: GlobalState, is_good: bool) -> int:
         if is_good == self._path.asked.is_negated and self._fails is None:
-            self._fails = (source, state, count)
+            self._fails = (source, state)
         return GOOD if is_good else BAD
 
+    @property
+    def size(self) -> int:
+        """Number of states at which there is a choice."""
+        return len(self.graph)
+
+    @property
+    def has_failed(self) -> bool:
+        """True if the property fails on a path."""
+        return self._fails is not None
+
     def result(self, begin: float) -> Result:
-        asked = self._path.asked
-        graph = [*self.graph, self._start]
-        least, most = self._values(graph, asked.is_least)
-        low, high = (1.0 - most, 1.0 - least) if asked.is_negated else (least, most)
-        seconds = time.process_time() - begin
-        notes = [self._stuck] if self._stuck else []
-        how = f'exact: {len(self.graph)} states, automata {_ORDERS[self._path.order]}'
-        if not self.is_complete:
-            how = f'bounds only: {len(self.graph)} states were followed before the limit'
-        way: tuple[str, ...] = ()
-        if high < 1.0 and self._fails is not None:
-            way = self._narrated(*self._fails)
-        elif high < 1.0:
-            way = ('it goes round without ever coming to where the property is satisfied',)
-        value = low if low == high or asked.is_least else high
-        failed, size = self._fails is not None, len(self.graph)
-        whole = self.is_complete
-        return Result(asked, value, low, high, how, whole, whole, size, seconds, way, tuple(notes), failed)
+        how = f'exact: {self.size} states, automata {_ORDERS[self._path.order]}'
+        return _exact(self._path, self, self._values([*self.graph, self._start], self._path.asked.is_least), how, begin)
 
     def _values(self, graph: list[GraphChoices], is_least: bool) -> tuple[float, float]:
         """Return the least and greatest value that the start can have: the same when all was followed."""
@@ -313,29 +292,27 @@ class _Explorer:
                 opened[number] = [[(1.0, GOOD)]]
         return low, reach(opened, is_least)[-1]
 
-    def _narrated(self, source: int, goal: GlobalState, count: int) -> tuple[str, ...]:
+    def way(self) -> tuple[str, ...]:
         """Return the way to where it has failed, in words: from choice to choice, and the steps in between."""
-        numbers = []
+        if self._fails is None:
+            return ('it goes round without ever coming to where the property is satisfied',)
+        source, goal = self._fails
+        goals = [goal]
         while source >= 0:
-            numbers.append(source)
+            held = self._states[source]
+            assert held is not None
+            goals.append(held[0])
             source = self._from[source]
-        states = [held for number in reversed(numbers) if (held := self._states[number]) is not None]
-        goals = [*states, (goal, count)]
+        starts = [state for _, state in self._path.system.initial()]
+        at = next((one for one in starts if self._leads(one, goals[-1]) is not None), starts[0])
         found: list[str] = []
-        system = self._path.system
-        at = next(state for _, state in system.initial())
-        for one in (state for _, state in system.initial()):
-            if goals and self._leads(one, goals[0][0]) is not None:
-                at = one
-                break
-        for wanted, _ in goals:
-            between = self._leads(at, wanted)
-            for before, step, after in between or ():
-                found += system.narrate(before, step, after)
+        for wanted in reversed(goals):
+            for step in self._leads(at, wanted) or ():
+                found += self._path.system.narrate(*step)
             at = wanted
         return tuple(found)
 
-    def _leads(self, state: GlobalState, goal: GlobalState) -> list[tuple[GlobalState, ModelStep, GlobalState]] | None:
+    def _leads(self, state: GlobalState, goal: GlobalState) -> list[Made] | None:
         """Return the steps from a choice to the next one; None when it does not lead there."""
         if state == goal:
             return []
@@ -358,18 +335,9 @@ class _Explorer:
         return None
 
 
-class _Runs(Protocol):
-    """Random runs. ``way`` describes the last one in words."""
-
-    steps: int
-
-    def one(self, may_go_on: Callable[[], bool]) -> bool | None:
-        """Return how a run ends; None: it was not decided in a million steps. Raises OverError."""
-
-    def way(self) -> tuple[str, ...]: ...
-
-
-def _sampled(path: Path, limits: CheckLimits, begin: float, watch: _Watch, notes: list[str], runs: _Runs) -> Result:
+def _sampled(
+    path: Path, limits: CheckLimits, begin: float, watch: Watch, notes: list[str], runs: _RoundRuns | _StepRuns
+) -> Result:
     """Random runs until there are enough for the error that is asked, or the time is over."""
     looks_at = limits.looks
     wanted = max(looks_at)
@@ -380,8 +348,9 @@ def _sampled(path: Path, limits: CheckLimits, begin: float, watch: _Watch, notes
     shortest = _RUN
     asked = path.asked
     while done < wanted:
+        watch.done, watch.left = done, wanted - done
         try:
-            outcome = runs.one(lambda: watch.has_time(done, wanted - done))  # noqa: B023
+            outcome = runs.one(watch)
         except OverError:
             break
         done += 1
@@ -389,8 +358,8 @@ def _sampled(path: Path, limits: CheckLimits, begin: float, watch: _Watch, notes
         undecided += outcome is None
         if outcome is asked.is_negated:
             has_failed = True
-            if runs.steps < shortest:
-                shortest = runs.steps
+            if len(runs.made) < shortest:
+                shortest = len(runs.made)
                 way = runs.way()
         if done in looks_at and bounds_of(good, undecided, done, looks_at[done]).error <= limits.error:
             doubt, is_enough = looks_at[done], True
@@ -416,36 +385,36 @@ def _sampled(path: Path, limits: CheckLimits, begin: float, watch: _Watch, notes
 
 
 class _RoundRuns:
-    """From round to round, each of which is played once."""
+    """Random runs from round to round, each of which is played once. ``made``: what the last run consists of."""
 
     def __init__(self, path: Path, rounds: Rounds, generator: random.Random) -> None:
         self._path = path
         self._rounds = rounds
         self._random = generator
-        self._made: list[tuple[int | None, int, int]] = []
+        self.made: list[tuple[int | None, int, int]] = []
         self._times = list(path.system.times())
-        self.steps = 0
 
-    def one(self, may_go_on: Callable[[], bool]) -> bool | None:
-        self._made = []
-        number = self._take(None, 0, self._rounds.first(may_go_on))
+    def one(self, watch: Watch) -> bool | None:
+        """Return how a run ends. Raises OverError."""
+        self.made = []
+        number = self._take(None, 0, self._rounds.first(watch))
         for count, at in enumerate(self._times):
             if number < 0:
                 break
-            if count % 16 == 0 and not may_go_on():
-                raise OverError
-            number = self._take(number, at, self._rounds.after(number, at, may_go_on))
-        self.steps = len(self._made)
+            if count % 16 == 0:
+                watch.check()
+            number = self._take(number, at, self._rounds.after(number, at, watch))
         return (number if number < 0 else self._rounds.at_end(number)) == SATISFIED
 
     def _take(self, number: int | None, at: int, outcomes: Outcomes) -> int:
         after = one_of(outcomes, self._random.random)
-        self._made.append((number, at, after))
+        self.made.append((number, at, after))
         return after
 
     def way(self) -> tuple[str, ...]:
+        """Return the last run in words."""
         found: list[str] = []
-        for one in self._made:
+        for one in self.made:
             inner = [line for step in self._rounds.steps_to(*one) for line in self._path.system.narrate(*step)]
             if one[1] and inner:
                 found.append(f'at {one[1] / NANOSECONDS:g} s')
@@ -454,22 +423,21 @@ class _RoundRuns:
 
 
 class _StepRuns:
-    """From step to step."""
+    """Random runs from step to step. ``made``: the steps of the last run."""
 
     def __init__(self, path: Path, generator: random.Random) -> None:
         self._path = path
         self._random = generator
-        self._made: list[tuple[GlobalState, ModelStep, GlobalState]] = []
-        self.steps = 0
+        self.made: list[Made] = []
 
-    def one(self, may_go_on: Callable[[], bool]) -> bool | None:
+    def one(self, watch: Watch) -> bool | None:
+        """Return how a run ends; None: it was not decided in a million steps. Raises OverError."""
         path, generator = self._path, self._random
         state = one_of(path.system.initial(), generator.random)
-        self._made = []
+        self.made = []
         for count in range(_RUN):
-            if count % 256 == 0 and not may_go_on():
-                raise OverError
-            self.steps = count
+            if count % 256 == 0:
+                watch.check()
             decided = path.decided(state, count)
             if decided is not None:
                 return decided
@@ -478,9 +446,10 @@ class _StepRuns:
                 return path.at_end(state)
             step = steps[0] if len(steps) == 1 else steps[int(generator.random() * len(steps))]
             after = one_of(path.system.follow(state, step), generator.random)
-            self._made.append((state, step, after))
+            self.made.append((state, step, after))
             state = after
         return None
 
     def way(self) -> tuple[str, ...]:
-        return tuple(line for one in self._made for line in self._path.system.narrate(*one))
+        """Return the last run in words."""
+        return tuple(line for one in self.made for line in self._path.system.narrate(*one))

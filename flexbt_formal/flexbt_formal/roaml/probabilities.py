@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 BAD: Final = 0
@@ -55,48 +55,37 @@ def _leaving(state: int, row: list[tuple[float, int]], values: Sequence[float]) 
     return sum(p * values[target] for p, target in row if target != state) / (1.0 - stays)
 
 
-def _components(graph: Sequence[GraphChoices]) -> list[list[int]]:
-    """Strongly connected components, those that others lead to first (Tarjan, without recursion)."""
-    index: list[int] = [-1] * len(graph)
-    low = [0] * len(graph)
-    on_stack = [False] * len(graph)
-    stack: list[int] = []
-    found: list[list[int]] = []
-    count = 0
-    for root in range(len(graph)):
-        if index[root] >= 0:
-            continue
-        work = [(root, iter([target for row in graph[root] for _, target in row]))]
-        index[root] = low[root] = count
-        count += 1
-        stack.append(root)
-        on_stack[root] = True
-        while work:
-            state, targets = work[-1]
-            for target in targets:
-                if index[target] < 0:
-                    index[target] = low[target] = count
-                    count += 1
-                    stack.append(target)
-                    on_stack[target] = True
-                    work.append((target, iter([after for row in graph[target] for _, after in row])))
-                    break
-                if on_stack[target]:
-                    low[state] = min(low[state], index[target])
-            else:
-                work.pop()
-                if work:
-                    low[work[-1][0]] = min(low[work[-1][0]], low[state])
-                if low[state] == index[state]:
-                    component = []
-                    while True:
-                        member = stack.pop()
-                        on_stack[member] = False
-                        component.append(member)
-                        if member == state:
-                            break
-                    found.append(component)
-    return found
+def _components(graph: Sequence[GraphChoices]) -> Iterator[list[int]]:
+    """Yield the strongly connected components, those that others lead to first (Kosaraju and Sharir)."""
+    after = [[target for row in rows for _, target in row] for rows in graph]
+    before: list[list[int]] = [[] for _ in graph]
+    for state, targets in enumerate(after):
+        for target in targets:
+            before[target].append(state)
+    seen: set[int] = set()
+    order = [state for root in range(len(graph)) for state in _reached(root, before, seen)]
+    seen.clear()
+    for root in reversed(order):
+        component = list(_reached(root, after, seen))
+        if component:
+            yield component
+
+
+def _reached(root: int, edges: Sequence[Sequence[int]], seen: set[int]) -> Iterator[int]:
+    """Yield what a state leads to, and itself, as far as it was not seen before: each after those it leads to."""
+    if root in seen:
+        return
+    seen.add(root)
+    ahead = [(root, iter(edges[root]))]
+    while ahead:
+        state, targets = ahead[-1]
+        target = next((one for one in targets if one not in seen), None)
+        if target is None:
+            ahead.pop()
+            yield state
+        else:
+            seen.add(target)
+            ahead.append((target, iter(edges[target])))
 
 
 # How many random runs are enough, and between which bounds a probability is after them.

@@ -21,9 +21,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_formal.roaml.language.data_types import Record
 from flexbt_formal.roaml.language.dialect import Events
 from flexbt_formal.roaml.language.expressions import (
-    Array,
     Call,
-    Evaluated,
     Expression,
     ExpressionError,
     Literal,
@@ -33,35 +31,11 @@ from flexbt_formal.roaml.language.expressions import (
 )
 from flexbt_formal.roaml.language.source_text import ModelError, SourceElement, read_text
 
-_OPERATORS: Final = {
-    '∧': '&&',
-    '&&': '&&',
-    'and': '&&',
-    '∨': '||',
-    '||': '||',
-    'or': '||',
-    '=': '==',
-    '==': '==',
-    '≠': '!=',
-    '!=': '!=',
-    '<': '<',
-    '≤': '<=',
-    '<=': '<=',
-    '>': '>',
-    '≥': '>=',
-    '>=': '>=',
-    '+': '+',
-    '-': '-',
-    '*': '*',
-    '/': '/',
-    '%': '%',
-    'min': 'min',
-    'max': 'max',
-    'pow': 'pow',
-}
-_UNARY: Final = {'¬': 'unary !', '!': 'unary !', 'not': 'unary !'} | {
-    name: name for name in ('abs', 'floor', 'ceil', 'sin', 'cos', 'log', 'exp', 'round')
-}
+_SIGNS: Final = ('&&', '||', '==', '!=', '<', '<=', '>', '>=', '+', '-', '*', '/', '%', 'min', 'max', 'pow')
+_ALIASES: Final = {'∧': '&&', 'and': '&&', '∨': '||', 'or': '||', '=': '==', '≠': '!=', '≤': '<=', '≥': '>='}
+_OPERATORS: Final = {sign: sign for sign in _SIGNS} | _ALIASES
+_FUNCTIONS: Final = ('abs', 'floor', 'ceil', 'sin', 'cos', 'log', 'exp', 'round')
+_UNARY: Final = dict.fromkeys(('¬', '!', 'not'), 'unary !') | {name: name for name in _FUNCTIONS}
 _LENGTH: Final = re.compile(r'(.+)\.d(\d+)_len')
 
 
@@ -143,28 +117,25 @@ def _property(name: str, given: Any) -> ModelProperty:
     path = _mapping(given.get('exp'))
     lower, upper = _bounds(path)
     operator = path.get('op')
-    is_least = extreme == 'Pmin'
-    true: Expression = Literal(True)
-    if operator == 'F':
+    is_negated = operator in ('G', 'W')
+    left: Expression = Literal(True)
+    if operator in ('F', 'G'):
         right = _expression(path.get('exp'))
-        return ModelProperty(name, f'{extreme}(F {_text(right)})', is_least, true, right, False, lower, upper, demand)
-    if operator == 'G':
-        inner = _expression(path.get('exp'))
-        right = Call('unary !', (inner,))
-        return ModelProperty(
-            name, f'{extreme}(G {_text(inner)})', not is_least, true, right, True, lower, upper, demand
-        )
-    if operator not in ('U', 'W'):
+        text = f'{operator} {_text(right)}'
+        if is_negated:
+            right = Call('unary !', (right,))
+    elif operator in ('U', 'W'):
+        left, right = _expression(path.get('left')), _expression(path.get('right'))
+        text = f'{_text(left)} {operator} {_text(right)}'
+        if is_negated and 'step-bounds' in path:
+            raise PropertyError('W has no bounds here; write it with U')
+        if is_negated:  # it is the contrary of: not right, until neither
+            neither = Call('&&', (Call('unary !', (left,)), Call('unary !', (right,))))
+            left, right = Call('unary !', (right,)), neither
+    else:
         raise PropertyError(f'{short_repr(operator)} is not known of a path; there are F, G, U and W')
-    left, right = _expression(path.get('left')), _expression(path.get('right'))
-    text = f'{extreme}({_text(left)} {operator} {_text(right)})'
-    if operator == 'U':
-        return ModelProperty(name, text, is_least, left, right, False, lower, upper, demand)
-    if 'step-bounds' in path:
-        raise PropertyError('W has no bounds here; write it with U')
-    # left W right is the contrary of: not right, until neither.
-    neither = Call('&&', (Call('unary !', (left,)), Call('unary !', (right,))))
-    return ModelProperty(name, text, not is_least, Call('unary !', (right,)), neither, True, 0, None, demand)
+    is_least = (extreme == 'Pmin') is not is_negated
+    return ModelProperty(name, f'{extreme}({text})', is_least, left, right, is_negated, lower, upper, demand)
 
 
 def _bounds(path: Mapping[str, Any]) -> tuple[int, int | None]:
@@ -217,12 +188,13 @@ def _expression(given: Any, depth: int = 0) -> Expression:
     if operator == 'ite':
         return Call('?', (inner('if'), inner('then'), inner('else')))
     if operator == 'aa':
-        return Call('at', (inner('exp'), inner('index')))
+        # Elements behind the end of an array are 0 in JANI, whose arrays all have their full length.
+        return Call('element or 0', (inner('exp'), inner('index')))
     if operator == 'av':
         elements = given.get('elements')
         if not isinstance(elements, list):
             raise PropertyError('the elements of an array are missing')
-        return Array(tuple(_expression(one, depth + 1) for one in elements))
+        return Call('array', tuple(_expression(one, depth + 1) for one in elements))
     raise PropertyError(f'the operator {short_repr(operator)} is not known')
 
 
@@ -232,18 +204,14 @@ def _text(expression: Expression) -> str:
         return expression.parts[0].replace('__ros_fields__', '.')
     if isinstance(expression, Literal):
         return str(expression.value)
-    if isinstance(expression, Array):
-        return f'[{", ".join(map(_text, expression.elements))}]'
-    if isinstance(expression, Call):
-        parts = [_text(one) for one in expression.operands]
-        if len(parts) == 1:
-            return f'{expression.name.removeprefix("unary ")}({parts[0]})'
-        if expression.name == 'at':
-            return f'{parts[0]}[{parts[1]}]'
-        return (
-            f'({f" {expression.name} ".join(parts)})' if len(parts) == 2 else f'{expression.name}({", ".join(parts)})'
-        )
-    return '{...}'
+    parts = [_text(one) for one in expression.operands]
+    if expression.name == 'array':
+        return f'[{", ".join(parts)}]'
+    if len(parts) == 1:
+        return f'{expression.name.removeprefix("unary ")}({parts[0]})'
+    if expression.name == 'element or 0':
+        return f'{parts[0]}[{parts[1]}]'
+    return f'({f" {expression.name} ".join(parts)})' if len(parts) == 2 else f'{expression.name}({", ".join(parts)})'
 
 
 # -- on the events of a model -----------------------------------------------------------------------------------------
@@ -290,18 +258,14 @@ def judge_of(expression: Expression, events: Events, watched: Sequence[int]) -> 
         return f'b({found})' if length is not None else found
 
     try:
-        function = compiled(_reads(expression), resolve)
+        function = compiled(expression, resolve)
     except ExpressionError as error:
         raise PropertyError(str(error)) from error
-    return _Judged(function)
 
+    def judge(seen: Sequence[tuple[Any, ...] | None]) -> bool:
+        return bool(function(seen, _carried, _length))
 
-class _Judged:
-    def __init__(self, function: Evaluated) -> None:
-        self._function = function
-
-    def __call__(self, seen: Sequence[tuple[Any, ...] | None]) -> bool:
-        return bool(self._function(seen, _carried, _length))
+    return judge
 
 
 def _carried(values: tuple[Any, ...] | None, at: int, members: tuple[str, ...]) -> Any:
@@ -326,13 +290,3 @@ def _parameter(names: Sequence[str], rest: str) -> tuple[int, tuple[str, ...]] |
         if rest.startswith(f'{name}__'):
             return at, tuple(rest[len(name) + 2 :].split('__'))
     return None
-
-
-def _reads(expression: Expression) -> Expression:
-    """Elements behind the end of an array are 0 in JANI, whose arrays all have their full length."""
-    if isinstance(expression, Call):
-        name = 'element or 0' if expression.name == 'at' else expression.name
-        return Call(name, tuple(map(_reads, expression.operands)))
-    if isinstance(expression, Array):
-        return Array(tuple(map(_reads, expression.elements)))
-    return expression

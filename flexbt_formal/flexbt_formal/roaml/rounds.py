@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
 from enum import Enum
-from functools import partial
+from time import process_time
 from typing import Final, NamedTuple
 
+from flexbt_formal.exploration.explorer import OnProgress
 from flexbt_formal.roaml.language.draws import ManyValuesError
 
 from .properties import Judge, ModelProperty
@@ -77,7 +77,26 @@ class EndlessError(Exception):
 
 
 class OverError(Exception):
-    """The time limit was exceeded."""
+    """A limit was exceeded."""
+
+
+class Watch:
+    """The time limit of a check, which also reports how much is ``done`` and ``left``."""
+
+    def __init__(self, on_progress: OnProgress, until: float) -> None:
+        self._on_progress = on_progress
+        self._until = until
+        self.done, self.left = 0, 1
+
+    def has_time(self) -> bool:
+        """Report the progress, and return whether there is time left."""
+        self._on_progress(self.done, self.left)
+        return process_time() < self._until
+
+    def check(self) -> None:
+        """Report the progress. Raises OverError when the time is over."""
+        if not self.has_time():
+            raise OverError
 
 
 class RoundLayer(NamedTuple):
@@ -108,18 +127,21 @@ class Rounds:
     def __len__(self) -> int:
         return len(self._states)
 
-    def first(self, may_go_on: Callable[[], bool]) -> Outcomes:
+    def first(self, watch: Watch) -> Outcomes:
         """Return what follows at the beginning. Raises EndlessError, ManyValuesError and OverError."""
-        return self._played(dict(_merged(self._path.system.initial())), may_go_on)
+        begin: dict[GlobalState, float] = {}
+        for probability, state in self._path.system.initial():
+            begin[state] = begin.get(state, 0.0) + probability
+        return self._played(begin, watch)
 
-    def after(self, number: int, time: int, may_go_on: Callable[[], bool]) -> Outcomes:
+    def after(self, number: int, time: int, watch: Watch) -> Outcomes:
         """Return what follows from a state when time has gone on to ``time``, in ns.
 
         Raises EndlessError, ManyValuesError and OverError."""
         key = (number, self._path.system.due_at(time))
         found = self._known.get(key)
         if found is None:
-            found = self._known[key] = self._played({self._begun(number, time): 1.0}, may_go_on)
+            found = self._known[key] = self._played({self._begun(number, time): 1.0}, watch)
             if not self._path.system.is_timeless:
                 raise EndlessError
         return found
@@ -131,7 +153,7 @@ class Rounds:
     def _begun(self, number: int, time: int) -> GlobalState:
         return self._states[number]._replace(time=time, due=0)
 
-    def _played(self, ahead: dict[GlobalState, float], may_go_on: Callable[[], bool]) -> Outcomes:
+    def _played(self, ahead: dict[GlobalState, float], watch: Watch) -> Outcomes:
         found: dict[int, float] = {}
         before = self._made
         for _ in range(_STEPS):
@@ -153,7 +175,7 @@ class Rounds:
                     self._made += len(followers)
                     if self._made >= self._question:
                         self._question = self._made + _BETWEEN_QUESTIONS
-                        if not may_go_on():
+                        if not watch.has_time():
                             self.is_cut = self._made - before > before
                             raise OverError
             if not then:
@@ -204,36 +226,33 @@ class Rounds:
         return []
 
 
-def _merged(followers: list[tuple[float, GlobalState]]) -> list[tuple[GlobalState, float]]:
-    found: dict[GlobalState, float] = {}
-    for probability, state in followers:
-        found[state] = found.get(state, 0.0) + probability
-    return list(found.items())
-
-
 class Flow:
-    """Probability that flows through time, round by round. Attributes: ``good`` and ``bad``, what has come there."""
+    """Probability that flows through time, round by round, up to ``most`` states.
 
-    def __init__(self, rounds: Rounds, path: Path, may_go_on: Callable[[int, int], bool]) -> None:
+    Attributes: ``good`` and ``bad``, what has come there; ``size``, the number of states.
+    """
+
+    def __init__(self, rounds: Rounds, path: Path, most: int, watch: Watch) -> None:
         self._rounds = rounds
         self._path = path
-        self._may_go_on = may_go_on
+        self._most = most
+        self._watch = watch
         self._layers: list[RoundLayer] = []
         self._times: list[int] = []
         self._fails: tuple[int, int] | None = None
         self.good = self.bad = 0.0
-        self.states = 0
+        self.size = 0
+        self.is_complete = False
 
-    def run(self) -> bool:
-        """Return whether all was followed. Raises EndlessError and ManyValuesError."""
-        try:
-            return self._run()
-        except OverError:
-            return False
+    @property
+    def stuck(self) -> str:
+        """The reason why time cannot go on; '' when it can."""
+        return self._rounds.stuck
 
-    def _run(self) -> bool:
+    def run(self) -> None:
+        """Follow everything, up to a limit. Raises EndlessError, ManyValuesError and OverError."""
         now: dict[int, float] = {}
-        for probability, number in self._rounds.first(lambda: self._may_go_on(0, 1)):
+        for probability, number in self._rounds.first(self._watch):
             self._add(now, number, probability, 0)
         self._layers.append(RoundLayer(array('l', now), array('l', [0] * len(now))))
         self._times.append(0)
@@ -243,11 +262,12 @@ class Flow:
             then: dict[int, float] = {}
             parents = array('l')
             for place, (number, whole) in enumerate(now.items()):
-                left = len(now) - place
-                if place % 256 == 0 and not self._may_go_on(self.states, left):
-                    return False
-                may_go_on = partial(self._may_go_on, self.states, left)
-                for part, after in self._rounds.after(number, time, may_go_on):
+                self._watch.done, self._watch.left = self.size, len(now) - place
+                if place % 256 == 0:
+                    self._watch.check()
+                if self.size > 20 * self._most or len(self._rounds) > self._most:
+                    raise OverError
+                for part, after in self._rounds.after(number, time, self._watch):
                     if self._add(then, after, whole * part, place):
                         parents.append(place)
             self._layers.append(RoundLayer(array('l', then), parents))
@@ -255,7 +275,7 @@ class Flow:
             now = then
         for place, (number, whole) in enumerate(now.items()):
             self._add({}, self._rounds.at_end(number), whole, place)
-        return True
+        self.is_complete = True
 
     def _add(self, now: dict[int, float], number: int, probability: float, place: int) -> bool:
         """Return whether it is new at this time."""
@@ -270,7 +290,7 @@ class Flow:
             return False
         known = now.get(number)
         now[number] = probability if known is None else known + probability
-        self.states += known is None
+        self.size += known is None
         return known is None
 
     @property

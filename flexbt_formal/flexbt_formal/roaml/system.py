@@ -215,7 +215,7 @@ class ModelSystem:
     def _by_time(self, state: GlobalState) -> ModelStep | None:
         if state.slots or not self._timers or any(local.at >= 0 for local in state.locals):
             return None
-        due = self._due_at(state.time)
+        due = self.due_at(state.time)
         if 0 <= state.due < len(due):
             timer = self._timers[due[state.due]]
             if timer.event is None:
@@ -224,22 +224,17 @@ class ModelSystem:
                 if now.pending is not None or (now.status in (1, 2) and not self._keeps_ticking):
                     return None
             return ModelStep('timer', due[state.due], timer.event)
-        if self._is_clock_used:
-            after = state.time + self._tick
-        else:
-            after = min((state.time // timer.period + 1) * timer.period for timer in self._timers)
-        if after >= self._end + self._tick:
-            return None
-        return ModelStep('time', after)
+        after = state.time + self._tick if self._is_clock_used else self._next_time(state.time)
+        return ModelStep('time', after) if after < self._end + self._tick else None
 
     def times(self) -> Iterator[int]:
         """Yield when timers are due, in ns, to the end."""
         now = 0
-        while self._timers:
-            now = min((now // timer.period + 1) * timer.period for timer in self._timers)
-            if now >= self._end + self._tick:
-                break
+        while self._timers and (now := self._next_time(now)) < self._end + self._tick:
             yield now
+
+    def _next_time(self, time: int) -> int:
+        return min((time // timer.period + 1) * timer.period for timer in self._timers)
 
     @property
     def has_timers(self) -> bool:
@@ -252,16 +247,13 @@ class ModelSystem:
 
     def due_at(self, time: int) -> tuple[int, ...]:
         """Return which timers are due at a time."""
-        return tuple(self._due_at(time))
+        return tuple(number for number, timer in enumerate(self._timers) if time % timer.period == 0)
 
     def is_blocked(self, state: GlobalState) -> bool:
         """Return whether time cannot go on: something waits, or the tree has ended."""
-        if state.slots or 0 <= state.due < len(self._due_at(state.time)):
+        if state.slots or 0 <= state.due < len(self.due_at(state.time)):
             return True
         return any(local.at >= 0 for local in state.locals)
-
-    def _due_at(self, time: int) -> list[int]:
-        return [number for number, timer in enumerate(self._timers) if time % timer.period == 0]
 
     def follow(self, state: GlobalState, step: ModelStep) -> Followers:
         """Return what a step leads to, with probabilities. Raises ModelFault."""
@@ -294,9 +286,7 @@ class ModelSystem:
 
     def _put(self, state: GlobalState, event: int, values: tuple[Any, ...]) -> GlobalState:
         """Put an event under way, unless it has no receiver."""
-        place = self._places.get(event)
-        if place is not None:
-            state = state._replace(seen=(*state.seen[:place], values, *state.seen[place + 1 :]))
+        state = self._note(state, ((event, values),))
         if self._is_received(event):
             state = state._replace(slots=(*state.slots, (event, values)))
         return state
@@ -305,7 +295,7 @@ class ModelSystem:
         for event, values in seen:
             place = self._places.get(event)
             if place is not None:
-                state = state._replace(seen=(*state.seen[:place], values, *state.seen[place + 1 :]))
+                state = state._replace(seen=_with(state.seen, place, values))
         return state
 
     def _go_on(self, state: GlobalState, step: ModelStep) -> Followers:
@@ -314,26 +304,27 @@ class ModelSystem:
         local = state.locals[number]
         due = automaton.due(local)
         assert due is not None
-        return self._all(number, lambda: self._gone_on(state, number, automaton, local, due))
 
-    def _gone_on(
-        self, state: GlobalState, number: int, automaton: Automaton, local: LocalState, due: Send | Write
-    ) -> Followers:
-        values = automaton.values(local, due, self._around(automaton, state))
-        if isinstance(due, Send):
-            state = self._put(state, due.event, values)
-        else:
-            assert self.tree is not None
-            try:
-                tree, seen = self.tree.write(state.tree[0], due.uid, due.port, values[0])
-            except ModelFault as error:
-                raise ModelFault(f'{due.place}: {error}') from error
-            state = self._note(state._replace(tree=(tree, state.tree[1])), seen)
-        branches = automaton.go_on(local, self._around(automaton, state))
-        return [
-            (part, state._replace(locals=_with(state.locals, number, after), last=number + 1))
-            for part, after in branches
-        ]
+        def run() -> Followers:
+            values = automaton.values(local, due, self._around(automaton, state))
+            if isinstance(due, Send):
+                then = self._put(state, due.event, values)
+            else:
+                then = self._written(state, due, values[0])
+            return [
+                (part, then._replace(locals=_with(then.locals, number, after), last=number + 1))
+                for part, after in automaton.go_on(local, self._around(automaton, then))
+            ]
+
+        return self._all(number, run)
+
+    def _written(self, state: GlobalState, due: Write, value: Any) -> GlobalState:
+        assert self.tree is not None
+        try:
+            tree, seen = self.tree.write(state.tree[0], due.uid, due.port, value)
+        except ModelFault as error:
+            raise ModelFault(f'{due.place}: {error}') from error
+        return self._note(state._replace(tree=(tree, state.tree[1])), seen)
 
     def _deliver(self, state: GlobalState, step: ModelStep) -> Followers:
         event = step.event

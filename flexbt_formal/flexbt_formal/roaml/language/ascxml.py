@@ -126,7 +126,7 @@ class Ascxml:
         self.timers = [Timer(one.need('name'), one.number('rate_hz'), one.place) for one in root.all('ros_time_rate')]
 
     def _declare_interface(self, node: SourceElement) -> None:
-        attribute = INTERFACES[node.tag].attribute
+        attribute = INTERFACES[node.tag]
         value = node.get(attribute)
         child = node.find(attribute)
         if value is None and child is not None:

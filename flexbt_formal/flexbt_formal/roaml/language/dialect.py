@@ -77,21 +77,15 @@ _Roots = Mapping[tuple[str, ...], str]
 """Names in a body, by members, and the parameters of the event that they stand for."""
 
 
-@dataclass(frozen=True)
-class EventInterface:
-    """A declaration: which attribute (or child) has the name of the interface in ROS."""
-
-    attribute: str
-
-
-INTERFACES: Final[Mapping[str, EventInterface]] = {
-    'ros_topic_publisher': EventInterface('topic'),
-    'ros_topic_subscriber': EventInterface('topic'),
-    'ros_service_server': EventInterface('service_name'),
-    'ros_service_client': EventInterface('service_name'),
-    'ros_action_server': EventInterface('action_name'),
-    'ros_action_client': EventInterface('action_name'),
+INTERFACES: Final[Mapping[str, str]] = {
+    'ros_topic_publisher': 'topic',
+    'ros_topic_subscriber': 'topic',
+    'ros_service_server': 'service_name',
+    'ros_service_client': 'service_name',
+    'ros_action_server': 'action_name',
+    'ros_action_client': 'action_name',
 }
+"""Declarations, with the attribute (or child) that has the name of the interface in ROS."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final
 
 from .source_text import ModelFault
 
@@ -18,34 +18,23 @@ class ManyValuesError(ModelFault):
     """Too many values to follow each of them."""
 
 
-class Draws(Protocol):
-    """A random draw of an expression; ``u`` is evenly distributed from 0 to below 1."""
-
-    def real(self) -> float:
-        """``u``."""
-
-    def whole(self, width: float, least: float) -> int:
-        """``floor(least + u * width)``."""
-
-    def below(self, bound: float) -> bool:
-        """``u < bound``."""
-
-
 class SampledDraws:
-    """One value each time."""
+    """Random draws of expressions, by a generator: ``u`` is evenly distributed from 0 to below 1."""
 
     def __init__(self, real: Callable[[], float]) -> None:
         self.real = real
 
     def whole(self, width: float, least: float) -> int:
+        """Return ``floor(least + u * width)``."""
         return math.floor(least + self.real() * width)
 
     def below(self, bound: float) -> bool:
+        """Return whether ``u < bound``."""
         return self.real() < bound
 
 
 class EnumeratedDraws:
-    """All values, one set of them after the other: the ``given`` ones first, then the first one of each draw.
+    """The same draws, for all values, one set after the other: the ``given`` ones first, then the first one of each.
 
     ``probability`` is that of the set, ``others`` are the sets beside it.
     """
@@ -91,3 +80,6 @@ class EnumeratedDraws:
         else:
             self._made.append(self._given[place])
         return self._made[-1]
+
+
+Draws = SampledDraws | EnumeratedDraws

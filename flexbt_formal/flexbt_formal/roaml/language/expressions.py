@@ -40,21 +40,15 @@ class Literal(NamedTuple):
 
 
 class Call(NamedTuple):
-    """An operator or a function, by its name, with its operands."""
+    """An operator or a function, by its name, with its operands; or an array or object, with the ``keys`` of an
+    object."""
 
     name: str
     operands: tuple[Any, ...]
+    keys: tuple[str, ...] = ()
 
 
-class Array(NamedTuple):
-    elements: tuple[Any, ...]
-
-
-class Object(NamedTuple):
-    members: tuple[tuple[str, Any], ...]
-
-
-Expression = Reference | Literal | Call | Array | Object
+Expression = Reference | Literal | Call
 
 _RANDOM: Final = Call('random', ())
 
@@ -154,12 +148,10 @@ def _expression(tree: SyntaxTree) -> Any:
             return Reference((*names, str(name)))
         case 'member', (value, name):
             return Call('member', (value, Literal(str(name))))
-        case 'index', _:
-            return Call('index', parts)
-        case 'array', _:
-            return Array(parts)
+        case 'index' | 'array' as name, _:
+            return Call(name, parts)
         case 'object', _:
-            return Object(tuple(zip(parts[::2], parts[1::2], strict=True)))
+            return Call('object', parts[1::2], parts[::2])
     place = next(tree.scan_values(lambda _: True)).start_pos + 1
     return _call(parts[0], parts[1:], place)
 
@@ -269,10 +261,6 @@ _UNARY: Final = {
 def _by_lot(expression: Expression) -> Expression:
     """Return the expression, in which whole numbers and truths that are made of a random number are draws of their own:
     ``floor(random * width + least)`` and ``random < bound``."""
-    if isinstance(expression, Array):
-        return Array(tuple(map(_by_lot, expression.elements)))
-    if isinstance(expression, Object):
-        return Object(tuple((key, _by_lot(value)) for key, value in expression.members))
     if not isinstance(expression, Call):
         return expression
     name, operands = expression.name, expression.operands
@@ -285,7 +273,7 @@ def _by_lot(expression: Expression) -> Expression:
         bound = operands[1] if operands[0] == _RANDOM else operands[0]
         below = Call('below by lot', (_by_lot(bound),))
         return below if (operands[0] == _RANDOM) is name.startswith('<') else Call('unary !', (below,))
-    return Call(name, tuple(map(_by_lot, operands)))
+    return expression._replace(operands=tuple(map(_by_lot, operands)))
 
 
 def _spread(expression: Expression) -> tuple[Expression | None, Expression]:
@@ -308,30 +296,17 @@ LOTS: Final = ('random', 'whole by lot', 'below by lot')
 def is_random(expression: Expression, calls: Collection[str] = LOTS[:1]) -> bool:
     """Return whether it draws random values: real numbers, of which there are too many to follow each, or by one of
     ``calls``."""
-    inner: tuple[Any, ...] = ()
-    if isinstance(expression, Call):
-        if expression.name in calls:
-            return True
-        inner = expression.operands
-    elif isinstance(expression, Array):
-        inner = expression.elements
-    elif isinstance(expression, Object):
-        inner = tuple(value for _, value in expression.members)
-    return any(is_random(one, calls) for one in inner)
+    if not isinstance(expression, Call):
+        return False
+    return expression.name in calls or any(is_random(one, calls) for one in expression.operands)
 
 
 def references_in(expression: Expression) -> list[tuple[str, ...]]:
     """Return all names of an expression."""
     if isinstance(expression, Reference):
         return [expression.parts]
-    inner: tuple[Any, ...] = ()
-    if isinstance(expression, Call):
-        inner = expression.operands
-    elif isinstance(expression, Array):
-        inner = expression.elements
-    elif isinstance(expression, Object):
-        inner = tuple(value for _, value in expression.members)
-    return [name for one in inner for name in references_in(one)]
+    operands = expression.operands if isinstance(expression, Call) else ()
+    return [name for one in operands for name in references_in(one)]
 
 
 def python_of(expression: Expression, resolve: Resolver) -> str:
@@ -340,11 +315,12 @@ def python_of(expression: Expression, resolve: Resolver) -> str:
         return repr(expression.value)
     if isinstance(expression, Reference):
         return resolve(expression.parts)
-    if isinstance(expression, Array):
-        return f'({"".join(python_of(one, resolve) + ", " for one in expression.elements)})'
-    if isinstance(expression, Object):
-        return f'Record(({"".join(f"({key!r}, {python_of(value, resolve)}), " for key, value in expression.members)}))'
     operands = [python_of(one, resolve) for one in expression.operands]
+    if expression.name == 'array':
+        return f'({"".join(f"{one}, " for one in operands)})'
+    if expression.name == 'object':
+        members = (f'({key!r}, {one}), ' for key, one in zip(expression.keys, operands, strict=True))
+        return f'Record(({"".join(members)}))'
     if expression.name == '?':
         return '({1} if {0} else {2})'.format(*operands)
     if expression.name in ('min', 'max'):
