@@ -17,7 +17,7 @@ from rclpy.time import Time
 
 from flexbt_common import names
 from flexbt_console.recording.run_file import write_recording
-from flexbt_core.state_machine.model.autonomy import Autonomy, Decision
+from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_formal.exploration.explorer import walk
 from flexbt_formal.exploration.machine_system import MachineSystem
 from flexbt_formal.exploration.model import Counterexample, Report, System
@@ -52,49 +52,102 @@ class _Recording:
     def __init__(self, begin: int) -> None:
         self.messages: list[tuple[int, str, Any]] = []
         self._now = begin
-        self._runs = 0
-        self._statuses = 0
-        self._lines = 0
+        self._runs = self._statuses = self._lines = 0
+        self._behavior = self._run_id = ''
+        self._entered: dict[str, TimeMessage] = {}
 
     def add(self, report: Report, found: Counterexample) -> None:
         """One way; at its end what is wrong."""
         assert report.make is not None
         self._runs += 1
-        shown = _Shown(report.name, f'counterexample-{self._runs}')
+        self._behavior, self._run_id = report.name, f'counterexample-{self._runs}'
+        self._entered = {}
         system = report.make()
-        self._send(names.EXECUTIVE_STRUCTURE, shown.structure(system))
+        self._send(names.EXECUTIVE_STRUCTURE, self._structure(system))
         if isinstance(system, TreeSystem):
-            self._send(
-                names.TREE_STRUCTURE, tree_structure(system.tree, shown.run_id, 1, '', Time(nanoseconds=self._now))
-            )
-        self._say(shown, f'the way to: {found.violation.text}', ExecutiveLog.HINT)
-        self._picture(shown, system, 0)
+            now = Time(nanoseconds=self._now)
+            self._send(names.TREE_STRUCTURE, tree_structure(system.tree, self._run_id, 1, '', now))
+        self._say(f'the way to: {found.violation.text}', ExecutiveLog.HINT)
+        self._show(system, 0)
         for number, moment in enumerate(walk(report.make, found.moves), start=1):
             self._now += int(STEP_SECONDS * 1e9)
-            self._say(shown, f'{number}. {moment}')
+            self._say(f'{number}. {moment}')
             for line in moment.happened:
-                self._say(shown, f'   {line}')
-            self._picture(shown, moment.system, number)
-        self._say(shown, f'WRONG: {found.violation.text}', ExecutiveLog.ERROR)
+                self._say(f'   {line}')
+            self._show(moment.system, number)
+        self._say(f'WRONG: {found.violation.text}', ExecutiveLog.ERROR)
         self._now += int(STEP_SECONDS * 1e9)
 
-    def _picture(self, shown: _Shown, system: System, number: int) -> None:
-        """Snapshot after a step."""
-        status = shown.status(system, self._stamp)
+    def _structure(self, system: System) -> BehaviorStructure:
+        """Return the states; of a tree the one that runs it."""
+        if isinstance(system, MachineSystem):
+            return structure_message(system.run.definition, self._run_id, self._behavior)
+        states = [
+            StateStructure(path='/', kind=StateStructure.MACHINE, children=[_TREE[1:]], outcomes=['ended']),
+            StateStructure(
+                path=_TREE, kind=StateStructure.STATE, type='tree', outcomes=['ended'], targets=['=ended'], autonomy=[0]
+            ),
+        ]
+        return BehaviorStructure(run_id=self._run_id, behavior=self._behavior, states=states)
+
+    def _show(self, system: System, number: int) -> None:
+        """Write what is active after a step, and what the operator is asked; of a tree the status of each node."""
         self._statuses += 1
-        status.executive_id, status.sequence, status.stamp = _EXECUTIVE, self._statuses, self._stamp
-        status.heartbeat_period = _HEARTBEAT
+        status = ExecutiveStatus(
+            executive_id=_EXECUTIVE,
+            sequence=self._statuses,
+            stamp=self._stamp,
+            heartbeat_period=_HEARTBEAT,
+            run_id=self._run_id,
+            behavior=self._behavior,
+            state=ExecutiveStatus.RUNNING,
+        )
+        if system.ended is not None:
+            status.state, status.outcome = ExecutiveStatus.IDLE, system.ended
+        elif isinstance(system, MachineSystem):
+            run = system.run
+            status.autonomy = run.autonomy_of('/')
+            if run.is_paused or run.is_ending:
+                status.state = ExecutiveStatus.STOPPING if run.is_ending else ExecutiveStatus.PAUSED
+            status.active_states = [ActiveState(path=leaf.path) for leaf in run.active_states()]
+            status.decisions = [
+                PendingDecision(
+                    id=one.id,
+                    kind=one.kind.value,
+                    path=one.path,
+                    outcome=one.outcome,
+                    outcomes=list(one.outcomes),
+                    required_autonomy=one.required,
+                    prompt=one.prompt,
+                )
+                for one in run.decisions
+            ]
+        elif isinstance(system, TreeSystem):
+            status.autonomy = Autonomy.Full
+            active = system.tree.active_nodes(leaves_only=True)
+            status.active_states = [ActiveState(path=_TREE, tree_run_id=self._run_id, activity=list(active))]
+        self._entered = {one.path: self._entered.get(one.path, self._stamp) for one in status.active_states}
+        for state in status.active_states:
+            state.entered = self._entered[state.path]
         self._send(names.EXECUTIVE_STATUS, status)
         if isinstance(system, TreeSystem):
-            self._send(names.TREE_STATUS, shown.tree_status(system, number + 1, self._stamp))
+            tree = TreeStatus(
+                stamp=self._stamp,
+                run_id=self._run_id,
+                structure=1,
+                sequence=number + 1,
+                finished=system.ended is not None,
+                statuses=[node.status.value for node in system.tree.nodes],
+            )
+            self._send(names.TREE_STATUS, tree)
 
-    def _say(self, shown: _Shown, text: str, severity: int = ExecutiveLog.INFO) -> None:
+    def _say(self, text: str, severity: int = ExecutiveLog.INFO) -> None:
         self._lines += 1
         line = ExecutiveLog(
             stamp=self._stamp,
             sequence=self._lines,
             executive_id=_EXECUTIVE,
-            run_id=shown.run_id,
+            run_id=self._run_id,
             severity=severity,
             text=text,
         )
@@ -106,69 +159,3 @@ class _Recording:
 
     def _send(self, name: str, message: Any) -> None:
         self.messages.append((self._now, name, message))
-
-
-class _Shown:
-    """View of a system as the run of an executive."""
-
-    def __init__(self, name: str, run_id: str) -> None:
-        self.run_id = run_id
-        self._name = name
-        self._entered: dict[str, TimeMessage] = {}
-
-    def structure(self, system: System) -> BehaviorStructure:
-        """Its states; of a tree the one that runs it."""
-        if isinstance(system, MachineSystem):
-            return structure_message(system.run.definition, self.run_id, self._name)
-        states = [
-            StateStructure(path='/', kind=StateStructure.MACHINE, children=[_TREE[1:]], outcomes=['ended']),
-            StateStructure(
-                path=_TREE, kind=StateStructure.STATE, type='tree', outcomes=['ended'], targets=['=ended'], autonomy=[0]
-            ),
-        ]
-        return BehaviorStructure(run_id=self.run_id, behavior=self._name, states=states)
-
-    def status(self, system: System, now: TimeMessage) -> ExecutiveStatus:
-        """Return what is active, and what the operator is asked."""
-        status = ExecutiveStatus(run_id=self.run_id, behavior=self._name, state=ExecutiveStatus.RUNNING)
-        if system.ended is not None:
-            status.state, status.outcome = ExecutiveStatus.IDLE, system.ended
-        elif isinstance(system, MachineSystem):
-            run = system.run
-            status.autonomy = run.autonomy_of('/')
-            if run.is_paused or run.is_ending:
-                status.state = ExecutiveStatus.STOPPING if run.is_ending else ExecutiveStatus.PAUSED
-            status.active_states = [ActiveState(path=leaf.path) for leaf in run.active_states()]
-            status.decisions = [_decision(one) for one in run.decisions]
-        elif isinstance(system, TreeSystem):
-            status.autonomy = Autonomy.Full
-            active = system.tree.active_nodes(leaves_only=True)
-            status.active_states = [ActiveState(path=_TREE, tree_run_id=self.run_id, activity=list(active))]
-        paths = [state.path for state in status.active_states]
-        self._entered = {path: self._entered.get(path, now) for path in paths}
-        for state in status.active_states:
-            state.entered = self._entered[state.path]
-        return status
-
-    def tree_status(self, system: TreeSystem, sequence: int, stamp: TimeMessage) -> TreeStatus:
-        """Return the status of each node."""
-        return TreeStatus(
-            stamp=stamp,
-            run_id=self.run_id,
-            structure=1,
-            sequence=sequence,
-            finished=system.ended is not None,
-            statuses=[node.status.value for node in system.tree.nodes],
-        )
-
-
-def _decision(decision: Decision) -> PendingDecision:
-    return PendingDecision(
-        id=decision.id,
-        kind=decision.kind.value,
-        path=decision.path,
-        outcome=decision.outcome,
-        outcomes=list(decision.outcomes),
-        required_autonomy=decision.required,
-        prompt=decision.prompt,
-    )
