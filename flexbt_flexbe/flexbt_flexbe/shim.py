@@ -24,6 +24,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
+from . import states
 from .errors import ShimError
 
 DIRECTORY: Final = Path(__file__).resolve().parent / 'compat'
@@ -76,31 +77,12 @@ _PROXIES: Final = (
     'ProxySubscriberCached',
     'ProxyTransformListener',
 )
+_OTHERS: Final = ('UserdataState', 'WaitForServersState')
+"""States that FlexBE has in a module with another name, or not at all."""
+
 _STATES: Final = {
-    'flexbe_states': (
-        'CalculationState',
-        'CheckConditionState',
-        'DecisionState',
-        'FlexibleCalculationState',
-        'FlexibleCheckConditionState',
-        'InputState',
-        'LogKeyState',
-        'LogState',
-        'OperatorDecisionState',
-        'PublisherBoolState',
-        'PublisherEmptyState',
-        'PublisherStringState',
-        'SelectionState',
-        'SubscriberState',
-        'WaitState',
-    ),
-    'flex_bt_flexbe_states': (
-        'BtExecuteGoalState',
-        'BtExecuteState',
-        'BtGetDataState',
-        'BtLoaderState',
-        'BtSetDataState',
-    ),
+    'flexbe_states': [name for name in states.__all__ if not name.startswith('Bt') and name not in _OTHERS],
+    'flex_bt_flexbe_states': [name for name in states.__all__ if name.startswith('Bt')],
 }
 TESTER: Final = 'flexbe_testing.py_tester'
 

@@ -312,18 +312,14 @@ def _to_float(text: str) -> float:
     return value
 
 
-def _to_list(text: str) -> list[Any]:
-    value = load_yaml(text)
-    if not isinstance(value, list):
-        raise ValueError('write a list in YAML, such as [1, 2]')
-    return value
+def _to_kind(kind: type[Any], example: str) -> Callable[[str], ParameterValue]:
+    def convert(text: str) -> ParameterValue:
+        value: ParameterValue = load_yaml(text)
+        if not isinstance(value, kind):
+            raise ValueError(f'write a {example}')
+        return value
 
-
-def _to_dict(text: str) -> dict[Any, Any]:
-    value = load_yaml(text)
-    if not isinstance(value, dict):
-        raise ValueError('write a mapping in YAML, such as {name: 1}')
-    return value
+    return convert
 
 
 _CONVERTERS: Final[dict[str, Callable[[str], ParameterValue]]] = {
@@ -331,6 +327,6 @@ _CONVERTERS: Final[dict[str, Callable[[str], ParameterValue]]] = {
     'int': _to_int,
     'float': _to_float,
     'string': str,
-    'list': _to_list,
-    'dict': _to_dict,
+    'list': _to_kind(list, 'list in YAML, such as [1, 2]'),
+    'dict': _to_kind(dict, 'mapping in YAML, such as {name: 1}'),
 }

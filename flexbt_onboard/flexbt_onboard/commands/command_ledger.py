@@ -14,7 +14,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import Runtime
@@ -48,21 +48,27 @@ class _Open:
     writer: bytes
 
 
-class CommandHandling(Protocol):
-    """The handling of the commands: what each of them does."""
+class CommandHandling:
+    """The handling of the commands. This one refuses each of them, with a reason."""
 
-    def is_addressed(self, command: ExecutiveCommand) -> bool:
+    def __init__(self, refusal: str = '') -> None:
+        self._refusal = refusal
+
+    def is_addressed(self, _command: ExecutiveCommand) -> bool:
         """Return whether a command is for this executive, which cannot know what another one made of it."""
+        return True
 
-    def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
+    def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
         """Return what the command says, for the event log."""
+        return {}
 
-    def apply(self, command: ExecutiveCommand, writer: bytes) -> bool:
+    def apply(self, _command: ExecutiveCommand, _writer: bytes) -> bool:
         """Return whether it has had its effect; otherwise :class:`CommandDecided` or the begin of a run follows.
 
         Raises:
             CommandRefusedError: it has no effect; the text is the reason.
         """
+        raise CommandRefusedError(self._refusal)
 
 
 class CommandLedger(RunReader):

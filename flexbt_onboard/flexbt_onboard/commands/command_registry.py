@@ -27,6 +27,7 @@ from flexbt_onboard.runs.run_snapshot import RunPhase
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 from .authority import Authority, OperatorNames
+from .command_ledger import CommandHandling
 from .input_requests import InputRequests
 
 LOGGED: Final = 1000
@@ -87,9 +88,8 @@ def _of_authority(name: str, command: Callable[..., None], *fields: str) -> Comm
     return CommandDefinition(name, apply, RunRequirement.NONE, fields, needs_authority=False)
 
 
-class CommandRegistry:
-    """A registry that applies commands. Used on the executor thread only; see
-    :class:`~.command_ledger.CommandHandling`."""
+class CommandRegistry(CommandHandling):
+    """A registry that applies commands. Used on the executor thread only."""
 
     def __init__(
         self,
@@ -101,6 +101,7 @@ class CommandRegistry:
         input_requests: InputRequests,
         report: Reporter,
     ) -> None:
+        super().__init__()
         self._commands = {command.kind: command for command in self.COMMANDS}
         self._executive_id = executive_id
         self._library = library
@@ -111,23 +112,16 @@ class CommandRegistry:
         self._report = report
 
     def is_addressed(self, command: ExecutiveCommand) -> bool:
-        """Return whether a command is for this executive, which cannot know what another one made of it."""
         if command.executive_id in ('', self._executive_id):
             return True
         known = self._commands.get(command.kind)
         return known is not None and known.needs_no_operator
 
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
-        """Return what the command says, for the event log."""
         known = self._commands.get(command.kind)
         return command_fields(command, known.name if known is not None else f'kind {command.kind}')
 
     def apply(self, command: ExecutiveCommand, writer: bytes) -> bool:
-        """Return whether it has had its effect already.
-
-        Raises:
-            CommandRefusedError: it has no effect; the text is the reason.
-        """
         known = self._commands.get(command.kind)
         if known is None:
             raise CommandRefusedError(f'kind {command.kind} is not supported by this version')

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from geometry_msgs.msg import PoseStamped
 
@@ -33,20 +33,13 @@ from flexbt_onboard.commands.command_ledger import CommandLedger
 from flexbt_onboard.commands.input_requests import InputRequests
 from flexbt_onboard.persistence.reporter import StorageProblems
 from flexbt_onboard.persistence.run_journal import InterruptedRun, RunJournal
-from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunPhase, RunSnapshot
+from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunSnapshot
 from flexbt_onboard.runs.run_supervisor import LastRun, RunSupervisor, ShownRun
 
 from .console_link import ConsoleLink
 from .peers import PeersWatch
 from .robot_state import RobotPlan, RobotPose
 from .status_publisher import StatusPublisher
-
-_STATE_OF_PHASE: Final = {
-    RunPhase.STARTING: ExecutiveStatus.STARTING,
-    RunPhase.RUNNING: ExecutiveStatus.RUNNING,
-    RunPhase.PAUSED: ExecutiveStatus.PAUSED,
-    RunPhase.STOPPING: ExecutiveStatus.STOPPING,
-}
 
 
 def status_of(
@@ -87,7 +80,7 @@ def status_of(
             status.message = f'the executive ended while this {how}, or abort it'
             status.active_states = [ActiveState(path=path, paused=run.is_paused) for path in run.active]
         case RunSnapshot():
-            status.state = _STATE_OF_PHASE[run.phase]
+            status.state = getattr(ExecutiveStatus, run.phase.name)
             status.message = '; '.join(filter(None, [run.not_stopped, run.wrong]))
             status.active_states = [_active_state(leaf) for leaf in run.active]
             decisions = [*(_decision(decision, gone) for decision in run.decisions), *input_requests]

@@ -320,12 +320,8 @@ def open_executive(
 # The executive on ``/diagnostics``: the behavior, the nodes that it depends on, and what is written to the disk.
 
 _STATES: Final = {
-    ExecutiveStatus.IDLE: 'idle',
-    ExecutiveStatus.STARTING: 'starting',
-    ExecutiveStatus.RUNNING: 'running',
-    ExecutiveStatus.PAUSED: 'paused',
-    ExecutiveStatus.STOPPING: 'stopping',
-    ExecutiveStatus.INTERRUPTED: 'interrupted',
+    getattr(ExecutiveStatus, name): name.lower()
+    for name in ('IDLE', 'STARTING', 'RUNNING', 'PAUSED', 'STOPPING', 'INTERRUPTED')
 }
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
@@ -19,7 +19,7 @@ from flexbt_common.lifecycle.liveliness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.monitoring import declare_monitoring
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_core.monitors.monitoring import Monitoring
-from flexbt_core.state_machine.engine.run import STOP_TIMEOUT
+from flexbt_core.state_machine.engine.engine import STOP_TIMEOUT
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.places import Place, load_places
 from flexbt_core.values.text import short_repr
@@ -148,7 +148,7 @@ def declare_motion(node: Node) -> MotionParameters:
 
 def _checked(parameters: P) -> P:
     """Return the parameters, in whose lists each name is once. Raises UnfitParameterError if one is no name in ROS."""
-    lists: dict[str, tuple[str, ...]] = {}
+    lists: dict[str, Any] = {}
     for one in fields(parameters):
         value = getattr(parameters, one.name)
         if one.name.endswith('_topic'):

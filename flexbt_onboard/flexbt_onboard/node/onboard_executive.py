@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import sys
 import uuid
-from typing import Any
 
 from flexbt_common import names
 from flexbt_common.lifecycle.managed_node import run_managed_node, unconfigured
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
-from flexbt_onboard.commands.command_ledger import CommandLedger
-from flexbt_onboard.errors import CommandRefusedError
+from flexbt_msgs.msg import ExecutiveLog, ExecutiveStatus
+from flexbt_onboard.commands.command_ledger import CommandHandling, CommandLedger
 from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.link.status_publisher import StatusPublisher
 from flexbt_onboard.persistence.event_log import EventLog
@@ -56,22 +54,11 @@ class UnconfiguredExecutive(StatusPublisher):
         problems = StorageProblems(self._link.log)
         journal = RunJournal(None, problems.of('journal', ExecutiveLog.ERROR), runtime.steady)
         event_log = EventLog(None, runtime.clock, runtime.steady, problems.of('event log', ExecutiveLog.WARN))
-        self._ledger = CommandLedger(runtime, self, journal, Reporter(self._link.log, event_log), self)
+        report = Reporter(self._link.log, event_log)
+        self._ledger = CommandLedger(runtime, CommandHandling(self._refusal), journal, report, self)
         self._link.listen(self._ledger.receive)
         self._link.log(ExecutiveLog.WARN, self._refusal)
         self.changed()
-
-    def is_addressed(self, _command: ExecutiveCommand) -> bool:
-        """Whichever executive it was for: this one is in its place, and has nothing."""
-        return True
-
-    def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
-        """There is no event log."""
-        return {}
-
-    def apply(self, _command: ExecutiveCommand, _writer: bytes) -> bool:
-        """Refuse it."""
-        raise CommandRefusedError(self._refusal)
 
     def send(self) -> None:
         """Send the status: idle, with the reason."""

@@ -53,24 +53,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def as_json(run: RunMetrics) -> dict[str, object]:
     """Return the figures and what they are made of, for programs. Times in seconds."""
+    shown = dataclasses.asdict(run)
+    del shown['end']
+    shown['visits'].sort(key=lambda visit: visit['begin'])
     return {
-        'run': run.run,
-        'behavior': run.behavior,
-        'by': run.by,
-        'begin': run.begin,
+        **shown,
         'duration': run.duration,
         'waiting': run.waiting,
         'wait_causes': run.wait_causes(),
-        'outcome': run.outcome,
-        'message': run.message,
-        'faults': run.faults,
         'commands': run.commands(),
         'states': [dataclasses.asdict(one) for one in run.paths()],
-        'visits': [dataclasses.asdict(one) for one in sorted(run.visits, key=lambda visit: visit.begin)],
-        'waits': [dataclasses.asdict(one) for one in run.waits],
-        'clock_set': run.clock_set,
-        'contradictions': [dataclasses.asdict(one) for one in run.contradictions],
-        'interventions': [dataclasses.asdict(one) for one in run.interventions],
     }
 
 

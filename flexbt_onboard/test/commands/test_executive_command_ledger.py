@@ -16,7 +16,7 @@ from flexbt_core.clock.clock import SteadyClock
 from flexbt_core.state_machine.engine.events import CommandDecided
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand
 from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS
-from flexbt_onboard.commands.command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandLedger
+from flexbt_onboard.commands.command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandHandling, CommandLedger
 from flexbt_onboard.commands.command_registry import CommandRegistry, command_fields
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.persistence.event_log import EventLog
@@ -26,10 +26,11 @@ from flexbt_onboard.persistence.run_journal import RunJournal
 STOP, START = ExecutiveCommand.STOP, ExecutiveCommand.START
 
 
-class Books:
+class Books(CommandHandling):
     """A ledger, and commands with effects that are counted: START is decided later, REPEAT is refused, LOCK raises."""
 
     def __init__(self, remembered: int = 4096, directory: str = '') -> None:
+        super().__init__()
         self.effects: list[str] = []
         self.changes = 0
         self.time = 100.0
