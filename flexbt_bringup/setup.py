@@ -4,6 +4,8 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 package_name = 'flexbt_bringup'
+share = Path('share') / package_name
+template = [(str(share / file.parent), [str(file)]) for file in sorted(Path('template').rglob('*.in'))]
 
 setup(
     name=package_name,
@@ -15,13 +17,14 @@ setup(
         ('share/' + package_name, ['package.xml']),
         ('share/' + package_name + '/launch', sorted(map(str, Path('launch').glob('*.launch.py')))),
         ('share/' + package_name + '/config', sorted(map(str, Path('config').glob('*.yaml')))),
+        *template,
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},  # colcon test looks for it
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='Launch and parameter files for real robots, and the command flexbt: doctor, manifest.',
+    description='Launch and parameter files for real robots, and the command flexbt: doctor, init, manifest.',
     license='BSD-3-Clause',
     entry_points={'console_scripts': ['flexbt = flexbt_bringup.executables:flexbt']},
 )

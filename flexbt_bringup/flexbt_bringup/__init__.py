@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Launch and parameter files for real robots, and the command flexbt: doctor, manifest."""
+"""Launch and parameter files for real robots, and the command flexbt: doctor, init, manifest."""

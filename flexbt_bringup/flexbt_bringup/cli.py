@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The command ``flexbt``: examine a robot, and propose a manifest of its servers."""
+"""The command ``flexbt``: examine a robot, write a package for missions, propose a manifest of a robot's servers."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from flexbt_core.values.text import escape_lines
 from .doctor import Finding, Level, RobotCheck, machine_findings
 from .graph import observe
 from .manifest import manifest_text
+from .package_template import TemplateError, write_package
 
 SIGNS = {Level.OK: 'ok     ', Level.WARNING: 'WARNING', Level.ERROR: 'ERROR  '}
 
@@ -28,6 +29,9 @@ def main(words: Sequence[str] | None = None) -> int:
     doctor = commands.add_parser('doctor', help='report what is wrong with this computer and this robot')
     doctor.add_argument('--json', action='store_true', help='print the findings as JSON, one object per line')
     doctor.add_argument('--machine', action='store_true', help='check only this computer, and look for no robot')
+    init = commands.add_parser('init', help='write a package: behavior, tree, leaves, tests, launch and systemd files')
+    init.add_argument('name', help='name of the package, such as my_missions')
+    init.add_argument('--directory', type=Path, default=Path(), help='where it is written (default: here)')
     manifest = commands.add_parser('manifest', help='propose node types for the servers of a running robot, as YAML')
     manifest.add_argument('--from-graph', action='store_true', required=True, help='look at the nodes that run now')
     manifest.add_argument('--file', type=Path, help='write this file, which must not exist; default: print')
@@ -35,7 +39,8 @@ def main(words: Sequence[str] | None = None) -> int:
         one.add_argument('--namespace', default='', help='namespace of the robot, such as /robot1')
         one.add_argument('--seconds', type=_seconds, default=5.0, help='time for nodes to be found (default 5)')
     options = parser.parse_args(words)
-    return run_doctor(options) if options.command == 'doctor' else run_manifest(options)
+    run = {'doctor': run_doctor, 'init': run_init, 'manifest': run_manifest}[options.command]
+    return run(options)
 
 
 def _seconds(text: str) -> float:
@@ -70,6 +75,18 @@ def _findings(options: argparse.Namespace) -> Iterator[Finding]:
     if not options.machine:
         with NodeRuntime.open('flexbt_doctor', args=()) as runtime:
             yield from RobotCheck(runtime, options.namespace, options.seconds).findings()
+
+
+def run_init(options: argparse.Namespace) -> int:
+    """Write the package."""
+    try:
+        files = write_package(options.name, options.directory)
+    except TemplateError as error:
+        print(escape_lines(f'flexbt: {error}'), file=sys.stderr)
+        return 2
+    print('\n'.join(map(str, files)))
+    print(f'\nnext: colcon build --packages-select {options.name}; see {options.directory / options.name}/README.md')
+    return 0
 
 
 def run_manifest(options: argparse.Namespace) -> int:

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The package that ``flexbt init`` writes builds, and its own tests pass."""
+
+from __future__ import annotations
+
+import configparser
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+from flexbt_bringup.package_template import TemplateError, write_package
+
+NAME = 'quarry_missions'
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write and build the package as its README says; return the workspace."""
+    root = tmp_path_factory.mktemp('workspace')
+    ran = run(root, ['flexbt', 'init', NAME, '--directory', 'src'])
+    assert ran.returncode == 0, ran.stderr
+    built = run(root, ['colcon', 'build', '--symlink-install'])
+    assert built.returncode == 0, built.stdout + built.stderr
+    return root
+
+
+def run(directory: Path, command: list[str], script: str = '') -> subprocess.CompletedProcess[str]:
+    words = ['bash', '-c', f'. {script} && exec "$@"', 'bash', *command] if script else command
+    home = os.environ | {'HOME': str(directory)}
+    return subprocess.run(words, cwd=directory, capture_output=True, text=True, check=False, timeout=300, env=home)
+
+
+def test_its_tests_pass(workspace: Path) -> None:
+    tests = run(workspace, ['python3', '-m', 'pytest', '-q', f'src/{NAME}/test'], 'install/local_setup.sh')
+    assert tests.returncode == 0, tests.stdout + tests.stderr
+    assert '4 passed' in tests.stdout
+
+
+def test_its_files_are_what_their_readers_expect(workspace: Path) -> None:
+    package = workspace / 'src' / NAME
+    unit = configparser.ConfigParser(strict=False, interpolation=None, comment_prefixes=('#',))
+    unit.read(package / 'deploy' / 'flexbt@.service')
+    assert unit['Service']['Restart'] == 'always'
+    services = yaml.safe_load((package / 'deploy' / 'compose.yaml').read_text())['services']
+    assert set(services) == {'bt_server', 'onboard_executive', 'stop_guard'}
+    left = [file for file in package.rglob('*') if file.is_file() and '@NAME@' in file.read_text()]
+    assert left == []
+    compile((package / 'launch' / 'robot.launch.py').read_text(), 'robot.launch.py', 'exec')
+
+
+@pytest.mark.parametrize(('name', 'reason'), [
+    ('My-Robot', 'is not the name of a package'),
+    ('', 'is not the name of a package'),
+    ('flexbt_core', 'is installed already'),
+    ('taken', 'File exists; choose another name'),
+])  # fmt: skip
+def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str, reason: str) -> None:
+    (tmp_path / 'taken').mkdir()
+    with pytest.raises(TemplateError, match=reason):
+        write_package(name, tmp_path)
