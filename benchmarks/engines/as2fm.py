@@ -18,8 +18,8 @@ from _figures import write_figures
 
 from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_formal.roaml.checking import CheckLimits, check
-from flexbt_formal.roaml.language.source_text import ModelFault
 from flexbt_formal.roaml.model import RoamlModel
+from flexbt_formal.roaml.source_text import ModelFault
 
 DATA: Final = 'test/jani_generator/_test_data'
 NEAR: Final = 0.015

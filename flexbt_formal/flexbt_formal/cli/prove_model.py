@@ -12,10 +12,10 @@ from typing import Any, Final
 from flexbt_core.values.text import did_you_mean, one_line
 from flexbt_core.values.text_files import open_regular
 from flexbt_formal.roaml.checking import CheckLimits, Method, Result, check
-from flexbt_formal.roaml.language.source_text import ModelFault
 from flexbt_formal.roaml.model import RoamlModel, is_model
 from flexbt_formal.roaml.properties import ModelProperty
 from flexbt_formal.roaml.rounds import Order
+from flexbt_formal.roaml.source_text import ModelFault
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
 

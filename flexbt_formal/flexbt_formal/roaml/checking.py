@@ -12,8 +12,8 @@ from enum import Enum
 from typing import Final
 
 from flexbt_formal.exploration.explorer import OnProgress, unreported
-from flexbt_formal.roaml.language.draws import ManyValuesError
 
+from .automaton import ManyValuesError
 from .model import RoamlModel
 from .probabilities import BAD, GOOD, GraphChoices, bounds_of, looks, reach
 from .properties import ModelProperty, judge_of

@@ -7,11 +7,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from flexbt_core.behavior_tree.model.errors import LoadError
-from flexbt_formal.roaml.language.ascxml import Communication
-from flexbt_formal.roaml.language.automaton import Action, Automaton, AutomatonState, Send, Target, Transition
-from flexbt_formal.roaml.language.dialect import Events
-from flexbt_formal.roaml.language.expressions import Call, Evaluated, Expression, Literal, Reference, compiled
-from flexbt_formal.roaml.language.source_text import ModelError
+
+from .ascxml import Communication
+from .automaton import Action, Automaton, AutomatonState, Send, Target, Transition
+from .dialect import Events
+from .expressions import Call, Evaluated, Expression, Literal, Reference, compiled
+from .source_text import ModelError
 
 
 class Handler:

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree.model.errors import LoadError
-from flexbt_formal.roaml.language.ascxml import Ascxml, ports_of
-from flexbt_formal.roaml.language.data_types import DataTypes
-from flexbt_formal.roaml.language.dialect import SET, TIMER, Events, bt_event
-from flexbt_formal.roaml.language.source_text import ModelError, SourceElement, read_xml
 
+from .ascxml import Ascxml, ports_of
+from .data_types import DataTypes
+from .dialect import SET, TIMER, Events, bt_event
 from .handlers import handlers
 from .properties import ModelProperty, PropertyError, event_of, judge_of, read_properties
+from .source_text import ModelError, SourceElement, read_xml
 from .system import Clocked, ModelSystem, period_of
 from .tree import TreePlayer, read_tree
 

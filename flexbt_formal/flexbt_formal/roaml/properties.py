@@ -18,9 +18,10 @@ from typing import Any, Final
 from flexbt_core.behavior_tree.model.errors import LoadError
 from flexbt_core.values.json_data import finite_number, load_json
 from flexbt_core.values.text import short_repr
-from flexbt_formal.roaml.language.data_types import Record
-from flexbt_formal.roaml.language.dialect import Events
-from flexbt_formal.roaml.language.expressions import (
+
+from .data_types import Record
+from .dialect import Events
+from .expressions import (
     Call,
     Expression,
     ExpressionError,
@@ -29,7 +30,7 @@ from flexbt_formal.roaml.language.expressions import (
     compiled,
     references_in,
 )
-from flexbt_formal.roaml.language.source_text import ModelError, SourceElement, read_text
+from .source_text import ModelError, SourceElement, read_text
 
 _SIGNS: Final = ('&&', '||', '==', '!=', '<', '<=', '>', '>=', '+', '-', '*', '/', '%', 'min', 'max', 'pow')
 _ALIASES: Final = {'∧': '&&', 'and': '&&', '∨': '||', 'or': '||', '=': '==', '≠': '!=', '≤': '<=', '≥': '>='}

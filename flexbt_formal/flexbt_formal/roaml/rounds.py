@@ -9,8 +9,8 @@ from time import process_time
 from typing import Final, NamedTuple
 
 from flexbt_formal.exploration.explorer import OnProgress
-from flexbt_formal.roaml.language.draws import ManyValuesError
 
+from .automaton import ManyValuesError
 from .properties import Judge, ModelProperty
 from .system import GlobalState, ModelStep, ModelSystem
 

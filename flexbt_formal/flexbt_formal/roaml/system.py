@@ -13,11 +13,20 @@ from itertools import product
 from math import gcd, prod
 from typing import Any, Final, NamedTuple, TypeVar
 
-from flexbt_formal.roaml.language.automaton import Around, Automaton, Branches, LocalState, Send, Write
-from flexbt_formal.roaml.language.dialect import FIELD, Events, bt_event, is_waited_for
-from flexbt_formal.roaml.language.draws import Draws, EnumeratedDraws, ManyValuesError, SampledDraws
-from flexbt_formal.roaml.language.source_text import ModelFault
-
+from .automaton import (
+    Around,
+    Automaton,
+    Branches,
+    Draws,
+    EnumeratedDraws,
+    LocalState,
+    ManyValuesError,
+    SampledDraws,
+    Send,
+    Write,
+)
+from .dialect import FIELD, Events, bt_event, is_waited_for
+from .source_text import ModelFault
 from .tree import PluginAnswer, Seen, TreePlayer
 
 _STATUSES: Final = ('SUCCESS', 'FAILURE', 'RUNNING')

@@ -35,10 +35,11 @@ from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_formal.exploration.configuration import Configuration, StateSnapshotter
 from flexbt_formal.exploration.tree_system import TREE_LAYOUT
 from flexbt_formal.exploration.virtual_time import VirtualClock
-from flexbt_formal.roaml.language.ascxml import Instance, is_pointer
-from flexbt_formal.roaml.language.data_types import DataType, DataTypeError
-from flexbt_formal.roaml.language.dialect import SET, Events, bt_event
-from flexbt_formal.roaml.language.source_text import ModelError, ModelFault, read_text
+
+from .ascxml import Instance, is_pointer
+from .data_types import DataType, DataTypeError
+from .dialect import SET, Events, bt_event
+from .source_text import ModelError, ModelFault, read_text
 
 _STATUS: Final = {NodeStatus.SUCCESS: 1, NodeStatus.FAILURE: 2, NodeStatus.RUNNING: 3}
 _FROM_STATUS: Final = {number: status for status, number in _STATUS.items()}

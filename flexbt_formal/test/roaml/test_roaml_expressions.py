@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_formal.roaml.language.expressions import ExpressionError, constant, parse_expression
+from flexbt_formal.roaml.expressions import ExpressionError, constant, parse_expression
 from flexbt_formal.roaml.probabilities import BAD, GOOD, GraphChoices, reach
 
 

@@ -12,10 +12,10 @@ import pytest
 
 from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_formal.roaml.checking import CheckLimits, Method, Result, check
-from flexbt_formal.roaml.language.source_text import ModelFault
 from flexbt_formal.roaml.model import RoamlModel, is_model
 from flexbt_formal.roaml.probabilities import bounds_of, looks
 from flexbt_formal.roaml.rounds import Order
+from flexbt_formal.roaml.source_text import ModelFault
 
 HEAD = '<ascxml name="{}" version="1.0" initial="{}">{}</ascxml>'
 
