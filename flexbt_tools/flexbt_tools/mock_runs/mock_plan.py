@@ -18,7 +18,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any, Final
@@ -30,7 +30,7 @@ from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.values.json_data import finite_number
 from flexbt_core.values.text import did_you_mean, short_repr, truncate_middle
 from flexbt_core.values.text_files import TextFileError, read_text
-from flexbt_core.values.yaml_data import YamlError, compose_yaml, construct_yaml, load_yaml
+from flexbt_core.values.yaml_data import YamlError, YamlParts, compose_yaml, load_yaml
 from flexbt_tools.errors import RefusedError, UsageError
 
 REAL: Final = 'real'
@@ -125,54 +125,35 @@ def _no_status(name: object) -> str:
     return f'{short_repr(name)} is no status{remedy}'
 
 
-class _Reader:
+class _Reader(YamlParts):
     """A reader of one file, which adds problems to ``errors`` and continues."""
 
     def __init__(self, file: str) -> None:
-        self._file = file
+        super().__init__(file)
         self.errors: list[LoadError] = []
 
+    def problem(self, node: yaml.Node, text: str) -> None:
+        self.errors.append(self._place(node, text))
+
     def read(self, plan: MockPlan) -> None:
-        root = self._root()
-        if root is None:
-            return
-        for key, value in self._items(root, 'the file'):
-            if key == 'blackboard':
-                plan.blackboard.update((name, self._value(inner)) for name, inner in self._items(value, key))
-            elif key == 'mocks':
-                plan.rules += [self._rule(pattern, inner) for pattern, inner in self._items(value, key)]
-            else:
-                self._error(value, f'{key!r} means nothing here; expected mocks or blackboard')
-
-    def _root(self) -> yaml.Node | None:
         try:
-            root = compose_yaml(read_text(self._file), aliases=True)
+            root = compose_yaml(read_text(self.source), aliases=True)
         except YamlError as error:
-            self.errors.append(LoadError(self._file, error.line, error.column, '', error.reason))
-            return None
+            self.errors.append(LoadError(self.source, error.line, error.column, '', error.reason))
+            return
         except TextFileError as error:
-            self.errors.append(LoadError(self._file, 1, 1, '', f'cannot be read: {error}'))
-            return None
-        if root is None:
-            self.errors.append(LoadError(self._file, 1, 1, '', 'the file is empty; expected mocks: {PATTERN: STATUS}'))
-        return root
-
-    def _items(self, node: yaml.Node, what: str) -> Iterator[tuple[str, yaml.Node]]:
-        if not isinstance(node, yaml.MappingNode):
-            self._error(node, f'{what} has to be a mapping, key: value')
+            self.errors.append(LoadError(self.source, 1, 1, '', f'cannot be read: {error}'))
             return
-        for key, value in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                yield str(key.value), value
+        if root is None:
+            problem = 'the file is empty; expected mocks: {PATTERN: STATUS}'
+            self.errors.append(LoadError(self.source, 1, 1, '', problem))
+        for key, value in self.mapping(root, 'the file').items():
+            if key == 'blackboard':
+                plan.blackboard.update(self.values(value, key))
+            elif key == 'mocks':
+                plan.rules += [self._rule(pattern, inner) for pattern, inner in self.mapping(value, key).items()]
             else:
-                self._error(key, f'a key of {what} has to be a text')
-
-    def _value(self, node: yaml.Node) -> Any:
-        try:
-            return construct_yaml(node)
-        except YamlError as error:
-            self._error(node, f'no value: {error.reason}')
-            return None
+                self.problem(value, f'{key!r} means nothing here; expected mocks or blackboard')
 
     def _rule(self, pattern: str, node: yaml.Node) -> MockRule:
         place = self._place(node, '')
@@ -180,43 +161,38 @@ class _Reader:
             return MockRule(pattern, node.value, place)
         nodes = node.value if isinstance(node, yaml.SequenceNode) else [node]
         if not nodes:
-            self._error(node, f'{pattern!r} has no step; write a status, or a list of them')
+            self.problem(node, f'{pattern!r} has no step; write a status, or a list of them')
         return MockRule(pattern, tuple(self._step(pattern, inner) for inner in nodes), place)
 
     def _step(self, pattern: str, node: yaml.Node) -> MockStep:
         if not isinstance(node, yaml.MappingNode):
             return MockStep(self._status(node))
-        parts = dict(self._items(node, f'a step of {pattern!r}'))
+        parts = self.mapping(node, f'a step of {pattern!r}')
         for key in parts.keys() - set(_STEP_KEYS):
-            self._error(parts[key], f'{key!r} means nothing in a step; expected {", ".join(_STEP_KEYS)}')
+            self.problem(parts[key], f'{key!r} means nothing in a step; expected {", ".join(_STEP_KEYS)}')
         if 'gives' not in parts:
-            self._error(node, f'a step of {pattern!r} does not say what it gives: gives: SUCCESS')
+            self.problem(node, f'a step of {pattern!r} does not say what it gives: gives: SUCCESS')
         return MockStep(
             self._status(parts['gives']) if 'gives' in parts else NodeStatus.FAILURE,
             self._seconds(parts['after']) if 'after' in parts else 0.0,
-            {name: self._value(inner) for name, inner in self._items(parts['outputs'], 'outputs')}
-            if 'outputs' in parts
-            else {},
-            str(self._value(parts['reason'])) if 'reason' in parts else '',
+            self.values(parts['outputs'], 'outputs') if 'outputs' in parts else {},
+            str(self.value(parts['reason'], 'reason')) if 'reason' in parts else '',
         )
 
     def _status(self, node: yaml.Node) -> NodeStatus:
-        name = node.value if isinstance(node, yaml.ScalarNode) else self._value(node)
+        name = node.value if isinstance(node, yaml.ScalarNode) else self.value(node, 'a status')
         if name in _STATUSES:
             return NodeStatus[name]
-        self._error(node, _no_status(name))
+        self.problem(node, _no_status(name))
         return NodeStatus.FAILURE
 
     def _seconds(self, node: yaml.Node) -> float:
-        value = self._value(node)
+        value = self.value(node, 'after')
         seconds = finite_number(value)
         if seconds is not None and seconds >= 0.0:
             return seconds
-        self._error(node, f'{short_repr(value)} is no duration in seconds')
+        self.problem(node, f'{short_repr(value)} is no duration in seconds')
         return 0.0
 
     def _place(self, node: yaml.Node, message: str) -> LoadError:
-        return LoadError(self._file, node.start_mark.line + 1, node.start_mark.column + 1, '', message)
-
-    def _error(self, node: yaml.Node, message: str) -> None:
-        self.errors.append(self._place(node, message))
+        return LoadError(self.source, node.start_mark.line + 1, node.start_mark.column + 1, '', message)
