@@ -10,15 +10,23 @@ SimulationError
 
 from __future__ import annotations
 
+from typing import Any
+
 from flexbt_sim.errors import FileError, SimulationError
 
 
 class NavigationError(SimulationError):
-    """A planner, controller or behavior aborts its goal. ``code`` is the name of a constant of the action's result."""
+    """A planner, controller or behavior aborts its goal. ``code`` is the name of a constant of the action's result, of
+    which ``fields`` may have more."""
 
-    def __init__(self, code: str, message: str) -> None:
+    def __init__(self, code: str, message: str, **fields: Any) -> None:
         super().__init__(message)
         self.code = code
+        self.fields = fields
+
+
+class GoalCanceled(Exception):
+    """The client has canceled a goal that is worked on."""
 
 
 class GraphError(FileError):

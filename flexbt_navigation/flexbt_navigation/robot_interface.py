@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
@@ -21,13 +22,13 @@ from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_navigation.common.demand import Demand
 from flexbt_navigation.common.requests import (
-    CANCELED,
     Asked,
     GoalEnd,
+    Later,
     MapFrame,
     RobotParameters,
+    check_canceled,
     check_frame,
-    end_by,
     finite_pose,
 )
 from flexbt_navigation.costmaps.server import CostmapParameters, CostmapServer, KeepoutFilter
@@ -117,50 +118,39 @@ class RobotInterface:
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._commands = in_process.publisher(node.create_publisher(command_type, parameters.cmd_vel_topic, 1))
 
-    def when_known(self, goal: ServedGoal, go_on: Callable[[], None]) -> None:
+    async def known(self, goal: ServedGoal) -> None:
         """Go on with a goal when pose and map are known, or after the pose timeout, of wall time: a server that has
         just started has neither, and as in Nav2 that is a reason to wait for a moment, not to fail; so is a robot that
         was gone, and may be there again. A goal that is to be canceled waits for nothing.
+
+        Raises:
+            GoalCanceled: it is to be canceled.
         """
-        if self._is_known:
-            go_on()
-            return
+        if not self._is_known:
+            await Later(partial(self._wait_until_known, goal))
+        check_canceled(goal)
+
+    def _wait_until_known(
+        self, goal: ServedGoal, on_result: Callable[[None], None], _on_error: Callable[[Exception], None]
+    ) -> None:
+        go_on = partial(on_result, None)
         self._waiting.append(go_on)
         goal.on_cancel(lambda: self._waited_enough(go_on))
         seconds = max(self.parameters.pose_timeout, RETURN_SECONDS if self._was_gone else 0.0)
         self._runtime.post_in(seconds, lambda: self._waited_enough(go_on))
 
-    def with_poses(
-        self,
-        goal: ServedGoal,
-        asked: Callable[[Any], Sequence[Asked]],
-        go_on: Callable[[list[Pose]], None],
-        on_end: Callable[[GoalEnd], None],
-        what: str,
-    ) -> None:
-        """Go on with a goal, as :meth:`when_known`, and with the poses of its request in the frame of the map, which
-        ``asked(request)`` names.
+    async def poses(self, goal: ServedGoal, asked: Callable[[Any], Sequence[Asked]]) -> list[Pose]:
+        """Return the poses of a request in the frame of the map, which ``asked(request)`` names, when they are known,
+        as :meth:`known`.
 
-        ``on_end`` instead, when the goal is canceled meanwhile, a pose is not known, or one of the two functions
-        raises; a fault of ours is reported as one of ``what``.
+        Raises:
+            NavigationError: as :meth:`MapFrame.poses`.
+            GoalCanceled: the goal is to be canceled.
         """
-
-        def fail(error: Exception) -> None:
-            on_end(end_by(self._runtime, error, what))
-
-        def attempt(step: Callable[[], None]) -> None:
-            if goal.cancel_requested:
-                on_end(CANCELED)
-                return
-            try:
-                step()
-            except Exception as error:
-                fail(error)
-
-        def look_up() -> None:
-            self.map_frame.poses(asked(goal.request), lambda poses: attempt(lambda: go_on(poses)), fail)
-
-        self.when_known(goal, lambda: attempt(look_up))
+        await self.known(goal)
+        poses = await Later(partial(self.map_frame.poses, asked(goal.request)))
+        check_canceled(goal)
+        return poses
 
     def _waited_enough(self, go_on: Callable[[], None]) -> None:
         if go_on in self._waiting:

@@ -9,15 +9,15 @@ or drive without end.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 from geometry_msgs.msg import Pose as PoseMessage
-from nav_msgs.msg import Path as PathMessage
 from rclpy.task import Future
 
 from flexbt_common import names
@@ -26,10 +26,10 @@ from flexbt_common.errors import TransformError
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.transform_buffer import Rigid
 from flexbt_common.transform_listener import TRANSFORM_TIMEOUT, TransformListener, transformed
-from flexbt_common.values.message_fields import seconds_of
+from flexbt_common.values.message_fields import duration_message, seconds_of
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
-from flexbt_navigation.errors import NavigationError
+from flexbt_navigation.errors import GoalCanceled, NavigationError
 from flexbt_sim.messages import pose_of
 from flexbt_sim.world.plane.geometry import FARTHEST, Pose
 
@@ -44,18 +44,14 @@ class GoalEnd:
     message: str = ''
 
 
-class OnPathEnd(Protocol):
-    """A callback that ends a goal, with a path if there is one."""
-
-    def __call__(self, end: GoalEnd, path: PathMessage | None = None) -> None: ...
-
-
 SUCCEEDED: Final = GoalEnd(succeeded=True)
 CANCELED: Final = GoalEnd(canceled=True, message='canceled by the client')
 
 
 def end_by(runtime: NodeRuntime, error: Exception, what: str) -> GoalEnd:
     """Return the end of a goal that an error came in the way of; a fault of ours is reported as one of ``what``."""
+    if isinstance(error, GoalCanceled):
+        return CANCELED
     if isinstance(error, NavigationError):
         return GoalEnd(code=error.code, message=str(error))
     runtime.report_fault(error, what)
@@ -77,9 +73,65 @@ def finish(goal: ServedGoal, result: Any, end: GoalEnd) -> None:
         goal.abort(result)
 
 
-# Goals whose results are computed: one after the other, on a thread of their own.
+# Goals that are worked on by coroutines, and results that are computed on a thread of their own.
 
 T = TypeVar('T')
+
+
+class Later(Generic[T]):
+    """A result to await: ``begin(on_result, on_error)`` calls one of the two, once, on the executor thread."""
+
+    def __init__(self, begin: Callable[[Callable[[T], None], Callable[[Exception], None]], object]) -> None:
+        self.begin = begin
+
+    def __await__(self) -> Generator[Later[T], T, T]:
+        return (yield self)
+
+
+def follow(steps: Coroutine[Later[Any], Any, None]) -> None:
+    """Run a coroutine that awaits :class:`Later` only: it goes on as soon as it is called back, not in a later turn of
+    the executor."""
+
+    def go_on(resume: Callable[[Any], Later[Any]], value: Any) -> None:
+        with suppress(StopIteration):
+            later = resume(value)
+            later.begin(partial(go_on, steps.send), partial(go_on, steps.throw))
+
+    go_on(steps.send, None)
+
+
+def served(
+    runtime: NodeRuntime,
+    action_type: Any,
+    elapsed: str,
+    what: str,
+    work: Callable[[ServedGoal], Awaitable[Mapping[str, Any]]],
+    end_goal: Callable[[ServedGoal, Any, GoalEnd], None] = finish,
+) -> Callable[[ServedGoal], None]:
+    """Return a callback that has a coroutine work on each goal of an action.
+
+    ``work(goal)`` returns fields of the result, or raises what ends the goal; a fault of ours is one of ``what``.
+    ``elapsed`` is the field of the result that has the wall time since the goal came.
+    """
+
+    async def run(goal: ServedGoal) -> None:
+        began, end = runtime.steady.now(), SUCCEEDED
+        fields: Mapping[str, Any] = {}
+        try:
+            fields = await work(goal)
+        except Exception as error:
+            end = end_by(runtime, error, what)
+            fields = error.fields if isinstance(error, NavigationError) else {}
+        spent = duration_message(runtime.steady.now() - began)
+        end_goal(goal, action_type.Result(**{elapsed: spent, **fields}), end)
+
+    return lambda goal: follow(run(goal))
+
+
+def check_canceled(goal: ServedGoal | None) -> None:
+    """Raise GoalCanceled if the client has canceled a goal."""
+    if goal is not None and goal.cancel_requested:
+        raise GoalCanceled
 
 
 class Computation:
@@ -87,55 +139,28 @@ class Computation:
 
     def __init__(self, runtime: NodeRuntime, name: str) -> None:
         self._runtime = runtime
-        self._name = name
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
         self._pool.submit(lambda: None)  # its thread begins now: for a goal, there might be none left
         runtime.on_close(lambda: self._pool.shutdown(wait=False, cancel_futures=True))
 
-    def run(
-        self,
-        goal: ServedGoal,
-        compute: Callable[[], T],
-        on_result: Callable[[T], None],
-        on_end: Callable[[GoalEnd], None],
-    ) -> None:
-        """``compute()`` on the thread, then ``on_result`` with what it returns, on that of the executor.
+    async def run(self, compute: Callable[[], T], goal: ServedGoal | None = None) -> T:
+        """Return what ``compute()`` returns on the thread, or raise what it raises; GoalCanceled if ``goal`` was
+        canceled meanwhile."""
 
-        When it raises, or the goal was canceled meanwhile, ``on_end`` instead.
-        """
+        def begin(on_result: Callable[[T], None], on_error: Callable[[Exception], None]) -> None:
+            def work() -> None:
+                try:
+                    check_canceled(goal)
+                    self._runtime.post(partial(on_result, compute()))
+                except Exception as error:
+                    self._runtime.post(partial(on_error, error))
 
-        def deliver(result: T) -> None:
-            if goal.cancel_requested:
-                on_end(CANCELED)
-            else:
-                on_result(result)
+            self._pool.submit(work)
 
-        def work() -> None:
-            if goal.cancel_requested:
-                self._runtime.post(lambda: on_end(CANCELED))
-                return
-            try:
-                result = compute()
-            except Exception as error:
-                end = CANCELED if goal.cancel_requested else end_by(self._runtime, error, self._name)
-                self._runtime.post(lambda: on_end(end))
-            else:
-                self._runtime.post(lambda: deliver(result))
-
-        self._pool.submit(work)
-
-    def ask(self, compute: Callable[[], T], on_done: Callable[[T | None, Exception | None], None]) -> None:
-        """Do the same for what is not a goal: ``on_done`` gets the result, or the error that came in its way."""
-
-        def work() -> None:
-            result, reason = None, None
-            try:
-                result = compute()
-            except Exception as error:
-                reason = error
-            self._runtime.post(lambda: on_done(result, reason))
-
-        self._pool.submit(work)
+        try:
+            return await Later(begin)
+        finally:
+            check_canceled(goal)
 
 
 @dataclass(frozen=True)

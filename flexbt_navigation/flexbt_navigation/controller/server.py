@@ -23,7 +23,17 @@ from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.message_fields import duration_message
 from flexbt_core.values.parameter_fields import parameter
-from flexbt_navigation.common.requests import CANCELED, SUCCEEDED, Asked, GoalEnd, asked_path, check_id, end_by, finish
+from flexbt_navigation.common.requests import (
+    CANCELED,
+    SUCCEEDED,
+    Asked,
+    GoalEnd,
+    asked_path,
+    check_id,
+    end_by,
+    finish,
+    follow,
+)
 from flexbt_navigation.robot_interface import PoseWatch, RobotInterface
 from flexbt_sim.messages import stamped
 from flexbt_sim.world.plane.geometry import Pose
@@ -166,15 +176,16 @@ class MotionServer:
         feedback: Callable[[Any], Any],
         asked: Callable[[Any], Sequence[Asked]] = lambda _request: (),
     ) -> None:
+        self._runtime = runtime
         self._arbiter = arbiter
         self._action_type = action_type
         self._name = name
         self._make = make
         self._feedback = feedback
         self._asked = asked
-        GoalServer(runtime, action_type, name, self._serve, arbiter.cancel)
+        GoalServer(runtime, action_type, name, lambda goal: follow(self._serve(goal)), arbiter.cancel)
 
-    def _serve(self, goal: ServedGoal) -> None:
+    async def _serve(self, goal: ServedGoal) -> None:
         def on_end(end: GoalEnd, seconds: float = 0.0) -> None:
             result = self._action_type.Result()
             if hasattr(result, 'total_elapsed_time'):
@@ -188,12 +199,13 @@ class MotionServer:
             number = self._arbiter.ask()
             return self._asked(request)
 
-        def drive(poses: list[Pose]) -> None:
+        try:
+            poses = await self._arbiter.robot.poses(goal, asked)
             self._arbiter.robot.check_pose()
             motion = self._make(goal.request, *poses)
             self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end, number))
-
-        self._arbiter.robot.with_poses(goal, asked, drive, on_end, f'a goal of {self._name}')
+        except Exception as error:
+            on_end(end_by(self._runtime, error, f'a goal of {self._name}'))
 
 
 @dataclass

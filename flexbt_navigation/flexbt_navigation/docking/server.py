@@ -31,12 +31,21 @@ from flexbt_common.values.message_fields import duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
-from flexbt_navigation.common.requests import CANCELED, SUCCEEDED, Computation, GoalEnd, asked_pose, end_by, finish
+from flexbt_navigation.common.requests import (
+    SUCCEEDED,
+    Computation,
+    GoalEnd,
+    Later,
+    asked_pose,
+    end_by,
+    finish,
+    follow,
+)
 from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.controller.path_follower import PathFollower
 from flexbt_navigation.controller.server import ControllerParameters, MotionArbiter, RunningMotion
 from flexbt_navigation.costmaps.costmap import Costmap
-from flexbt_navigation.errors import NavigationError
+from flexbt_navigation.errors import GoalCanceled, NavigationError
 from flexbt_navigation.planner.planners import StopFlag, planner_for
 from flexbt_sim.messages import stamped
 from flexbt_sim.world.plane.geometry import Pose, wrap
@@ -159,7 +168,7 @@ class DockingServer:
     # -- goals -------------------------------------------------------------------------------------------------------
 
     def _dock(self, goal: ServedGoal) -> None:
-        DockGoal(self, goal).begin()
+        follow(DockGoal(self, goal).begin())
 
     def docked(self, kind: DockType, pose: Pose) -> None:
         """Note that the robot is on a dock."""
@@ -172,19 +181,17 @@ class DockingServer:
         return near or self._is_charging
 
     def _undock(self, goal: ServedGoal) -> None:
-        self.arbiter.robot.when_known(goal, lambda: self._leave(goal))
+        follow(self._leave(goal))
 
-    def _leave(self, goal: ServedGoal) -> None:
+    async def _leave(self, goal: ServedGoal) -> None:
         def on_end(end: GoalEnd, seconds: float = 0.0) -> None:
             if end.succeeded:
                 self._docked = None
             finish(goal, UndockRobot.Result(success=end.succeeded), end)
 
         request = goal.request
-        if goal.cancel_requested:
-            on_end(CANCELED)
-            return
         try:
+            await self.arbiter.robot.known(goal)
             here = self.arbiter.robot.pose
             kind, place = self._docked or (self._type(request.dock_type), here)
             if request.dock_type:
@@ -217,18 +224,25 @@ class DockGoal(Motion):
         self._pose = Pose(0.0, 0.0, 0.0)
         self._stop = StopFlag()
 
-    def begin(self) -> None:
-        """Take the robot from whatever drives it, and find the dock."""
+    async def begin(self) -> None:
+        """Take the robot from whatever drives it, find the dock, and go there."""
         server, request = self._server, self._goal.request
+        robot = server.arbiter.robot
         try:
             dock, self._kind = server.dock(request)
             message = stamped(dock.pose, dock.frame, server.runtime.clock.stamp())
+            asked = asked_pose(message if request.use_dock_id else request.dock_pose, 'the dock', 'DOCK_NOT_VALID')
+            server.arbiter.start(RunningMotion(self._goal, self, lambda _motion: self._feedback(), self._on_end))
+            (self._pose,) = await Later(partial(robot.map_frame.poses, [asked]))
+            await robot.known(self._goal)
+            if not self._goal.active:
+                return
+            if self._kind.charges and server.is_docked(self._pose):
+                self._end(SUCCEEDED)
+            else:
+                await self._stage()
         except Exception as error:
             self._fail(error)
-            return
-        server.arbiter.start(RunningMotion(self._goal, self, lambda _motion: self._feedback(), self._on_end))
-        asked = asked_pose(message if request.use_dock_id else request.dock_pose, 'the dock', 'DOCK_NOT_VALID')
-        server.arbiter.robot.map_frame.poses([asked], self._on_place, self._fail)
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
         """See :class:`Motion`."""
@@ -257,22 +271,7 @@ class DockGoal(Motion):
     def _fail(self, error: Exception) -> None:
         self._end(end_by(self._server.runtime, error, 'a goal of dock_robot'))
 
-    def _on_place(self, poses: list[Pose]) -> None:
-        self._pose = poses[0]
-        self._server.arbiter.robot.when_known(self._goal, self._on_robot)
-
-    def _on_robot(self) -> None:
-        if not self._goal.active:
-            return
-        try:
-            if self._kind.charges and self._server.is_docked(self._pose):
-                self._end(SUCCEEDED)
-            else:
-                self._stage()
-        except Exception as error:
-            self._fail(error)
-
-    def _stage(self) -> None:
+    async def _stage(self) -> None:
         """Plan a path to the staging pose, unless the robot is there."""
         server, robot = self._server, self._server.arbiter.robot
         limits = server.parameters.limits
@@ -284,26 +283,33 @@ class DockGoal(Motion):
             return
         planner = planner_for(robot.costmaps.shared, server.controller.follower.steering)
         start, stop = robot.pose, self._stop
-        server.computation.run(self._goal, lambda: planner.plan(start, staging, stop), self._on_path, self._on_no_path)
-
-    def _on_no_path(self, end: GoalEnd) -> None:
-        if self._staging is not None and not end.canceled:
-            self._staging.fail(end.message)
-        else:
-            self._end(end if end.canceled else GoalEnd(code='FAILED_TO_STAGE', message=end.message))
-
-    def _on_path(self, path: list[Pose]) -> None:
+        try:
+            path = await server.computation.run(lambda: planner.plan(start, staging, stop), self._goal)
+        except GoalCanceled:
+            raise
+        except Exception as error:
+            why = end_by(server.runtime, error, 'the planner of docking').message
+            if self._staging is None:
+                raise NavigationError('FAILED_TO_STAGE', why) from None
+            self._staging.fail(why)
+            return
         if not self._goal.active:
             return
-        try:
-            follower = PathFollower(path, self._server.arbiter.robot.costmaps.local, self._server.controller.follower)
-            if self._staging is None:
-                self._staging = StagingMotion(follower, limited(self._goal.request.max_staging_time), self._stage)
-                self._drive(self._staging)
-            else:
-                self._staging.go_on(follower)
-        except Exception as error:
-            self._fail(error)
+        follower = PathFollower(path, robot.costmaps.local, server.controller.follower)
+        if self._staging is None:
+            self._staging = StagingMotion(follower, limited(self._goal.request.max_staging_time), self._stage_again)
+            self._drive(self._staging)
+        else:
+            self._staging.go_on(follower)
+
+    def _stage_again(self) -> None:
+        async def stage() -> None:
+            try:
+                await self._stage()
+            except Exception as error:
+                self._fail(error)
+
+        follow(stage())
 
     def _drive(self, staging: StagingMotion | None) -> None:
         server = self._server

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose, SmoothPath
@@ -22,20 +23,8 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import duration_message, poses_of, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.parameter_fields import parameter
-from flexbt_navigation.common.requests import (
-    SUCCEEDED,
-    Asked,
-    Computation,
-    GoalEnd,
-    OnPathEnd,
-    asked_path,
-    asked_pose,
-    check_id,
-    finish,
-    set_success,
-)
+from flexbt_navigation.common.requests import Asked, Computation, asked_path, asked_pose, check_id, served, set_success
 from flexbt_navigation.controller.server import ControllerParameters
-from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.robot_interface import RobotInterface
 from flexbt_sim.messages import path_message, pose_message
@@ -81,29 +70,9 @@ class PlannerServer:
             (ComputePathThroughPoses, names.COMPUTE_PATH_THROUGH_POSES, lambda request: poses_of(request.goals)),
         )
         for action_type, name, goals_of in actions:
-            self._serve(action_type, name, goals_of)
+            work = partial(self._plan, goals_of)
+            GoalServer(runtime, action_type, name, served(runtime, action_type, 'planning_time', 'the planner', work))
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
-
-    def _serve(self, action_type: Any, name: str, goals_of: Callable[[Any], Sequence[Any]]) -> None:
-        def serve(goal: ServedGoal) -> None:
-            began = self._runtime.steady.now()
-
-            def on_end(end: GoalEnd, path: Path | None = None) -> None:
-                result = action_type.Result()
-                if path is not None:
-                    result.path = path
-                result.planning_time = duration_message(self._runtime.steady.now() - began)
-                finish(goal, result, end)
-
-            self._robot.with_poses(
-                goal,
-                lambda request: self._asked(request, goals_of(request)),
-                lambda poses: self._search(goal, poses, on_end),
-                on_end,
-                'the planner',
-            )
-
-        GoalServer(self._runtime, action_type, name, serve)
 
     def _asked(self, request: Any, goals: Sequence[Any]) -> list[Asked]:
         """Return the goals, and the start behind them if there is one."""
@@ -113,7 +82,8 @@ class PlannerServer:
         asked = [asked_pose(one, 'the goal', 'GOAL_OUTSIDE_MAP') for one in goals]
         return [*asked, asked_pose(request.start, 'the start', 'START_OUTSIDE_MAP')] if request.use_start else asked
 
-    def _search(self, goal: ServedGoal, poses: list[Pose], on_end: OnPathEnd) -> None:
+    async def _plan(self, goals_of: Callable[[Any], Sequence[Any]], goal: ServedGoal) -> dict[str, Any]:
+        poses = await self._robot.poses(goal, lambda request: self._asked(request, goals_of(request)))
         start = poses.pop() if goal.request.use_start else self._robot.pose
         costmap, frame = self._robot.costmaps.shared, self._robot.parameters.map_frame
         planner = planner_for(costmap, self._controller.follower.steering, self._parameters.tolerance)
@@ -125,11 +95,9 @@ class PlannerServer:
             path = [*(pose for leg in legs[:-1] for pose in leg[:-1]), *legs[-1]]
             return path_message(path, frame, self._runtime.clock.stamp())
 
-        self._computation.run(goal, plan, lambda path: self._planned(path, on_end), on_end)
-
-    def _planned(self, path: Path, on_end: OnPathEnd) -> None:
+        path = await self._computation.run(plan, goal)
         self._plan_topic.publish(path)
-        on_end(SUCCEEDED, path)
+        return {'path': path}
 
     async def _is_path_valid(self, request: Any, response: Any) -> Any:
         try:
@@ -162,15 +130,12 @@ class SmootherServer:
         self._computation = Computation(runtime, 'the smoother')
         self._smoothed = runtime.node.create_publisher(Path, names.PLAN_SMOOTHED, 1)
         # A goal that is to be canceled ends when its path is smooth.
-        GoalServer(runtime, SmoothPath, names.SMOOTH_PATH, self._serve)
+        work = served(runtime, SmoothPath, 'smoothing_duration', 'the smoother', self._smooth)
+        GoalServer(runtime, SmoothPath, names.SMOOTH_PATH, work)
 
-    def _serve(self, goal: ServedGoal) -> None:
+    async def _smooth(self, goal: ServedGoal) -> dict[str, Any]:
+        request = goal.request
         began = time.monotonic()
-
-        def on_end(end: GoalEnd, path: Path | None = None) -> None:
-            spent = duration_message(time.monotonic() - began)
-            result = SmoothPath.Result(path=path or Path(), smoothing_duration=spent, was_completed=path is not None)
-            finish(goal, result, end)
 
         def asked(request: Any) -> list[Asked]:
             nonlocal began
@@ -178,13 +143,7 @@ class SmootherServer:
             check_id(request.smoother_id, tuple(SMOOTHERS), 'smoother', 'INVALID_SMOOTHER')
             return asked_path(request.path)
 
-        def smooth(poses: list[Pose]) -> None:
-            self._compute(goal, began, poses, on_end)
-
-        self._robot.with_poses(goal, asked, smooth, on_end, 'the smoother')
-
-    def _compute(self, goal: ServedGoal, began: float, poses: list[Pose], on_end: OnPathEnd) -> None:
-        request = goal.request
+        poses = await self._robot.poses(goal, asked)
         costmap = self._robot.costmaps.shared
         limit = seconds_of(request.max_smoothing_duration)
 
@@ -192,22 +151,16 @@ class SmootherServer:
             if goal.cancel_requested or time.monotonic() - began > limit:
                 raise NavigationError('TIMEOUT', f'the path is not smooth after {limit:g} s')
 
-        def on_result(smoothed: list[Pose]) -> None:
-            path = _with_poses(request.path, smoothed, self._robot.parameters.map_frame)
-            self._smoothed.publish(path)
-            on_end(_checked(smoothed, costmap) if request.check_for_collisions else SUCCEEDED, path)
-
         smoothing = SMOOTHERS[request.smoother_id or next(iter(SMOOTHERS))]
-        self._computation.run(goal, lambda: smooth_path(poses, costmap, smoothing, check_time), on_result, on_end)
-
-
-def _checked(poses: Sequence[Pose], costmap: Costmap) -> GoalEnd:
-    """Return the end of a goal whose path must not touch anything."""
-    for pose in poses:
-        if costmap.in_collision(pose):
-            said = f'the path is in collision at ({pose.x:.2f}, {pose.y:.2f})'
-            return GoalEnd(code='SMOOTHED_PATH_IN_COLLISION', message=said)
-    return SUCCEEDED
+        smoothed = await self._computation.run(lambda: smooth_path(poses, costmap, smoothing, check_time), goal)
+        path = _with_poses(request.path, smoothed, self._robot.parameters.map_frame)
+        self._smoothed.publish(path)
+        fields = {'path': path, 'was_completed': True, 'smoothing_duration': duration_message(time.monotonic() - began)}
+        for pose in smoothed if request.check_for_collisions else ():
+            if costmap.in_collision(pose):
+                said = f'the path is in collision at ({pose.x:.2f}, {pose.y:.2f})'
+                raise NavigationError('SMOOTHED_PATH_IN_COLLISION', said, **fields)
+        return fields
 
 
 def _with_poses(path: Path, poses: Sequence[Pose], frame: str) -> Path:

@@ -9,7 +9,7 @@ operations of its edges and nodes are carried out, and it is planned again when 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path as FilePath
@@ -44,9 +44,12 @@ from flexbt_navigation.common.requests import (
     Asked,
     Computation,
     GoalEnd,
+    Later,
     asked_pose,
     end_by,
     finish,
+    follow,
+    served,
 )
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.robot_interface import PoseWatch, RobotInterface
@@ -158,9 +161,14 @@ class RouteTracking:
 
     def _replan(self, progress: RouteProgress | None) -> None:
         self._tracker = None
-        self._server.plan(self.goal, progress, self._on_planned, self.end)
+        follow(self._plan(progress))
 
-    def _on_planned(self, planned: PlannedRoute) -> None:
+    async def _plan(self, progress: RouteProgress | None) -> None:
+        try:
+            planned = await self._server.plan(self.goal, progress)
+        except Exception as error:
+            self.end(end_by(self._server.runtime, error, 'the route planner'))
+            return
         if not self.active:
             return
         self._tracker = RouteTracker(planned.route, self._server.parameters.radii, planned.edge)
@@ -374,9 +382,14 @@ class RouteServer:
         node.create_service(SetRouteGraph, names.SET_ROUTE_GRAPH, self._set_graph)
         node.create_service(DynamicEdgesService, names.ADJUST_EDGES, self._adjust_edges)
         if parameters.graph_file:
-            self._take_graph(load_graph(FilePath(parameters.graph_file)), self._report_graph)
+            follow(self._report_graph(self._use_graph(load_graph(FilePath(parameters.graph_file)))))
         actions = (
-            (ComputeRoute, names.COMPUTE_ROUTE, self._serve, None),
+            (
+                ComputeRoute,
+                names.COMPUTE_ROUTE,
+                served(runtime, ComputeRoute, 'planning_time', 'the route planner', self._route, self.finish),
+                None,
+            ),
             (ComputeAndTrackRoute, names.COMPUTE_AND_TRACK_ROUTE, self._track, self._cancel_tracking),
         )
         for action_type, name, serve, cancel in actions:
@@ -390,49 +403,42 @@ class RouteServer:
     # -- the graph ---------------------------------------------------------------------------------------------------
 
     async def _set_graph(self, request: Any, response: Any) -> Any:
+        async def load() -> None:
+            allowed = self.robot.parameters.allowed_directories
+            file = request.graph_filepath
+            await self._use_graph(await self._computation.run(lambda: load_graph(resolve_file(file, allowed))))
+
         done = Future(executor=self.runtime.node.executor)
-
-        def on_taken(error: Exception | None) -> None:
-            self._report_graph(error)
-            response.success = error is None
-            done.set_result(None)
-
-        def on_loaded(graph: RouteGraph | None, error: Exception | None) -> None:
-            if graph is None:
-                on_taken(error)
-            else:
-                self._take_graph(graph, on_taken)
-
-        allowed = self.robot.parameters.allowed_directories
-        self._computation.ask(lambda: load_graph(resolve_file(request.graph_filepath, allowed)), on_loaded)
-        await done
+        follow(self._report_graph(load(), done.set_result))
+        response.success = await done
         return response
 
-    def _take_graph(self, graph: RouteGraph, on_taken: Callable[[Exception | None], None]) -> None:
-        """Use a graph when all of it is known in the frame of the map; the one before it stays when that fails."""
+    async def _use_graph(self, graph: RouteGraph) -> None:
+        """Use a graph when all of it is known in the frame of the map."""
         frame = self.robot.parameters.map_frame
         frames = sorted(graph.frames - {frame})
-
-        def take(origins: list[Pose]) -> None:
-            self._graph = graph.moved(frame, dict(zip(frames, origins, strict=True)))
-            self._markers.publish(graph_markers(self._graph, frame, self.runtime.clock.stamp()))
-            on_taken(None)
-
         origins = [PoseStamped() for _ in frames]
         for origin, name in zip(origins, frames, strict=True):
             origin.header.frame_id = name
         asked = [asked_pose(origin, 'the graph', 'TF_ERROR') for origin in origins]
-        self.robot.map_frame.poses(asked, take, on_taken, GRAPH_TIMEOUT)
+        poses: list[Pose] = await Later(partial(self.robot.map_frame.poses, asked, timeout=GRAPH_TIMEOUT))
+        self._graph = graph.moved(frame, dict(zip(frames, poses, strict=True)))
+        self._markers.publish(graph_markers(self._graph, frame, self.runtime.clock.stamp()))
 
-    def _report_graph(self, error: Exception | None) -> None:
-        logger = self.runtime.node.get_logger()
-        if error is None:
-            assert self._graph is not None
-            logger.info(f'graph of routes with {len(self._graph.nodes)} nodes and {len(self._graph.edges)} edges')
-        elif isinstance(error, FlexbtError):
+    async def _report_graph(self, use: Awaitable[None], on_end: Callable[[bool], object] = lambda _: None) -> None:
+        """Report whether there is a new graph; the one before it stays when that fails."""
+        logger, is_used = self.runtime.node.get_logger(), False
+        try:
+            await use
+        except FlexbtError as error:
             logger.error(f'no new graph of routes: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
-        else:
+        except Exception as error:
             self.runtime.report_fault(error, 'a graph of routes')
+        else:
+            assert self._graph is not None
+            is_used = True
+            logger.info(f'graph of routes with {len(self._graph.nodes)} nodes and {len(self._graph.edges)} edges')
+        on_end(is_used)
 
     def _adjust_edges(self, request: Any, response: Any) -> Any:
         try:
@@ -463,19 +469,9 @@ class RouteServer:
 
     # -- routes ------------------------------------------------------------------------------------------------------
 
-    def _serve(self, goal: ServedGoal) -> None:
-        began = self.runtime.steady.now()
-
-        def on_end(end: GoalEnd) -> None:
-            result = ComputeRoute.Result(planning_time=duration_message(self.runtime.steady.now() - began))
-            self.finish(goal, result, end)
-
-        def on_planned(planned: PlannedRoute) -> None:
-            route, path = self.shown(planned)
-            spent = duration_message(self.runtime.steady.now() - began)
-            self.finish(goal, ComputeRoute.Result(planning_time=spent, route=route, path=path), SUCCEEDED)
-
-        self.plan(goal, None, on_planned, on_end)
+    async def _route(self, goal: ServedGoal) -> dict[str, Any]:
+        route, path = self.shown(await self.plan(goal, None))
+        return {'route': route, 'path': path}
 
     def _track(self, goal: ServedGoal) -> None:
         """Track the newest goal."""
@@ -501,21 +497,12 @@ class RouteServer:
             )
         finish(goal, result, end)
 
-    def plan(
-        self,
-        goal: ServedGoal,
-        progress: RouteProgress | None,
-        on_planned: Callable[[PlannedRoute], None],
-        on_end: Callable[[GoalEnd], None],
-    ) -> None:
-        """Plan the route of a goal of one of the actions: call ``on_planned``, or ``on_end`` if there is no route."""
-
-        def search(poses: list[Pose]) -> None:
-            start, last = self._ends(goal.request, poses)
-            planner, check_time = self._planner(goal.request), self._limit(goal)
-            self._computation.run(goal, lambda: planner.plan(start, last, progress, check_time), on_planned, on_end)
-
-        self.robot.with_poses(goal, _asked, search, on_end, 'the route planner')
+    async def plan(self, goal: ServedGoal, progress: RouteProgress | None) -> PlannedRoute:
+        """Return the route of a goal of one of the actions. Raises what ends the goal if there is none."""
+        poses = await self.robot.poses(goal, _asked)
+        start, last = self._ends(goal.request, poses)
+        planner, check_time = self._planner(goal.request), self._limit(goal)
+        return await self._computation.run(lambda: planner.plan(start, last, progress, check_time), goal)
 
     def _ends(self, request: Any, poses: list[Pose]) -> tuple[Ends, Ends]:
         if not request.use_poses:

@@ -24,6 +24,7 @@ from flexbt_common.middleware.received_messages import Received, reports_writers
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.message_fields import duration_message, seconds_of, time_message
 from flexbt_navigation import robot_interface
+from flexbt_navigation.common.requests import follow
 from flexbt_navigation.costmaps import server
 from flexbt_navigation.costmaps.server import CostmapServer
 from flexbt_navigation.parameters import declare_navigation_parameters
@@ -202,10 +203,14 @@ def test_a_robot_that_is_back_is_waited_for_no_longer_than_before_it_was_gone(mo
         data = serialize_message(pose(DOCK))
         went_on = threading.Event()
 
+        async def go_on() -> None:
+            await robot.known(Mock(spec=ServedGoal, cancel_requested=False))  # there is no map
+            went_on.set()
+
         def come_and_go() -> None:
             robot.forget_pose()
             robot._receive_pose(Received(data, len(data), b'', time.time()))
-            robot.when_known(Mock(spec=ServedGoal), went_on.set)  # there is no map
+            follow(go_on())
 
         runtime.call(come_and_go)
         assert went_on.wait(DEADLINE)
