@@ -479,3 +479,13 @@ def test_the_entries_of_a_scope_are_those_that_it_has() -> None:
 
 def test_an_output_port_may_have_a_pointer_as_its_default() -> None:
     assert output_port(INT, default='{x}').default == '{x}'
+
+
+def test_types_of_one_name_are_the_same_and_a_clash_names_both() -> None:
+    assert PortType('speed', float, 'real').same(PortType('speed', float, 'real'))
+    assert not PortType('speed', float, 'real').same(DOUBLE)
+    board = Blackboard()
+    board.declare('x', PortType('speed', float, 'real'))
+    board.declare('x', PortType('speed', float, 'real'))
+    with pytest.raises(BlackboardError, match=r'\[x\].* speed.* double'):
+        board.declare('x', DOUBLE)
