@@ -65,6 +65,11 @@ class LeafServices:
         """
         return max(timeout, self.start_timeout - (time.monotonic() - STARTED))
 
+    @property
+    def first_timeout(self) -> float:
+        """How long a server, or the pose of the robot, is waited for now, s of wall time."""
+        return self.appear_timeout(self.server_timeout)
+
     def warn_once(self, message: str) -> None:
         """Warn people of something that a tree asks for and that cannot be, once in the life of the server."""
         if message not in self._told and len(self._told) < MOST_TOLD:

@@ -32,6 +32,7 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.transform_listener import TransformListener
 from flexbt_common.values.message_fields import duration_message, poses_of
 from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.clock.clock import Timer
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.action import BtExecute
@@ -68,20 +69,19 @@ class Navigators:
         refusal: str,
     ) -> None:
         """``services`` are those of leaves. ``refusal``: why goals are refused until :meth:`activate`."""
-        self._runtime = runtime
-        self._goals = goals
+        self.runtime = runtime
+        self.parameters = parameters
+        self.goals = goals
         self._services = services
         self._default_trees = default_trees
         self._activation: Activation | None = None
-        self._admission = GoalAdmission('bt_navigator', refusal)
+        self.admission = GoalAdmission('bt_navigator', refusal)
         self._at_work: list[NavigatorGoal] = []
         self._waiting: deque[tuple[NavigatorGoal, Callable[[], None], float]] = deque()
         self._look: Timer | None = None
         self._parts: list[LifecycleSubnode] = []
         self._navigators = [
-            TreeNavigator(runtime, name, parameters, goals, boards, self._admission, self._enqueue, self._cancel)
-            for name in parameters.navigators
-            if name in ACTIONS
+            TreeNavigator(self, name, boards.get(name)) for name in parameters.navigators if name in ACTIONS
         ]
         if names.NAVIGATE_TO_POSE in parameters.navigators:
             # Of many poses only the last counts.
@@ -89,30 +89,24 @@ class Navigators:
         self._follower: WaypointFollower | None = None
         if names.FOLLOW_WAYPOINTS in parameters.navigators:
             self._follower = WaypointFollower(
-                runtime,
-                services.actions.link(NavigateToPose, names.NAVIGATE_TO_POSE),
-                stop_on_failure=parameters.stop_on_failure,
-                task=_waypoint_task(runtime, parameters),
-                server_timeout=self._server_timeout,
-                cancel_timeout=services.cancel_timeout,
-                refusal=refusal,
+                runtime, services, _waypoint_task(runtime, parameters), parameters.stop_on_failure, refusal
             )
 
     def activate(self) -> None:
         """Accept goals, and report the active lifecycle state of Nav2's nodes."""
         if self._navigators:
-            TransformListener.of(self._runtime)  # the first goal in another frame may be stamped before it comes
-            self._admission.open()
+            TransformListener.of(self.runtime)  # the first goal in another frame may be stamped before it comes
+            self.admission.open()
             self._wait_for_servers(patient=True)
             self._parts.append(
-                LifecycleSubnode(self._runtime, names.BT_NAVIGATOR, self._on_change, self._has_its_servers)
+                LifecycleSubnode(self.runtime, names.BT_NAVIGATOR, self._on_change, self._has_its_servers)
             )
         follower = self._follower
         if follower is not None:
             follower.admit('')
             self._parts.append(
                 LifecycleSubnode(
-                    self._runtime,
+                    self.runtime,
                     names.WAYPOINT_FOLLOWER,
                     lambda on: follower.admit('' if on else 'is inactive'),
                 )
@@ -124,7 +118,7 @@ class Navigators:
             part.close()
         self._parts.clear()
         self._wait_no_longer()
-        self._admission.close(refusal)
+        self.admission.close(refusal)
         if self._follower is not None:
             self._follower.admit(refusal)
 
@@ -132,20 +126,16 @@ class Navigators:
         """Follow a lifecycle manager that has changed the state of bt_navigator."""
         if is_active:
             self._wait_for_servers(patient=False)  # Nav2's manager, once answered, demands that it is active
-            self._admission.open()
+            self.admission.open()
             return
         self._wait_no_longer()
-        self._admission.close('is inactive')
+        self.admission.close('is inactive')
         for goal in [*self._at_work, *(goal for goal, *_ in self._waiting)]:
-            self._goals.stop(goal, 'bt_navigator was deactivated')
-
-    def _server_timeout(self) -> float:
-        """Return how long a server, or the pose of the robot, is waited for, s of wall time."""
-        return self._services.appear_timeout(self._services.server_timeout)
+            self.goals.stop(goal, 'bt_navigator was deactivated')
 
     def _wait_for_servers(self, *, patient: bool) -> None:
         nodes = (node for tree in self._default_trees for node in tree.nodes())
-        self._activation = Activation(self._runtime, called_servers(nodes), patient=patient)
+        self._activation = Activation(self.runtime, called_servers(nodes), patient=patient)
 
     def _wait_no_longer(self) -> None:
         if self._activation is not None:
@@ -156,13 +146,15 @@ class Navigators:
 
     # -- whose turn it is --------------------------------------------------------------------------------------------
 
-    def _enqueue(self, goal: NavigatorGoal, go_on: Callable[[], None]) -> None:
-        deadline = self._runtime.steady.now() + self._server_timeout()
+    def enqueue(self, goal: NavigatorGoal, go_on: Callable[[], None]) -> None:
+        """Have a goal begin when it is its turn and its poses are known."""
+        deadline = self.runtime.steady.now() + self._services.first_timeout
         self._waiting.append((goal, go_on, deadline))
         self._proceed()
 
-    def _cancel(self, served: ServedGoal) -> None:
-        self._goals.cancel(served)
+    def cancel(self, served: ServedGoal) -> None:
+        """Stop a goal that its client has canceled."""
+        self.goals.cancel(served)
         self._proceed()
 
     def _proceed(self) -> None:
@@ -173,7 +165,7 @@ class Navigators:
         while self._waiting:
             goal, go_on, deadline = self._waiting[0]
             if goal.served.active and self._has_to_wait(goal, deadline):
-                self._look = self._runtime.post_in(LOOK_SECONDS, self._proceed)
+                self._look = self.runtime.post_in(LOOK_SECONDS, self._proceed)
                 return
             self._waiting.popleft()
             if goal.served.active:
@@ -182,8 +174,8 @@ class Navigators:
     def _has_to_wait(self, goal: NavigatorGoal, deadline: float) -> bool:
         if goal.poses is None:
             return True  # until they are transformed, or the goal has ended for want of that
-        if self._goals.pose is None:
-            return self._runtime.steady.now() < deadline
+        if self.goals.pose is None:
+            return self.runtime.steady.now() < deadline
         in_the_way = self._in_the_way(goal)
         return bool(in_the_way) and all(other.stop_reason is not None for other in in_the_way)
 
@@ -197,7 +189,7 @@ class Navigators:
 
     def _begin(self, goal: NavigatorGoal, go_on: Callable[[], None]) -> None:
         in_the_way = self._in_the_way(goal)
-        if self._goals.pose is None:
+        if self.goals.pose is None:
             goal.problem = 'TF_ERROR'
             self._refuse(goal, 'the pose of the robot is not known: nothing is published on its topic')
             return
@@ -221,7 +213,7 @@ class Navigators:
         self._proceed()
 
     def _refuse(self, goal: NavigatorGoal, why: str) -> None:
-        self._goals.end(goal, RunOutcome(ExecuteResult.ERROR, why))
+        self.goals.end(goal, RunOutcome(ExecuteResult.ERROR, why))
 
     # -- goal_pose ---------------------------------------------------------------------------------------------------
 
@@ -230,12 +222,12 @@ class Navigators:
             self._services.actions.link(NavigateToPose, names.NAVIGATE_TO_POSE),
             NavigateToPose.Goal(pose=pose),
             on_done=self._goal_pose_ended,
-            server_timeout=self._server_timeout(),
+            server_timeout=self._services.first_timeout,
         )
 
     def _goal_pose_ended(self, outcome: GoalOutcome) -> None:
         if outcome.status is not GoalStatus.SUCCEEDED:
-            self._runtime.node.get_logger().warning(
+            self.runtime.node.get_logger().warning(
                 f'{names.GOAL_POSE}: {outcome.reason}', throttle_duration_sec=COMPLAINT_SECONDS
             )
 
@@ -263,34 +255,27 @@ class TreeNavigator:
     """The server of one of :data:`ACTIONS`. On the executor thread.
 
     Its trees run on a separate blackboard, which has the name of the action and lasts as long as the navigator.
-    ``on_goal(goal, go_on)`` is called for each goal that is ready to begin, except for its poses.
     """
 
-    def __init__(
-        self,
-        runtime: Runtime,
-        name: str,
-        parameters: NavigatorParameters,
-        goals: TreeGoals,
-        boards: Blackboards,
-        admission: GoalAdmission,
-        on_goal: Callable[[NavigatorGoal, Callable[[], None]], None],
-        on_cancel: Callable[[ServedGoal], None],
-    ) -> None:
+    def __init__(self, navigators: Navigators, name: str, board: Blackboard) -> None:
         self.name = name
         self.action_type: Any = ACTIONS[name]
-        self.parameters = parameters
+        self.parameters = navigators.parameters
         self.speed = Speed()
-        self.on_goal = on_goal
-        self._board = boards.get(name)  # held, so that it stays
-        self._runtime = runtime
-        self._goals = goals
+        self.navigators = navigators
+        self._board = board  # held, so that it stays
         GoalServer(
-            runtime, self.action_type, name, self._serve, on_cancel, most=MOST_NAVIGATOR_GOALS, admission=admission
+            navigators.runtime,
+            self.action_type,
+            name,
+            self._serve,
+            navigators.cancel,
+            most=MOST_NAVIGATOR_GOALS,
+            admission=navigators.admission,
         )
 
     def _serve(self, served: ServedGoal) -> None:
-        self._goals.serve(NavigatorGoal(self, served, self._runtime.clock.now()))
+        self.navigators.goals.serve(NavigatorGoal(self, served, self.navigators.runtime.clock.now()))
 
     def statuses(self) -> list[Any]:
         """Return what has become of the poses so far, where trees keep account of it."""
@@ -310,7 +295,7 @@ class TreeNavigator:
 
         def unknown(error: TransformError) -> None:
             goal.problem = 'TF_ERROR'
-            self._goals.end(
+            self.navigators.goals.end(
                 goal, RunOutcome(ExecuteResult.ERROR, f'the goal cannot be transformed to {frame!r}: {error}')
             )
 
@@ -319,7 +304,9 @@ class TreeNavigator:
             if pose.header.frame_id in ('', frame):
                 known(index, pose)
             else:
-                TransformListener.of(self._runtime).transform_pose(pose, frame, partial(known, index), unknown)
+                TransformListener.of(self.navigators.runtime).transform_pose(
+                    pose, frame, partial(known, index), unknown
+                )
 
 
 class NavigatorGoal(TreeGoal):
@@ -349,7 +336,7 @@ class NavigatorGoal(TreeGoal):
         self.problem = 'UNKNOWN'
         self.navigator.in_global_frame(self)
         if self.served.active:
-            self.navigator.on_goal(self, go_on)
+            self.navigator.navigators.enqueue(self, go_on)
 
     def begin(self) -> None:
         """Begin: the poses are known, and it is the goal's turn."""

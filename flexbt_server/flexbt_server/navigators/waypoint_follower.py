@@ -11,17 +11,17 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from copy import deepcopy
-from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from nav2_msgs.action import FollowWaypoints, NavigateToPose
 from std_msgs.msg import Empty
 
 from flexbt_common import names
-from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.calls.action_call import ActionCall, GoalOutcome, GoalStatus
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
+from flexbt_server.leaves.leaf_services import LeafServices
 from flexbt_server.nav2.branches import missed
 
 FollowWaypointsResult = FollowWaypoints.Result
@@ -30,32 +30,17 @@ MOST_MISSED: Final = 1000
 """Maximum number of missed waypoints in a result, the last ones: a goal may have billions of loops."""
 
 
-@dataclass(frozen=True)
-class _Settings:
-    runtime: Runtime
-    link: ActionServerLink
-    stop_on_failure: bool
-    task: WaypointTask
-    server_timeout: Callable[[], float]
-    cancel_timeout: float
-
-
 class WaypointFollower:
     """The server of FollowWaypoints. On the executor thread."""
 
     def __init__(
-        self,
-        runtime: Runtime,
-        link: ActionServerLink,
-        *,
-        stop_on_failure: bool,
-        task: WaypointTask,
-        server_timeout: Callable[[], float],
-        cancel_timeout: float,
-        refusal: str,
+        self, runtime: Runtime, services: LeafServices, task: WaypointTask, stop_on_failure: bool, refusal: str
     ) -> None:
-        """``link`` leads to ``navigate_to_pose``; ``task`` is done at each waypoint. Timeouts are in s of wall time."""
-        self._settings = _Settings(runtime, link, stop_on_failure, task, server_timeout, cancel_timeout)
+        """``task`` is done at each waypoint."""
+        self.runtime = runtime
+        self.services = services
+        self.task = task
+        self.stop_on_failure = stop_on_failure
         self._tour: _Tour | None = None
         self._admission = GoalAdmission(names.WAYPOINT_FOLLOWER, refusal)
         GoalServer(
@@ -77,15 +62,16 @@ class WaypointFollower:
             why = f'there is no waypoint {first} among the {len(poses)} of the goal' if poses else 'it has no waypoints'
             served.abort(_result(f'the goal cannot be followed: {why}', 'NO_VALID_WAYPOINTS'))
             return
-        older, newer = self._tour, _Tour(self._settings, served, self._ended)
+        older, newer = self._tour, _Tour(self, served)
         self._tour = newer
-        newer.begin(None if older is None else older.replaced())
+        newer.drive(None if older is None else older.replaced())
 
     def _cancel(self, served: ServedGoal) -> None:
         if self._tour is not None and self._tour.served is served:
             self._tour.cancel()
 
-    def _ended(self, tour: _Tour) -> None:
+    def forget(self, tour: _Tour) -> None:
+        """Note that a goal has ended."""
         if self._tour is tour:
             self._tour = None
 
@@ -93,20 +79,15 @@ class WaypointFollower:
 class _Tour:
     """The way of one goal."""
 
-    def __init__(self, settings: _Settings, served: ServedGoal, on_end: Callable[[_Tour], None]) -> None:
+    def __init__(self, follower: WaypointFollower, served: ServedGoal) -> None:
         self.served = served
-        self._settings = settings
-        self._on_end = on_end
+        self._follower = follower
         self._index = int(served.request.goal_index)
         self._loops = int(served.request.number_of_loops)
         self._missed: deque[Any] = deque(maxlen=MOST_MISSED)
         self._reached = False
         self._call: ActionCall | None = None
         self._is_canceled = False
-
-    def begin(self, driven: ActionCall | None) -> None:
-        """Drive to the first waypoint. ``driven``: what the robot does until then, which the navigator replaces."""
-        self._drive(driven)
 
     def replaced(self) -> ActionCall | None:
         """Return a newer goal has come; gives what the robot does for this one."""
@@ -118,34 +99,35 @@ class _Tour:
         """Cancel for the client; the goal ends when the robot has stopped."""
         self._is_canceled = True
         if self._call is not None:
-            self._call.cancel(self._settings.cancel_timeout)
+            self._call.cancel(self._follower.services.cancel_timeout)
         else:
             self._end(self.served.canceled)
 
     def stop(self, why: str) -> None:
         """End at once; the robot is stopped."""
         if self._call is not None:
-            self._call.cancel(self._settings.cancel_timeout)
+            self._call.cancel(self._follower.services.cancel_timeout)
         self._end(self.served.abort, why)
 
-    def _drive(self, replaced: ActionCall | None = None) -> None:
+    def drive(self, replaced: ActionCall | None = None) -> None:
+        """Drive to the next waypoint. ``replaced``: what the robot does until then, which the navigator replaces."""
         self.served.publish_feedback(FollowWaypoints.Feedback(current_waypoint=self._index))
         pose = deepcopy(self.served.request.poses[self._index])
-        pose.header.stamp = self._settings.runtime.clock.stamp()
+        pose.header.stamp = self._follower.runtime.clock.stamp()
 
         def arrived(outcome: GoalOutcome) -> None:
             if replaced is not None:
-                replaced.cancel(self._settings.cancel_timeout)  # the navigator may have refused to replace it
+                replaced.cancel(self._follower.services.cancel_timeout)  # the navigator may have refused to replace it
             if self.served.active:
                 self._call = None
                 self._arrived(outcome)
 
         self._call = ActionCall(
-            self._settings.link,
+            self._follower.services.actions.link(NavigateToPose, names.NAVIGATE_TO_POSE),
             NavigateToPose.Goal(pose=pose),
             on_done=arrived,
             on_feedback=lambda _: self.served.publish_feedback(FollowWaypoints.Feedback(current_waypoint=self._index)),
-            server_timeout=self._settings.server_timeout(),
+            server_timeout=self._follower.services.first_timeout,
         )
 
     def _arrived(self, outcome: GoalOutcome) -> None:
@@ -153,7 +135,7 @@ class _Tour:
             self._end(self.served.canceled)
         elif outcome.status is GoalStatus.SUCCEEDED:
             self._reached = True
-            self._settings.task.begin(self._task_ended)
+            self._follower.task.begin(self._task_ended)
         else:
             code = getattr(outcome.result, 'error_code', 0) or FollowWaypointsResult.UNKNOWN
             self._miss('was not reached', outcome.reason, code, 'STOP_ON_MISSED_WAYPOINT')
@@ -172,8 +154,8 @@ class _Tour:
     def _miss(self, how: str, why: str, code: int, end_code: str) -> None:
         self._missed.append(missed(self._index, self.served.request.poses[self._index], code, why))
         told = f'waypoint {self._index} {how}: {why}'
-        self._settings.runtime.node.get_logger().warning(told)
-        if self._settings.stop_on_failure:
+        self._follower.runtime.node.get_logger().warning(told)
+        if self._follower.stop_on_failure:
             self._end(self.served.abort, told, end_code)
         else:
             self._go_on()
@@ -189,14 +171,14 @@ class _Tour:
             self._loops -= 1
             self._reached = False
         if self._index < len(self.served.request.poses):
-            self._drive()
+            self.drive()
         else:
             self._end(self.served.succeed)
 
     def _end(self, how: Callable[[Any], None], why: str = '', code: str = 'UNKNOWN') -> None:
-        self._settings.task.cancel()
+        self._follower.task.cancel()
         how(_result(why, code, self._missed))
-        self._on_end(self)
+        self._follower.forget(self)
 
 
 def _result(why: str, code: str, those_missed: Iterable[Any] = ()) -> Any:
