@@ -137,6 +137,17 @@ class ScriptedOperator:
                 self._changed.wait_for(lambda seen=changes: self._changes != seen, remaining)  # type: ignore[misc]
             time.sleep(LOOK_S)
 
+    def wait_running(self, wanted: Callable[[View], T | None], what: str, timeout: float = DRIVE_TIMEOUT_S) -> T:
+        """Wait as :meth:`wait`, while the behavior runs. Raises DemoError also when it has ended."""
+
+        def seen(view: View) -> T | None:
+            found = wanted(view)
+            if found is None or found is False:
+                self._check_running(view)
+            return found
+
+        return self.wait(seen, what, timeout)
+
     def wait_ready(self, peers: int, timeout: float) -> None:
         """Wait until the executive is heard and sees its peers ready, and the robot and its map are known."""
 
@@ -152,52 +163,33 @@ class ScriptedOperator:
         """Wait until the state `path` asks the operator something of this kind that was not answered yet."""
 
         def decision(view: View) -> Decision | None:
-            self._check_running(view)
             asked = (
                 item for item in view.decisions if item.kind is kind and item.path == path and not view.lacks(item)
             )
             return next((item for item in asked if item.id not in self._answered), None)
 
-        return self.wait(decision, f'decision of {path}', timeout)
+        return self.wait_running(decision, f'decision of {path}', timeout)
 
     def wait_state(self, path: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
         """Wait until the leaf `path` is active."""
-
-        def active(view: View) -> bool:
-            self._check_running(view)
-            return path in view.active_paths
-
-        self.wait(active, f'state {path}', timeout)
+        self.wait_running(lambda view: path in view.active_paths, f'state {path}', timeout)
 
     def wait_tree_node(self, node: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
         """Wait until an active state shows that a node of its tree whose path contains `node` is running."""
 
         def running(view: View) -> bool:
-            self._check_running(view)
             states = view.snapshot.active_states if view.snapshot else ()
             return any(node in line for state in states for line in state.activity)
 
-        self.wait(running, f'tree node {node} running', timeout)
-
-    def wait_happened(self, has_happened: Callable[[], bool], what: str) -> None:
-        """Wait until something has happened while the behavior runs."""
-
-        def seen(view: View) -> bool:
-            happened = has_happened()
-            if not happened:
-                self._check_running(view)
-            return happened
-
-        self.wait(seen, what, DRIVE_TIMEOUT_S)
+        self.wait_running(running, f'tree node {node} running', timeout)
 
     def wait_driven(self, metres: float) -> None:
         """Wait until the robot has driven so far since the goal was given, and is moving."""
 
-        def far(view: View) -> bool:
-            self._check_running(view)
+        def far(_view: View) -> bool:
             return self.track.length - self._goal_length >= metres and not self.track.at_rest
 
-        self.wait(far, f'{metres:g} m driven', DRIVE_TIMEOUT_S)
+        self.wait_running(far, f'{metres:g} m driven')
         self._tell('sees', f'the robot on its way at {pose_text(self.track.pose)}')
 
     def wait_begun(self, node: str) -> None:
@@ -209,13 +201,12 @@ class ScriptedOperator:
         def begun(view: View) -> bool:
             if self.track.has_begun(node):
                 return True
-            self._check_running(view)
             asked = any(item.kind is DecisionKind.INPUT and item.id not in self._answered for item in view.decisions)
             if asked:
                 raise DemoError(f'the goal {self._goal_label} was done with before the tree had begun {node!r}')
             return False
 
-        self.wait(begun, f'tree node {node} begun', DRIVE_TIMEOUT_S)
+        self.wait_running(begun, f'tree node {node} begun')
         self._tell('sees', f'that the tree has begun {node!r}')
 
     def wait_rest(self) -> None:
