@@ -18,9 +18,9 @@ from typing import Any, Final
 from _figures import write_figures
 
 from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities, read_mappings
-from flexbt_formal.synthesis.games.specification import Section
 from flexbt_formal.synthesis.hand_written import hand_written
 from flexbt_formal.synthesis.request_files import MachineRequest, read_specification
+from flexbt_formal.synthesis.specification import Section
 from flexbt_formal.synthesis.synthesis import synthesize
 from flexbt_formal.synthesis.translation import Liveness, Options, SynthesisProblem, translated
 

@@ -13,12 +13,19 @@ from pathlib import Path
 from flexbt_core.values.text import escape_lines
 from flexbt_formal.proofs.counterexamples import draw_diagram
 from flexbt_formal.proofs.sequence_picture import Arrow, Note, SequenceDiagram
-from flexbt_formal.requests.synthesis_answers import explanation_lines, happening, step_through
-from flexbt_formal.requests.synthesis_files import StateInterfaces, SynthesisFiles, read, read_problem
+from flexbt_formal.requests.synthesis import (
+    StateInterfaces,
+    SynthesisFiles,
+    explanation_lines,
+    happening,
+    read,
+    read_problem,
+    step_through,
+)
 from flexbt_formal.synthesis.capabilities import read_interfaces
 from flexbt_formal.synthesis.errors import SynthesisError, SynthesisTimeout
 from flexbt_formal.synthesis.explanation import Explanation
-from flexbt_formal.synthesis.machine import SynthesizedMachine
+from flexbt_formal.synthesis.from_strategy import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_python, machine_as_yaml, state_instantiations
 from flexbt_formal.synthesis.request_files import MachineRequest, as_structured_slugs, read_request
 from flexbt_formal.synthesis.synthesis import Synthesis, synthesize, time_limited

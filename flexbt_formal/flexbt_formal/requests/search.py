@@ -26,7 +26,7 @@ from flexbt_core.state_machine.authoring.yaml_form import read_machine
 from flexbt_core.state_machine.model.userdata import MachineError
 from flexbt_core.values.text import did_you_mean, one_line, truncate_middle
 from flexbt_formal.synthesis.errors import SynthesisError, SynthesisTimeout
-from flexbt_formal.synthesis.machine import SynthesizedMachine
+from flexbt_formal.synthesis.from_strategy import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_yaml, state_instantiations
 from flexbt_formal.synthesis.request_files import MachineRequest
 from flexbt_formal.synthesis.synthesis import synthesize, time_limited
@@ -36,8 +36,7 @@ from flexbt_onboard.errors import BrokenBehaviorError
 from flexbt_tools.errors import UsageError
 from flexbt_tools.files import read_text_file
 
-from .synthesis_answers import explanation_lines
-from .synthesis_files import MAX_BYTES, StateInterfaces, SynthesisFiles, read_problem
+from .synthesis import MAX_BYTES, StateInterfaces, SynthesisFiles, explanation_lines, read_problem
 
 _NICENESS: Final = 10
 _SYSTEM: Final = re.compile(r'[\w-][\w.-]{0,254}')

@@ -14,17 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from flexbt_core.values.text import did_you_mean
 
-from .automaton import (
-    Action,
-    Assign,
-    Automaton,
-    AutomatonState,
-    If,
-    Send,
-    Target,
-    Transition,
-    Write,
-)
+from .automaton import Action, Assign, Automaton, AutomatonState, If, Send, Target, Transition, Write
 from .data_types import DataType, DataTypeError, DataTypes
 from .dialect import (
     ACTIONS,

@@ -21,15 +21,7 @@ from flexbt_core.values.text import short_repr
 
 from .data_types import Record
 from .dialect import Events
-from .expressions import (
-    Call,
-    Expression,
-    ExpressionError,
-    Literal,
-    Reference,
-    compiled,
-    references_in,
-)
+from .expressions import Call, Expression, ExpressionError, Literal, Reference, compiled, references_in
 from .source_text import ModelError, SourceElement, read_text
 
 _SIGNS: Final = ('&&', '||', '==', '!=', '<', '<=', '>', '>=', '+', '-', '*', '/', '%', 'min', 'max', 'pow')

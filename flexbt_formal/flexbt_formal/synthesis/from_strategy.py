@@ -8,18 +8,74 @@ outcome arrives. The outcome alone has to determine what follows: a machine sees
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import Any, Final
 
-from flexbt_formal.synthesis.games.formula import VariableName, names_in, value_of
-from flexbt_formal.synthesis.games.specification import Section
-from flexbt_formal.synthesis.games.strategy import Strategy, StrategyNode
-
 from .errors import SynthesisError
-from .machine import MachinePart, MachineState, SynthesizedMachine
+from .formulas import VariableName, names_in, value_of
 from .request_files import FAILURE_OUTCOMES
+from .specification import Section
+from .strategy import Strategy, StrategyNode
 from .translation import SynthesisProblem
+
+# A machine that was synthesized: states, where their outcomes lead, and why they are there.
+
+
+@dataclass(frozen=True, slots=True)
+class MachinePart:
+    """A capability as it is carried out in a state: the class with its parameters, and the userdata of both."""
+
+    capability: str
+    state_class: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    outcomes: tuple[str, ...] = ()
+    reads: Mapping[str, str] = field(default_factory=dict)
+    writes: Mapping[str, str] = field(default_factory=dict)
+    retry_on: tuple[str, ...] = ()
+
+    @property
+    def remapping(self) -> dict[str, str]:
+        """Keys of the class that have another name in the machine."""
+        return {key: name for key, name in {**self.reads, **self.writes}.items() if key != name}
+
+
+@dataclass(frozen=True, slots=True)
+class MachineState:
+    """A state. Several ``parts`` are active at once; their outcomes are then joined, one of each, by ``combinations``.
+
+    ``nodes`` are those of the strategy that the state stands for, ``holds`` what is known in all of them.
+    """
+
+    name: str
+    parts: tuple[MachinePart, ...]
+    transitions: Mapping[str, str]
+    autonomy: Mapping[str, int]
+    nodes: tuple[int, ...] = ()
+    holds: tuple[str, ...] = ()
+    combinations: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class SynthesizedMachine:
+    """States by their names in the order in which they are reached; the first one begins.
+
+    ``attempts`` is how often a state with ``retry_on`` is entered at most. ``keys`` is the userdata that has to be
+    there from the beginning.
+    """
+
+    name: str
+    outcomes: tuple[str, ...]
+    states: Mapping[str, MachineState]
+    attempts: int = 1
+    keys: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def initial(self) -> str:
+        """The state that begins."""
+        return next(iter(self.states))
+
 
 _LABEL: Final = '%s:%s'
 

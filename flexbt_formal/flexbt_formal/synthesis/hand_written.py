@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from flexbt_formal.synthesis.games.specification import Section
-
 from .capabilities import DEFAULT_OUTCOMES, Capability, CapabilityFile, Interfaces, Mappings, StateInterface
 from .errors import SynthesisError
 from .request_files import FAILURE_OUTCOMES, MachineRequest, SpecificationFile
-from .translation import Options, SynthesisProblem, Translation
-from .vocabulary import CAPABILITY, Vocabulary, suffixes
+from .specification import Section
+from .translation import CAPABILITY, Options, SynthesisProblem, Translation, Vocabulary, suffixes
 
 BEGIN: Final = 'begin_game'
 """A capability by which specifications begin; it is not a state."""

@@ -11,7 +11,7 @@ from typing import Any, Final
 import yaml
 
 from .errors import SynthesisError
-from .machine import MachinePart, MachineState, SynthesizedMachine
+from .from_strategy import MachinePart, MachineState, SynthesizedMachine
 
 LEVELS: Final = ('off', 'low', 'high', 'full')
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from flexbt_core.values.text import did_you_mean, short_repr
-from flexbt_formal.synthesis.games.specification import GameVariable, Section, Specification
 
 from .errors import SynthesisError
+from .specification import GameVariable, Section, Specification
 from .yaml_nodes import YamlEntry, YamlFile
 
 FAILURE_OUTCOMES: Final = frozenset({'failed', 'failure', 'aborted', 'canceled'})
@@ -41,11 +41,6 @@ class MachineRequest:
     system: str = ''
     name: str = ''
     timeout: float = 0.0
-
-    @property
-    def success(self) -> str | None:
-        """The outcome that stands for a goal that was reached."""
-        return next((one for one in self.outcomes if one not in FAILURE_OUTCOMES), None)
 
 
 def read_request(text: str, source: str) -> MachineRequest:
@@ -92,14 +87,12 @@ _SECTIONS: Final = (*_DECLARING, *(section.value for section in Section))
 
 @dataclass(frozen=True, slots=True)
 class SpecificationFile:
-    """Variables that are declared, and formulas by section with the line of each; ``more`` are entries of YAML that
-    are not sections."""
+    """Variables that are declared, and formulas by section with the line of each."""
 
     source: str
     name: str = ''
     variables: Mapping[str, GameVariable] = field(default_factory=dict)
     formulas: Mapping[Section, tuple[YamlEntry, ...]] = field(default_factory=dict)
-    more: tuple[str, ...] = ()
 
 
 def read_specification(text: str, source: str) -> SpecificationFile:
@@ -120,15 +113,12 @@ def _read_yaml(text: str, source: str) -> SpecificationFile:
     if 'specs' not in entries:
         file.note(1, 'there are no "specs:"')
     found: dict[str, tuple[YamlEntry, ...]] = {}
-    more = []
     for section, node in file.entries(entries.get('specs'), 'specs').items():
         if section in _SECTIONS:
             found[section] = file.words(node, section)
         elif section.upper() in _SECTIONS or did_you_mean(section, _SECTIONS).startswith('; did'):
             file.problem(node, f'{short_repr(section)} is not a section{did_you_mean(section, _SECTIONS)}')
-        else:
-            more.append(section)
-    return _specification(source, name, found, tuple(more), file.note, file.problems)
+    return _specification(source, name, found, file.note, file.problems)
 
 
 def _read_sections(text: str, source: str) -> SpecificationFile:
@@ -149,15 +139,13 @@ def _read_sections(text: str, source: str) -> SpecificationFile:
             problem(number, 'a formula before the first section; write for example [SYS_TRANS] above it')
         elif line and section is not None:
             found.setdefault(section, []).append(YamlEntry(line, number))
-    known = {name: tuple(entries) for name, entries in found.items() if name in _SECTIONS}
-    return _specification(source, '', known, (), problem, problems)
+    return _specification(source, '', found, problem, problems)
 
 
 def _specification(
     source: str,
     name: str,
     found: Mapping[str, Iterable[YamlEntry]],
-    more: tuple[str, ...],
     problem: Callable[[int, str], None],
     problems: list[str],
 ) -> SpecificationFile:
@@ -179,7 +167,7 @@ def _specification(
     if problems:
         raise SynthesisError(problems)
     formulas = {section: tuple(found.get(section.value, ())) for section in Section}
-    return SpecificationFile(source, name, variables, formulas, more)
+    return SpecificationFile(source, name, variables, formulas)
 
 
 def as_structured_slugs(specification: Specification) -> Iterator[str]:

@@ -8,14 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from flexbt_formal.synthesis.games.certificate import check_certificate
-from flexbt_formal.synthesis.games.solver import Game, Watch
-from flexbt_formal.synthesis.games.strategy import Strategy, strategy_of
-
+from .certificate import check_certificate
 from .errors import SynthesisError, SynthesisTimeout
 from .explanation import Explanation, explained
-from .from_strategy import machine_of
-from .machine import SynthesizedMachine
+from .from_strategy import SynthesizedMachine, machine_of
+from .solver import Game, Watch
+from .strategy import Strategy, strategy_of
 from .translation import SynthesisProblem
 
 _REPORT_SECONDS: Final = 0.5

@@ -12,8 +12,7 @@ from rosidl_adapter.parser import parse_message_string
 import flexbt_states
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.yaml_form import read_machine
-from flexbt_formal.requests.synthesis_answers import flexbe_messages
-from flexbt_formal.requests.synthesis_files import StateInterfaces, SynthesisFiles, read_problem
+from flexbt_formal.requests.synthesis import StateInterfaces, SynthesisFiles, flexbe_messages, read_problem
 from flexbt_formal.synthesis.request_files import MachineRequest
 from flexbt_formal.synthesis.synthesis import synthesize
 from flexbt_formal.synthesis.translation import Options

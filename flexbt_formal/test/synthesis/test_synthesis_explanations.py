@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 from synthesis_support import coffee
 from test_synthesis_games import formulas, specifications
 
-from flexbt_formal.synthesis.counter_play import CounterPlay
-from flexbt_formal.synthesis.explanation import Explanation, FailureKind, smallest_conflict
-from flexbt_formal.synthesis.games.formula import TRUE, Formula, VariableName, value_of
-from flexbt_formal.synthesis.games.solver import Game
-from flexbt_formal.synthesis.games.specification import Section, Specification
+from flexbt_formal.synthesis.explanation import CounterPlay, Explanation, FailureKind, smallest_conflict
+from flexbt_formal.synthesis.formulas import TRUE, Formula, VariableName, value_of
+from flexbt_formal.synthesis.solver import Game
+from flexbt_formal.synthesis.specification import Section, Specification
 from flexbt_formal.synthesis.synthesis import synthesize
 from flexbt_formal.synthesis.translation import Liveness, SynthesisProblem
 

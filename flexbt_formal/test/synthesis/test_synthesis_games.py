@@ -14,12 +14,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_formal.synthesis.games.certificate import check_certificate
-from flexbt_formal.synthesis.games.formula import TRUE, Formula, Join, Not, VariableName, value_of
-from flexbt_formal.synthesis.games.formula_parser import FormulaError, parse_formula
-from flexbt_formal.synthesis.games.solver import Game
-from flexbt_formal.synthesis.games.specification import GameVariable, Section, Specification, SpecificationLine
-from flexbt_formal.synthesis.games.strategy import strategy_of
+from flexbt_formal.synthesis.certificate import check_certificate
+from flexbt_formal.synthesis.formulas import (
+    TRUE,
+    Formula,
+    FormulaError,
+    Join,
+    Not,
+    VariableName,
+    parse_formula,
+    value_of,
+)
+from flexbt_formal.synthesis.solver import Game
+from flexbt_formal.synthesis.specification import GameVariable, Section, Specification, SpecificationLine
+from flexbt_formal.synthesis.strategy import strategy_of
 
 IN, OUT = ('p', 'q'), ('a', 'b')
 

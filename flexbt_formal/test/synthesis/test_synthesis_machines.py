@@ -15,7 +15,7 @@ from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_formal.synthesis.errors import SynthesisError
-from flexbt_formal.synthesis.machine import SynthesizedMachine
+from flexbt_formal.synthesis.from_strategy import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_yaml
 from flexbt_formal.synthesis.synthesis import synthesize
 from flexbt_formal.synthesis.translation import Liveness, SynthesisProblem

@@ -14,12 +14,12 @@ import pytest
 import yaml
 
 from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities, read_mappings
-from flexbt_formal.synthesis.games.encoding import Encoding
-from flexbt_formal.synthesis.games.formula_parser import parse_formula
-from flexbt_formal.synthesis.games.specification import Section
-from flexbt_formal.synthesis.machine import MachinePart, MachineState, SynthesizedMachine
+from flexbt_formal.synthesis.encoding import Encoding
+from flexbt_formal.synthesis.formulas import parse_formula
+from flexbt_formal.synthesis.from_strategy import MachinePart, MachineState, SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import state_instantiations
 from flexbt_formal.synthesis.request_files import MachineRequest, as_structured_slugs, read_specification
+from flexbt_formal.synthesis.specification import Section
 from flexbt_formal.synthesis.synthesis import synthesize
 from flexbt_formal.synthesis.translation import Liveness, Options, SynthesisProblem, translated
 

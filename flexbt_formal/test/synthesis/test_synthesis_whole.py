@@ -17,8 +17,8 @@ from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_formal.synthesis.capabilities import StateInterface, read_capabilities
 from flexbt_formal.synthesis.errors import SynthesisError
+from flexbt_formal.synthesis.from_strategy import SynthesizedMachine
 from flexbt_formal.synthesis.hand_written import hand_written, is_whole
-from flexbt_formal.synthesis.machine import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_yaml
 from flexbt_formal.synthesis.request_files import MachineRequest, read_specification
 from flexbt_formal.synthesis.synthesis import synthesize

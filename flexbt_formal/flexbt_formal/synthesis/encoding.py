@@ -6,9 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
-from flexbt_formal.synthesis.errors import SynthesisError
-
-from .formula import Compare, Formula, Join, Not, Number, Sum, Term, Truth, Valuation, VariableName, compare
+from .errors import SynthesisError
+from .formulas import Compare, Formula, Join, Not, Number, Sum, Term, Truth, Valuation, VariableName, compare
 from .specification import GameVariable, Specification
 
 Diagram = Any
@@ -129,10 +128,6 @@ class Encoding:
     def has(self, valuation: Valuation, in_: Diagram) -> bool:
         """Return whether a valuation of all variables on which the set depends is in it."""
         return self.given(valuation, in_) == self.true
-
-    def size(self) -> int:
-        """Nodes of all diagrams there are."""
-        return len(self._bdd)
 
     # -- formulas ----------------------------------------------------------------------------------------------------
 

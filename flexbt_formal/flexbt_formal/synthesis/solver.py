@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from .encoding import Diagram, Encoding
-from .formula import VariableName
 from .specification import Section, Specification
 
 FAIR: Final = -1
@@ -65,8 +64,9 @@ class Game:
         self.encoding = encoding or Encoding(specification)
         self.watch = watch or (lambda _: None)
         of = self.encoding
-        self.inputs, self.outputs = self._names(inputs=True), self._names(inputs=False)
-        self.inputs_next, self.outputs_next = self._next(self.inputs), self._next(self.outputs)
+        names = specification.names
+        self.inputs, self.outputs = names(inputs=True), names(inputs=False)
+        self.inputs_next, self.outputs_next = names(inputs=True, primed=True), names(inputs=False, primed=True)
         state = of.in_range([*self.inputs, *self.outputs])
         self.start_world = self._all(Section.ENV_INIT) & of.in_range(self.inputs)
         self.start_system = self._all(Section.SYS_INIT) & of.in_range(self.outputs)
@@ -90,12 +90,6 @@ class Game:
         hopeful = self.hoped_for([of.set_of(one) for one in specification.hopes], goes_on)
         way_out = of.some(self.outputs_next, self.system & goes_on & of.primed(hopeful))
         return hopeful, goes_on | ~way_out
-
-    def _names(self, *, inputs: bool) -> list[VariableName]:
-        return self.specification.names(inputs=inputs)
-
-    def _next(self, names: list[VariableName]) -> list[VariableName]:
-        return [VariableName(name.name, True) for name in names]
 
     def _all(self, section: Section) -> Diagram:
         found = self.encoding.true
@@ -132,16 +126,6 @@ class Game:
         return helped & self.forced(safe | targets)
 
     # -- fixpoints ---------------------------------------------------------------------------------------------------
-
-    def safe(self) -> Diagram:
-        """Return the states from which the system always has an answer."""
-        states = self.encoding.true
-        while True:
-            self.watch('looking for dead ends')
-            smaller = states & self.forced(self.encoding.primed(states))
-            if smaller == states:
-                return states
-            states = smaller
 
     def hoped_for(self, guarantees: list[Diagram], moves: Diagram) -> Diagram:
         """Return the states from which guarantees can be met again and again by these moves, if the world helps."""

@@ -12,8 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from .formula import Formula, VariableName
-from .formula_parser import Ranges
+from .formulas import Formula, Ranges, VariableName
 
 
 class Section(Enum):

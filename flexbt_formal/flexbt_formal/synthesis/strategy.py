@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_core.values.text import truncate_middle
-from flexbt_formal.synthesis.errors import SynthesisError
 
 from .encoding import Diagram
-from .formula import Valuation, VariableName
+from .errors import SynthesisError
+from .formulas import Valuation, VariableName
 from .solver import FAIR, Solution
 
 MAX_NODES: Final = 20_000

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from .formula import Formula, Valuation, VariableName, names_in, value_of
+from .formulas import Formula, Valuation, VariableName, names_in, value_of
 from .specification import GameVariable, Section, Specification
 
 
