@@ -64,6 +64,10 @@ class Bench:
     def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
         return self.steady.call_at(self.steady.now() + seconds, lambda: (fn(), None)[1])
 
+    def holds(self) -> bool:
+        """Return whether the robot is held."""
+        return self.robot.is_holding
+
     def log(self, _severity: int, text: str) -> None:
         self.lines.append(text)
 
@@ -76,9 +80,9 @@ def bench() -> Bench:
 def test_a_stop_that_is_meant_for_no_run_holds_the_robot_for_a_while(bench: Bench) -> None:
     bench.enforcer.halt_robot(is_running=False)
     bench.steady.advance(HALT_SECONDS - 0.1)
-    assert bench.robot.is_holding
+    assert bench.holds()
     bench.steady.advance(0.2)
-    assert not bench.robot.is_holding
+    assert not bench.holds()
     assert bench.steady.next_timer() is None
 
 
@@ -86,18 +90,18 @@ def test_the_robot_is_held_as_long_as_something_goes_on_which_operators_read_onc
     bench.robot.going_on = {('/spin', b'1'): '/spin', ('/wait', b'2'): '/wait'}
     bench.enforcer.halt_robot(is_running=False)
     bench.steady.advance(HALT_SECONDS + 10.0)
-    assert bench.robot.is_holding
+    assert bench.holds()
     (line,) = bench.lines
     assert '/spin, /wait went on after the stop' in line
     bench.robot.going_on = {}
     bench.steady.advance(1.0)
-    assert not bench.robot.is_holding
+    assert not bench.holds()
     assert bench.lines[1:] == ['/spin, /wait has ended: the robot is not kept at rest any more']
 
 
 def test_a_stop_of_a_run_cancels_what_others_have_begun(bench: Bench) -> None:
     bench.enforcer.halt_robot(is_running=True)
-    assert bench.robot.calls == ['cancel others'] and not bench.robot.is_holding
+    assert bench.robot.calls == ['cancel others'] and not bench.holds()
 
 
 @pytest.mark.parametrize('left', ['goals', 'hold'])
@@ -131,24 +135,24 @@ def test_a_run_that_does_not_stop_is_held_shown_and_given_up(bench: Bench) -> No
     run = Run()
     bench.enforcer.stopping(cast(Any, run))
     bench.steady.advance(MOTION_SECONDS - 0.1)
-    assert not bench.robot.is_holding
+    assert not bench.holds()
     bench.steady.advance(1.6)
-    assert bench.robot.is_holding and run.shown == [0.3, 0.8, 1.3, 1.8] and not run.aborted
+    assert bench.holds() and run.shown == [0.3, 0.8, 1.3, 1.8] and not run.aborted
     bench.steady.advance(0.5)
     assert run.aborted == 'aborted 2 s after the stop'
     run.has_ended = run.has_goals = True
     bench.steady.advance(5.0)
-    assert bench.robot.is_holding
+    assert bench.holds()
     run.has_goals = False
     bench.steady.advance(1.0)
-    assert not bench.robot.is_holding and bench.steady.next_timer() is None
+    assert not bench.holds() and bench.steady.next_timer() is None
 
 
 def test_the_next_run_begins_with_a_free_robot(bench: Bench) -> None:
     bench.enforcer.halt_robot(is_running=False)
     bench.enforcer.begins()
-    assert not bench.robot.is_holding and bench.steady.next_timer() is None
+    assert not bench.holds() and bench.steady.next_timer() is None
     bench.enforcer.stopping(cast(Any, Run()))
     bench.enforcer.begins()
     bench.steady.advance(10.0)
-    assert not bench.robot.is_holding
+    assert not bench.holds()
