@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from .policy import WAITS, Branch
-from .problem import Domain, PlanningError
+from .problem import Domain, PlanningError, union
 from .relaxation import Reachability
 from .search import SearchOutcome, SearchProgress, SearchResult, search
 
@@ -178,9 +178,7 @@ class Divider:
         found: list[frozenset[int]] = []
         for kind in dict.fromkeys(adds[action] for action in reversed(own)):
             left = {one for one, doer in enumerate(self._doers) if doer == robot and adds[one] == kind}
-            rest = 0
-            for action in own:
-                rest |= adds[action] & ~kind
+            rest = union(adds[action] for action in own) & ~kind
             taken = {one for one, doer in enumerate(self._doers) if doer not in ('', robot) and adds[one] & rest}
             found += [frozenset(left | taken), frozenset(left)]
         return list(dict.fromkeys(found))

@@ -12,6 +12,8 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import or_
 from typing import Final
 
 from flexbt_core.errors import FlexbtError
@@ -105,6 +107,11 @@ class Domain:
     def result(self, state: int, action: int) -> int:
         """Return the state after an action, by its number."""
         return state & ~self.deletes[action] | self.adds[action]
+
+
+def union(masks: Iterable[int]) -> int:
+    """Return what is in any of some bit sets."""
+    return reduce(or_, masks, 0)
 
 
 def bits(mask: int) -> Iterator[int]:

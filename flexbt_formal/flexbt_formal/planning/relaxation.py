@@ -13,10 +13,12 @@ import heapq
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
 from itertools import islice
+from operator import and_
 from typing import Final, NamedTuple
 
-from .problem import Domain, bits
+from .problem import Domain, bits, union
 
 _MOST_PAIRS: Final = 4
 """Maximum number of pairs that are tried for a literal."""
@@ -28,18 +30,12 @@ class Exclusions:
     def __init__(self, domain: Domain, initial: int) -> None:
         self._domain = domain
         self._initial = initial
-        adders: dict[int, list[int]] = defaultdict(list)
-        deleted = 0
-        for number, adds in enumerate(domain.adds):
-            deleted |= domain.deletes[number]
-            for literal in bits(adds):
-                adders[literal].append(number)
-        self._adders: Final = dict(adders)
+        self._adders: Final = _by_literal({action: bits(adds) for action, adds in enumerate(domain.adds)})
         self.groups: Final[list[int]] = []
         self.of: Final = [0] * len(domain.literals)
         failed: set[int] = set()
         done = 0
-        for literal in bits(deleted):
+        for literal in bits(union(domain.deletes)):
             if done >> literal & 1 or literal in failed or literal not in self._adders:
                 continue
             group = self._largest(literal, failed)
@@ -57,9 +53,8 @@ class Exclusions:
         alone = self._group(1 << literal | self._others_of_adders(literal), failed)
         if alone is None or alone.bit_count() > 1:
             return alone
-        moved = 0
-        for action in self._adders[literal]:
-            moved |= self._domain.needs[action] & self._domain.deletes[action]
+        needs, deletes = self._domain.needs, self._domain.deletes
+        moved = union(needs[action] & deletes[action] for action in self._adders[literal])
         pairs = (self._group(1 << literal | 1 << other, failed) for other in bits(moved) if other not in failed)
         return next((pair for pair in islice(pairs, _MOST_PAIRS) if pair is not None), alone)
 
@@ -85,10 +80,7 @@ class Exclusions:
 
     def _others_of_adders(self, seed: int) -> int:
         """Return what all that make a literal true make false: the other places when one goes to a place."""
-        common = -1
-        for action in self._adders[seed]:
-            common &= self._domain.deletes[action]
-        return common
+        return reduce(and_, (self._domain.deletes[action] for action in self._adders[seed]))
 
     def _holds(self, group: int) -> bool:
         domain = self._domain
@@ -144,11 +136,9 @@ class Reachability:
             max((self.costs[need] for need in needs), default=0.0) if action in needs_of else math.inf
             for action, needs in enumerate(self.needs)
         ]
-        self.achievers: Final[dict[int, list[int]]] = defaultdict(list)
-        for action, needed in enumerate(self.needed):
-            if needed < math.inf:
-                for literal in bits(domain.adds[action]):
-                    self.achievers[literal].append(action)
+        self.achievers: Final = _by_literal(
+            {action: bits(domain.adds[action]) for action, needed in enumerate(self.needed) if needed < math.inf}
+        )
         self.landmarks: Final = [
             1 << literal if initial >> literal & 1 else (1 << count) - 1 for literal in range(count)
         ]
@@ -174,7 +164,7 @@ class Reachability:
     def landmarks_of(self, literals: list[int]) -> int:
         """Return what is true at some time on each way to these literals."""
         mask = 0
-        for literal in literals:
+        for literal in literals:  # often called, with few: union would take twice as long
             mask |= self.landmarks[literal]
         return mask
 

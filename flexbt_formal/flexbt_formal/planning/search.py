@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final, NamedTuple
 
-from .problem import bits
+from .problem import bits, union
 from .relaxation import Cuts, LmCut, Reachability, total
 
 _REPORT_INTERVAL: Final = 0.2
@@ -136,9 +136,8 @@ class _Search:
                 self._reductions[literal] = max(self._reductions.get(literal, 0.0), reduction)
         self._reduced = sum(1 << literal for literal in self._reductions)
         self._achievers: Final[dict[int, tuple[list[float], list[int]]]] = {}
-        of = reachability.exclusions.of
         self._excluded_before: Final[dict[int, int]] = {}
-        self._of = of
+        self._of: Final = reachability.exclusions.of
 
     def run(self) -> SearchResult:
         reachability, goal, least = self._reachability, self._goal, self._least
@@ -269,11 +268,7 @@ class _Search:
         known = self._excluded_before.get(action)
         if known is None:
             domain = self._reachability.domain
-            known = 0
-            for literal in bits(domain.needs[action]):
-                known |= self._of[literal]
-            for literal in bits(domain.adds[action]):
-                known |= self._of[literal]
+            known = union(self._of[literal] for literal in bits(domain.needs[action] | domain.adds[action]))
             self._excluded_before[action] = known
         return known
 
