@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, cached_property
 from itertools import pairwise, product
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy
 from numpy.typing import NDArray
@@ -80,6 +80,15 @@ class StopFlag:
             raise PlanningStopped('UNKNOWN', 'the plan is not wanted any more')
 
 
+class PathEnds(NamedTuple):
+    """The ends of a path, and the free cells near them between which it leads."""
+
+    start: Pose
+    source: Cell
+    goal: Pose
+    target: Cell
+
+
 class GridPlanner:
     """A planner on one costmap."""
 
@@ -140,22 +149,14 @@ class GridPlanner:
             if near is None:
                 raise reason if target is not None else self._occupied(goal)
             target, goal = near, Pose(*costmap.world.point(*near), goal.yaw)
-        return self._way(start, source, goal, target, stop, before)
+        return self._way(PathEnds(start, source, goal, target), stop, before)
 
-    def _way(
-        self,
-        start: Pose,
-        source: Cell,
-        goal: Pose,
-        target: Cell,
-        stop: StopFlag,
-        before: Sequence[Sequence[Pose]],
-    ) -> list[Pose]:
+    def _way(self, ends: PathEnds, stop: StopFlag, before: Sequence[Sequence[Pose]]) -> list[Pose]:
         """Return a path, where one over cells leads from the one near the start to the one near the goal."""
-        cells = self._search(source, target, stop).tolist()
-        begin, end = (self._costmap.world.grid_position(*pose[:2]) for pose in (start, goal))
+        cells = self._search(ends.source, ends.target, stop).tolist()
+        begin, end = (self._costmap.world.grid_position(*pose[:2]) for pose in (ends.start, ends.goal))
         way = [begin, *((row + 0.5, column + 0.5) for row, column in cells), end]
-        return self._along(start, self._pull_straight(way, stop), goal)
+        return self._along(ends.start, self._pull_straight(way, stop), ends.goal)
 
     def _along(self, start: Pose, corners: Sequence[Position], goal: Pose) -> list[Pose]:
         """Return a path with corners at these positions; the first and the last are those of start and goal."""
@@ -339,22 +340,14 @@ class OutlinePlanner(GridPlanner):
     room on it and the robot is on it.
     """
 
-    def _way(
-        self,
-        start: Pose,
-        source: Cell,
-        goal: Pose,
-        target: Cell,
-        stop: StopFlag,
-        before: Sequence[Sequence[Pose]],
-    ) -> list[Pose]:
-        path = super()._way(start, source, goal, target, stop, before)
+    def _way(self, ends: PathEnds, stop: StopFlag, before: Sequence[Sequence[Pose]]) -> list[Pose]:
+        path, start = super()._way(ends, stop, before), ends.start
         if self._costmap.in_collision(start) or self._is_drivable(path, start.yaw):
             return path
-        if rest := self._rest(before, start, goal):
+        if rest := self._rest(before, start, ends.goal):
             return rest
-        way = self._outline_way(start, source, goal, target, stop)
-        return path if way is None else self._along(start, self._straightened(way, stop), goal)
+        way = self._outline_way(ends, stop)
+        return path if way is None else self._along(start, self._straightened(way, stop), ends.goal)
 
     def _is_drivable(self, path: Sequence[Pose], yaw: float) -> bool:
         """Return whether the outline has room along a path; ``yaw`` is the heading at its beginning."""
@@ -389,19 +382,18 @@ class OutlinePlanner(GridPlanner):
         """Return whether the rest of a path before has room."""
         return self._is_drivable(path, yaw)
 
-    def _outline_way(
-        self, start: Pose, source: Cell, goal: Pose, target: Cell, stop: StopFlag
-    ) -> NDArray[numpy.float64] | None:
+    def _outline_way(self, ends: PathEnds, stop: StopFlag) -> NDArray[numpy.float64] | None:
         """Points of a way that the outline has room on, shape (n, 2), in cells; None when the search is given up."""
+        start, source, goal, target = ends
         begin, end = self.on_grid(start), self.on_grid(goal)
         margin = max(1.0, OUTLINE_MARGIN / self._costmap.world.resolution)
 
         @cache
         def problem(turned: bool) -> tuple[Any, ...]:
             there = self._costs_to(source if turned else target, stop)
-            ends = (turned_round(end), turned_round(begin)) if turned else (begin, end)
+            poses = (turned_round(end), turned_round(begin)) if turned else (begin, end)
             shape = self.shape_turned if turned else self.shape
-            return shape, margin, self._costmap.costs, WEIGHTS, self._is_roomy, there, *ends
+            return shape, margin, self._costmap.costs, WEIGHTS, self._is_roomy, there, *poses
 
         looked, share = 0, min(1.0, USUAL_REACH * self._costmap.world.resolution / self._costmap.inflation.outer_radius)
         for limit, turned in product(
@@ -544,17 +536,10 @@ class HybridPlanner(OutlinePlanner):
         super().__init__(costmap, tolerance)
         self._steering = steering
 
-    def _way(
-        self,
-        start: Pose,
-        source: Cell,
-        goal: Pose,
-        target: Cell,
-        stop: StopFlag,
-        before: Sequence[Sequence[Pose]],
-    ) -> list[Pose]:
-        costmap, world = self._costmap, self._costmap.world
-        cell = world.resolution
+    def _way(self, ends: PathEnds, stop: StopFlag, before: Sequence[Sequence[Pose]]) -> list[Pose]:
+        start, source, goal, target = ends
+        costmap = self._costmap
+        cell = costmap.world.resolution
         if costmap.in_collision(start):
             raise NavigationError(
                 'START_OCCUPIED' if costmap.touches_map(start) else 'NO_VALID_PATH',
@@ -563,9 +548,9 @@ class HybridPlanner(OutlinePlanner):
         if rest := self._rest(before, start, goal):
             return rest
         radius = self._steering.turning_radius * STEERING_RESERVE / cell
-        begin, end = ends = self.on_grid(start), self.on_grid(goal)
+        begin, end = self.on_grid(start), self.on_grid(goal)
         # Where there is less room at an end the robot may come as near to obstacles all along.
-        slack = SLACK if all(room(self.shape, SLACK, *one) >= 0.0 for one in ends) else TIGHT
+        slack = SLACK if all(room(self.shape, SLACK, *one) >= 0.0 for one in (begin, end)) else TIGHT
         rules = slack, max(1.0, MARGIN * radius)
 
         @cache

@@ -144,8 +144,9 @@ class Sensor(Device):
 
     @property
     def pose(self) -> Pose:
-        """Pose on the robot."""
-        return ORIGIN
+        """Pose on the robot: that of its model, if this has one."""
+        pose: Pose = getattr(self.model, 'pose', ORIGIN)
+        return pose
 
     @property
     def news(self) -> float | None:

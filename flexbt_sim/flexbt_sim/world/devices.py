@@ -246,10 +246,6 @@ class Lidar(Sensor):
         self._ranges: NDArray[numpy.float32] = numpy.empty(0, numpy.float32)
 
     @property
-    def pose(self) -> Pose:
-        return self.model.pose
-
-    @property
     def scan(self) -> Scan | None:
         """The last scan."""
         return None if self.time is None else Scan(self.time, self._ranges)
@@ -331,10 +327,6 @@ class RangeFinder(Sensor):
     model: RangeFinderModel
     range = math.inf
 
-    @property
-    def pose(self) -> Pose:
-        return self.model.pose
-
     def beams(self, number: int) -> Beams:
         model = self.model
         gaps = max(1, math.ceil(model.field_of_view / BEAM_ANGLE))
@@ -394,10 +386,6 @@ class Imu(Sensor):
         self.angular_velocity, self.acceleration = 0.0, (0.0, 0.0)
         self._twist = self._change = (0.0, 0.0)
         self._since = -math.inf
-
-    @property
-    def pose(self) -> Pose:
-        return self.model.pose
 
     def comes_due(self, now: float) -> bool:
         """See how fast the speeds have changed since the last reading was due, whether anybody reads it or not."""
