@@ -91,7 +91,7 @@ class CoroutineAction(LeafNode):
     # -- within the tick -----------------------------------------------------------------------------------------------
 
     def execute(self) -> NodeStatus:
-        before = self.status
+        before = self.stored_status
         if before is SUCCESS or before is FAILURE:
             return before
         if self._halted:
@@ -136,7 +136,7 @@ class CoroutineAction(LeafNode):
 
     def halt(self) -> None:
         coroutine = self._coroutine
-        if self.status is RUNNING and coroutine is not None and not self._halted:
+        if self.stored_status is RUNNING and coroutine is not None and not self._halted:
             self.cancel_wake()
             self._halted = True
             self._unfinished = self.context.add_unfinished(f'[{self.path}] is coming to its end', self._come_to_end)
@@ -229,7 +229,7 @@ class ThreadedAction(LeafNode):
     # -- within the tick -----------------------------------------------------------------------------------------------
 
     def execute(self) -> NodeStatus:
-        before = self.status
+        before = self.stored_status
         if before is SUCCESS or before is FAILURE:
             return before
         call = self._call
@@ -258,7 +258,7 @@ class ThreadedAction(LeafNode):
 
     def halt(self) -> None:
         call = self._call
-        if self.status is RUNNING and call is not None and not call.halted:
+        if self.stored_status is RUNNING and call is not None and not call.halted:
             call.halt()
             if not call.ended:
                 self.stop_by(self.on_halted)

@@ -83,7 +83,7 @@ class _PreCondition(NodeScript):
     def _ask_and_tick(self) -> NodeStatus:
         node = self._node
         node.decided_by = None
-        status = node.status
+        status = node.stored_status
         if status is IDLE or status is SKIPPED or (status is RUNNING and self._ongoing):
             # What is in a slot is fetched first here and below: Python is slower to call it at once.
             run = self.bound.run
@@ -113,7 +113,7 @@ class _PostCondition(NodeScript):
 
     def _tick_and_run(self) -> NodeStatus:
         node = self._node
-        before = node.status
+        before = node.stored_status
         tick = self._tick
         status = tick()
         if status in self.statuses:
@@ -164,7 +164,7 @@ class Conditions:
             node.decided_by = script if result is FAILURE else None
             self.complete(result)
             node.status = result
-        elif node.status is RUNNING:
+        elif node.stored_status is RUNNING:
             node.halt_node()
         return result
 

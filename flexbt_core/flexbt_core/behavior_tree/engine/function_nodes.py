@@ -46,7 +46,7 @@ class SimpleAction(SyncAction):
         """Do the work."""
 
     def tick(self) -> NodeStatus:
-        if self.status is IDLE:
+        if self.stored_status is IDLE:
             self.status = RUNNING
         status = self.checked(self.call())
         self.store_status(status)
@@ -67,7 +67,7 @@ class SimpleDecorator(Decorator):
 
     def tick(self) -> NodeStatus:
         status = self.decorate(self.tick_child())
-        if (status is SUCCESS or status is FAILURE) and self.child.status is RUNNING:
+        if (status is SUCCESS or status is FAILURE) and self.child.stored_status is RUNNING:
             self.halt_child()
         return status
 

@@ -188,7 +188,7 @@ class StatefulAction(LeafNode):
         """Stop the work that is RUNNING. Must not block."""
 
     def execute(self) -> NodeStatus:
-        before = self.status
+        before = self.stored_status
         if before is not IDLE and before is not RUNNING:
             # Completed, and not set back by the parent yet: the result stands.
             return before
@@ -205,7 +205,8 @@ class StatefulAction(LeafNode):
             self.cancel_wake()
             raise self.fault(error) from error
         if status is RUNNING:
-            self.status = status  # first, so that what was begun is stopped where it is refused
+            if before is IDLE:
+                self.status = status  # first, so that what was begun is stopped where it is refused
             return self.checked(status)
         self.cancel_wake()
         if status is not SKIPPED:
@@ -213,7 +214,7 @@ class StatefulAction(LeafNode):
         return status
 
     def halt(self) -> None:
-        if self.status is RUNNING:
+        if self.stored_status is RUNNING:
             self.cancel_wake()
             self.stop_by(self.on_halted)
         self.status = IDLE
@@ -280,7 +281,7 @@ class ExpandingAction(StatefulAction):
         except PortError as error:
             raise NodeExecutionError(error.node_path, error.node_id, error, error.uid) from error
         root = self._root
-        if root is not None and (root.status is SUCCESS or root.status is FAILURE):
+        if root is not None and (root.stored_status is SUCCESS or root.stored_status is FAILURE):
             root.status = IDLE
         return status
 

@@ -104,7 +104,7 @@ class TickCallbacks:
 
         def call_and_tick() -> NodeStatus:
             callback = callbacks.get(node)
-            if callback is not None and (node.status is IDLE or node.status is RUNNING):
+            if callback is not None and (node.stored_status is IDLE or node.stored_status is RUNNING):
                 given = _replacement(node, lambda: callback(node))
                 if given is not None:
                     return _complete(node, given)
@@ -130,7 +130,7 @@ class TickCallbacks:
 
 
 def _complete(node: TreeNode, result: NodeStatus) -> NodeStatus:
-    if node.status is RUNNING:
+    if node.stored_status is RUNNING:
         node.halt_node()
     node.status = result
     node.decided_by = _CALLBACK

@@ -93,7 +93,7 @@ class ControlNode(TreeNode):
 
     def last_failed(self) -> int | None:
         """Return the last child that has FAILURE still."""
-        failed = [index for index, child in enumerate(self.children) if child.status is FAILURE]
+        failed = [index for index, child in enumerate(self.children) if child.stored_status is FAILURE]
         return failed[-1] if failed else None
 
 
@@ -127,10 +127,10 @@ class Control(ControlNode):
     @property
     def active(self) -> bool:
         """True if the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
-        return self.status is not IDLE
+        return self.stored_status is not IDLE
 
     def execute(self) -> NodeStatus:
-        if self.status is not RUNNING:
+        if self.stored_status is not RUNNING:
             self._failed = None
         try:
             status = self.tick()
@@ -138,12 +138,12 @@ class Control(ControlNode):
             raise
         except BaseException as error:
             raise self.fault(error) from error
-        if status is not SKIPPED:
+        if status is not SKIPPED and not (status is RUNNING and self.stored_status is RUNNING):
             self.status = self.checked(status)
         return status
 
     def halt(self) -> None:
-        if self.status is RUNNING:
+        if self.stored_status is RUNNING:
             self.stop_by(self.on_halt)
         super().halt()
 
@@ -217,7 +217,7 @@ class Decorator(DecoratorNode):
     @property
     def active(self) -> bool:
         """True if the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
-        return self.status is not IDLE
+        return self.stored_status is not IDLE
 
     def failure_cause(self) -> TreeNode | None:
         return self.child if self._child_failed else None
@@ -230,14 +230,14 @@ class Decorator(DecoratorNode):
             raise
         except BaseException as error:
             raise self.fault(error) from error
-        if status is not SKIPPED:
+        if status is not SKIPPED and not (status is RUNNING and self.stored_status is RUNNING):
             self.status = self.checked(status)
         child = self.child
-        if child.status is SUCCESS or child.status is FAILURE:
+        if child.stored_status is SUCCESS or child.stored_status is FAILURE:
             child.status = IDLE
         return status
 
     def halt(self) -> None:
-        if self.status is RUNNING:
+        if self.stored_status is RUNNING:
             self.stop_by(self.on_halt)
         super().halt()

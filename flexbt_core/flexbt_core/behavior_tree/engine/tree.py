@@ -224,7 +224,7 @@ class Tree:
     def _settle(self, status: NodeStatus) -> NodeStatus:
         if status is not RUNNING:
             self._failure = None
-            if status is not SKIPPED and self.root.status is status:
+            if status is not SKIPPED and self.root.stored_status is status:
                 self.root.status = IDLE
         self._status = status
         return status
@@ -244,7 +244,7 @@ class Tree:
                 self.context.halt_errors.append(error)
         # A script of _onHalted that fails keeps the nodes above it from finishing their halt.
         for node in self.nodes:
-            if node.status is not IDLE:
+            if node.stored_status is not IDLE:
                 node.status = IDLE
         self.context.deadlines.clear()
         self.context.stopping = False
@@ -299,7 +299,7 @@ class Tree:
             leaf.abandon()
 
     def _running_leaves(self) -> list[LeafNode]:
-        return [node for node in self.nodes if node.status is RUNNING and isinstance(node, LeafNode)]
+        return [node for node in self.nodes if node.stored_status is RUNNING and isinstance(node, LeafNode)]
 
     def _raise_halt_errors(self) -> None:
         errors = self.context.halt_errors
@@ -370,7 +370,7 @@ class Tree:
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
         """Paths of the nodes that are RUNNING, in the order of their uid."""
-        return [node.path for node in self.nodes if node.status is RUNNING and (not leaves_only or _acts_itself(node))]
+        return [node.path for node in self.nodes if node.stored_status is RUNNING and (not leaves_only or _acts_itself(node))]
 
     @property
     def observers(self) -> tuple[StatusObserver, ...]:
@@ -401,7 +401,7 @@ class Tree:
 
 def _acts_itself(node: TreeNode) -> bool:
     """Return whether it is a leaf that has not left the work to a tree below it."""
-    below = any(child.status is RUNNING for child in node.attached)
+    below = any(child.stored_status is RUNNING for child in node.attached)
     return node.kind in (NodeKind.ACTION, NodeKind.CONDITION) and not below
 
 

@@ -90,7 +90,7 @@ class IfThenElse(_Conditional):
         self._chosen = 0
         # As reset_children does; a call would be much of the time that this takes.
         for child in self.children:
-            if child.status is RUNNING:
+            if child.stored_status is RUNNING:
                 child.halt_node()
             child.status = IDLE
         if status is not SKIPPED:
@@ -152,7 +152,7 @@ class WhileDoElse(_Conditional):
             return RUNNING
         # As reset_children does; a call would be much of the time that this takes.
         for child in self.children:
-            if child.status is RUNNING:
+            if child.stored_status is RUNNING:
                 child.halt_node()
             child.status = IDLE
         if status is not SKIPPED:

@@ -133,7 +133,7 @@ class Repeat(_Repeating):
         child = self.child
         self.status = RUNNING
         while count < cycles or cycles == -1:
-            was_idle = child.status is IDLE
+            was_idle = child.stored_status is IDLE
             status = self._tick()
             if status is SUCCESS:
                 self._count = count = count + 1
@@ -189,7 +189,7 @@ class RetryUntilSuccessful(_Repeating):
         again = self._count < attempts or attempts == -1
         self.status = RUNNING
         while again:
-            was_idle = child.status is IDLE
+            was_idle = child.stored_status is IDLE
             status = self._tick()
             if status is FAILURE:
                 self._count = count = self._count + 1
@@ -326,7 +326,7 @@ class SubTree(DecoratorNode):
     )
 
     def execute(self) -> NodeStatus:
-        if self.status is IDLE:
+        if self.stored_status is IDLE:
             self.status = RUNNING
         status = self._tick()
         if status is SUCCESS or status is FAILURE:

@@ -84,7 +84,7 @@ class Loop(DecoratorNode):
 
     def execute(self) -> NodeStatus:
         constant = self._constant
-        if self.status is IDLE:
+        if self.stored_status is IDLE:
             self._child_running = False
             if constant is None:
                 self._queue = None
@@ -108,7 +108,7 @@ class Loop(DecoratorNode):
                 target.sequence += 1
             else:
                 self._write(element)
-        if self.status is IDLE:
+        if self.stored_status is IDLE:
             self.status = RUNNING
         status = self._tick()
         if status is SUCCESS:

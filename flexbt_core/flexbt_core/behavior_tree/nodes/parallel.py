@@ -45,7 +45,7 @@ class _ParallelControl(ControlNode):
         """Make the row of ticks, without the children that have completed."""
         pairs = zip(self._ticks, self.children, strict=True)
         self._row: Sequence[Tick] = [
-            _completed if child.status is SUCCESS or child.status is FAILURE else tick for tick, child in pairs
+            _completed if child.stored_status is SUCCESS or child.stored_status is FAILURE else tick for tick, child in pairs
         ]
 
     def failure_reason(self) -> str:
@@ -111,7 +111,7 @@ class Parallel(_ParallelControl):
 
     def execute(self) -> NodeStatus:
         needed, too_many, tolerant = self._limits or self._current_limits()
-        if self.status is not RUNNING:
+        if self.stored_status is not RUNNING:
             self.status = RUNNING
             self._failed = None
         row = self._row
@@ -198,7 +198,7 @@ class ParallelAll(_ParallelControl):
 
     def execute(self) -> NodeStatus:
         (too_many,) = self._limits or self._current_limits()
-        if self.status is not RUNNING:
+        if self.stored_status is not RUNNING:
             self.status = RUNNING
             self._failed = None
         row = self._row
@@ -219,7 +219,7 @@ class ParallelAll(_ParallelControl):
                 return RUNNING
             if results.count(SKIPPED) == len(results):
                 return SKIPPED
-            failures = sum(child.status is FAILURE for child in self.children)
+            failures = sum(child.stored_status is FAILURE for child in self.children)
         self._counted = failures
         return self._finish(FAILURE if failures >= too_many else SUCCESS)
 

@@ -55,9 +55,11 @@ class _SteadyControl(_OrderedControl):
     __slots__ = ()
 
     def execute(self) -> NodeStatus:
-        if self.status is IDLE:
-            self._skipped = 0
-        self.status = RUNNING
+        before = self.stored_status
+        if before is not RUNNING:  # to store a status that does not change takes time in a watched tree
+            if before is IDLE:
+                self._skipped = 0
+            self.status = RUNNING
         passing = self._passing
         ticks = self._ticks
         index = self._index
@@ -138,15 +140,17 @@ class _YieldingControl(_OrderedControl):
     __slots__ = ()
 
     def execute(self) -> NodeStatus:
-        if self.status is IDLE:
-            self._skipped = 0
-        self.status = RUNNING
+        before = self.stored_status
+        if before is not RUNNING:  # to store a status that does not change takes time in a watched tree
+            if before is IDLE:
+                self._skipped = 0
+            self.status = RUNNING
         children = self.children
         ticks = self._ticks
         passing = self._passing
         index = self._index
         for tick in ticks[index:] if index else ticks:
-            was_idle = children[index].status is IDLE
+            was_idle = children[index].stored_status is IDLE
             status = tick()
             if status is passing:
                 if status is FAILURE:
@@ -255,7 +259,8 @@ class _ReactiveControl(ControlNode):
     passing: ClassVar[NodeStatus]
 
     def execute(self) -> NodeStatus:
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         passing = self.passing
         ticks = self._ticks
         skipped = 0
@@ -356,7 +361,7 @@ class TryCatch(ControlNode):
         self._catching = False
 
     def execute(self) -> NodeStatus:
-        if self.status is IDLE:
+        if self.stored_status is IDLE:
             self._skipped = 0
             self._catching = False
         self.status = RUNNING
@@ -403,7 +408,7 @@ class TryCatch(ControlNode):
         return f'{super().failure_reason()}; [{self.children[-1].path}] has cleaned up'
 
     def halt(self) -> None:
-        if self.status is RUNNING and not self._catching:
+        if self.stored_status is RUNNING and not self._catching:
             self.stop_by(self._catch_the_halt)
         self._index = self._skipped = 0
         self._catching = False

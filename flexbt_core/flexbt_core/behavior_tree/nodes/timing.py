@@ -44,7 +44,7 @@ class Timeout(DecoratorNode):
             else:
                 self._deadline = math.inf
         elif self._deadline <= self.clock.now():
-            if self.child.status is RUNNING:
+            if self.child.stored_status is RUNNING:
                 halt_child(self.child)
                 self._expired = True
                 self._deadline = None

@@ -48,7 +48,7 @@ class GoalUpdated(Condition):
 
     def tick(self) -> NodeStatus:
         current = read_goals(self, self._latched)
-        changed = self.status is not IDLE and current != self._latched
+        changed = self.stored_status is not IDLE and current != self._latched
         self._latched = current
         return SUCCESS if changed else FAILURE
 
@@ -92,8 +92,9 @@ class GoalUpdatedController(Decorator):
         if not self.active or current != self._latched:
             self._updated = True
         self._latched = current
-        self.status = RUNNING
-        if self._updated or self.child.status is RUNNING:
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
+        if self._updated or self.child.stored_status is RUNNING:
             self._updated = False
             return self.tick_child()
         return RUNNING
@@ -125,7 +126,7 @@ class TimeExpired(Condition):
     def tick(self) -> NodeStatus:
         now = self.clock.now()
         seconds: float = self.get_input('seconds')
-        begins = self.status is IDLE
+        begins = self.stored_status is IDLE
         # The comparison is the one of the wake-up time: a difference of times could round to less than the period.
         expired = not begins and now >= self._start + seconds
         if begins or expired:

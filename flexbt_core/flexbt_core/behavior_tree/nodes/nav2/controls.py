@@ -45,7 +45,8 @@ class RecoveryNode(Control):
 
     def tick(self) -> NodeStatus:
         allowed: int = self.get_input('number_of_retries')
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         while self._recoveries <= allowed:
             if self.context.stopping:
                 raise TickAbandoned(self.path, self.id, 'the tree is being stopped', self.uid)
@@ -172,7 +173,8 @@ class RoundRobin(Control):
 
     def tick(self) -> NodeStatus:
         total = len(self.children)
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         skipped = 0
         while self._failures + skipped < total:
             status = self.tick_child(self._current)
@@ -282,7 +284,8 @@ class PersistentSequence(Control):
         current: int = self.get_input('current_child_idx')
         if current < 0:
             raise ValueError(f'port [current_child_idx] has to be a position from 0 on, not {current}')
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         while current < len(self.children):
             status = self.tick_child(current)
             if status is RUNNING:
@@ -345,7 +348,7 @@ class PauseResumeController(Control):
     def pause(self) -> bool:
         """Ask for a pause, from any thread. False when the node is paused already, or is not RUNNING."""
         with self._lock:
-            if self.status is not RUNNING or (self._state is PauseState.PAUSED and self._requested is None):
+            if self.stored_status is not RUNNING or (self._state is PauseState.PAUSED and self._requested is None):
                 return False
             self._requested = PauseState.ON_PAUSE
         self.wake()
@@ -363,7 +366,8 @@ class PauseResumeController(Control):
     def tick(self) -> NodeStatus:
         if not self.active:
             self._restart()
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         with self._lock:
             requested, self._requested = self._requested, None
             if requested is not None:

@@ -50,9 +50,10 @@ class RateController(Decorator):
             self._period = 1.0 / hz
             self._start = now
             self._first = True
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         # The comparison is the one of the wake-up time: a difference of times could round to less than the period.
-        if not self._first and self.child.status is not RUNNING and now < self._start + self._period:
+        if not self._first and self.child.stored_status is not RUNNING and now < self._start + self._period:
             self.wake_at(self._start + self._period)
             return RUNNING
         self._first = False
@@ -87,7 +88,8 @@ class SingleTrigger(Decorator):
     def tick(self) -> NodeStatus:
         if not self.active:
             self._armed = True
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         if not self._armed:
             return FAILURE
         status = self.tick_child()
@@ -139,9 +141,10 @@ class DistanceController(Decorator):
         if not self.active:
             self._start = here
             self._first = True
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         moved_on = math.dist(self._start, here) >= self.get_input('distance')
-        if not (self._first or moved_on or self.child.status is RUNNING):
+        if not (self._first or moved_on or self.child.stored_status is RUNNING):
             return RUNNING
         self._first = False
         status = self.tick_child()
@@ -189,13 +192,14 @@ class SpeedController(Decorator):
             self._period = 1.0 / self._rate('max_rate')
             self._start = now
             self._first = True
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         due = now >= self._start + self._period
         if due:
             self._period = 1.0 / self._scaled_rate()
             self._start = now
         self.wake_at(self._start + self._period)
-        if due or self._first or self.child.status is RUNNING:
+        if due or self._first or self.child.stored_status is RUNNING:
             self._first = False
             return self.tick_child()
         return RUNNING
@@ -248,7 +252,8 @@ class PathLongerOnApproach(Decorator):
         old, new = _poses(self._old), _poses(self._new)
         if not old or not new or old[-1].pose != new[-1].pose:
             self._first = True
-        self.status = RUNNING
+        if self.stored_status is not RUNNING:
+            self.status = RUNNING
         if not self._first and self._much_longer(old, new):
             status = self.tick_child()
             if status is SUCCESS or status is FAILURE:
