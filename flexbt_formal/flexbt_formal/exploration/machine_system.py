@@ -13,12 +13,12 @@ from flexbt_core.monitors.machine_monitor import MachineMonitor
 from flexbt_core.monitors.properties import Property, Violation, shared_keys
 from flexbt_core.monitors.requirements import Requirement, Requirements, Written, violation_of
 from flexbt_core.state_machine.authoring.data_flow import races
-from flexbt_core.state_machine.engine.engine import HaltTimeout
+from flexbt_core.state_machine.engine.engine import HaltTimeout, RunLimits
 from flexbt_core.state_machine.engine.events import CommandDecided, Faulted, RunEvent, RunReader, StateLeft
 from flexbt_core.state_machine.engine.leaf import LeafRun
 from flexbt_core.state_machine.engine.operator_commands import confirm, force, pause, resume
 from flexbt_core.state_machine.engine.region import ContainerRun, Region
-from flexbt_core.state_machine.engine.run import MachineRun, RunLimits
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, DecisionKind
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, MachineDefinition, StateDefinition, is_inside
 from flexbt_core.state_machine.model.event_state import EventState

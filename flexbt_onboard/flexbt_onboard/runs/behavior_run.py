@@ -22,7 +22,7 @@ from flexbt_core.monitors.monitoring import Findings, Monitoring, violation_text
 from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.monitors.requirement_text import machine_vocabulary
 from flexbt_core.skills.observation import claims
-from flexbt_core.state_machine.engine.engine import RunningCallback
+from flexbt_core.state_machine.engine.engine import STOP_TIMEOUT, RunLimits, RunningCallback
 from flexbt_core.state_machine.engine.events import (
     AutonomySet,
     BreakpointSet,
@@ -47,7 +47,7 @@ from flexbt_core.state_machine.engine.events import (
     TransitionUnblocked,
 )
 from flexbt_core.state_machine.engine.resume import reasons_against, start_at, switch_machine
-from flexbt_core.state_machine.engine.run import STOP_TIMEOUT, MachineRun, RunLimits
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.definition import ERROR, ROOT_PATH, MachineDefinition, StateDefinition
 from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, ExitReason, state_skill
 from flexbt_core.state_machine.model.state_host import Severity

@@ -25,6 +25,7 @@ from flexbt_core.monitors.properties import Violation
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine, PriorityContainer
 from flexbt_core.state_machine.engine import operator_commands
+from flexbt_core.state_machine.engine.engine import MAX_TRANSITIONS, RunLimits
 from flexbt_core.state_machine.engine.events import (
     CommandDecided,
     Faulted,
@@ -38,7 +39,7 @@ from flexbt_core.state_machine.engine.events import (
     StateLeft,
 )
 from flexbt_core.state_machine.engine.resume import RunPosition, start_at, switch_machine
-from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS, MachineRun, RunLimits
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy, Decision
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import EventState, ExitReason

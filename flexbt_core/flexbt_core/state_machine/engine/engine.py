@@ -1,73 +1,137 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interface of a run that its regions, containers and leaves use, and the wait for a halt."""
+"""The part of a run that its regions, containers and leaves use, and the wait for a halt."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Final
 
 from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.state_machine.model.autonomy import Decision, DecisionKind
+from flexbt_core.state_machine.model.definition import ERROR
+from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, ExitReason
 
 from .controls import Controls, Pausing
-from .events import RunEvent
+from .events import Faulted, RunEvent, RunReader
+
+STOP_TIMEOUT: Final = 30.0
+"""Time that the end of a run waits for the confirmation that everything has halted, s."""
+
+MAX_TRANSITIONS: Final = 1000
+"""Transitions in one step, with nothing waited for, that count as a livelock."""
+
+_LOOP_SHOWN: Final = 10
 
 
-class Engine(Protocol):
-    """The view of a run from its parts. Everything except :meth:`wake` is for the thread of the run.
+@dataclass(frozen=True, slots=True)
+class RunLimits:
+    """Limits of a run: seconds that a state may take to halt, and the end of the run in all; transitions in a step.
 
-    ``calling`` is the callback that is being called; other threads read it.
+    More transitions in one step count as a livelock, which ends the run.
     """
 
-    calling: RunningCallback | None
+    exit_timeout: float = EXIT_TIMEOUT
+    stop_timeout: float = STOP_TIMEOUT
+    transitions: int = MAX_TRANSITIONS
 
-    @property
-    def clock(self) -> Clock:
-        """The clock of the run."""
 
-    @property
-    def services(self) -> Any:
-        """Services that the host provides to the states."""
+@dataclass(frozen=True, slots=True)
+class RunEnd:
+    """The end of a run, and why its states are left by that."""
 
-    @property
-    def controls(self) -> Controls:
-        """Settings of the operator."""
-
-    @property
-    def pausing(self) -> Pausing:
-        """Parts of the run that are paused."""
-
-    def wake(self) -> None:
-        """Ask the host for a step; from any thread."""
-
-    @property
-    def readings(self) -> Mapping[type[RunEvent], Sequence[Callable[[Any], None]]]:
-        """The methods of the readers, by the types of the events that they read."""
-
-    def tell(self, event: RunEvent) -> None:
-        """Give an event to its readers."""
-
-    def fail(self, message: str) -> None:
-        """End the run as an error: it cannot continue."""
-
-    def new_decision(
-        self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
-    ) -> Decision:
-        """Return a decision with a new id, which the operator was not asked yet."""
-
-    def new_halt_wait(self) -> HaltTimeout:
-        """Something to wait with for what is left; the run is woken when its time is over."""
-
-    def count_transition(self, path: str) -> None:
-        """Watch for livelocks: something is left."""
-
-    def locked_inside(self, top: str) -> list[str]:
-        """Return what is active and locked in a state or machine, itself included."""
+    outcome: str
+    message: str
+    reason: ExitReason
 
 
 RunningCallback = tuple[str, str]
 """One call of a callback of a state: path and name. Compare it by identity: each call is an object of its own. It is
 no class, since one is made for each call, and a tuple takes an eighth of the time."""
+
+
+class Engine(ABC):
+    """The part of a run that its parts use. Everything except :meth:`wake` is for the thread of the run."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        steady: Clock,
+        controls: Controls,
+        services: Any,
+        limits: RunLimits,
+        wake_event: WakeEvent | None,
+        readers: Iterable[RunReader],
+    ) -> None:
+        self.clock = clock
+        self.services = services
+        self.controls = controls
+        self.pausing = Pausing()
+        self.readings: defaultdict[type[RunEvent], list[Callable[[Any], None]]] = defaultdict(list)
+        """The methods of the readers, by the types of the events that they read."""
+        self.calling: RunningCallback | None = None
+        """The callback of a state that is being called; for other threads too."""
+        self.decision_count = 0
+        """Number of decisions that the run has requested from the operator; the next one gets the next number as id."""
+        self._steady = steady
+        self._limits = limits
+        self._wake_event = wake_event
+        self._readers: list[RunReader] = []
+        self._transitions = 0
+        self._recent: deque[str] = deque(maxlen=_LOOP_SHOWN)
+        self._end: RunEnd | None = None
+        for reader in readers:
+            self.add_reader(reader)
+
+    def wake(self) -> None:
+        """Ask the host for a step. From any thread."""
+        if self._wake_event is not None:
+            self._wake_event.set()
+
+    def tell(self, event: RunEvent) -> None:
+        """Give an event to its readers, in their order."""
+        for read in self.readings[type(event)]:
+            read(event)
+
+    def add_reader(self, reader: RunReader) -> None:
+        """Give the events of the run to a reader from now on."""
+        self._readers.append(reader)
+        for kind, read in reader.methods().items():
+            self.readings[kind].append(read)
+
+    def fail(self, message: str) -> None:
+        """End the run as an error: it cannot continue."""
+        if self._end is None:
+            self._end = RunEnd(ERROR, message, ExitReason.FAULT)
+
+    def new_decision(
+        self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
+    ) -> Decision:
+        """Return a decision with a new id, which the operator was not asked yet."""
+        self.decision_count += 1
+        number = str(self.decision_count)
+        return Decision(number, kind, path, outcome, outcomes, required, prompt, self.clock.now())
+
+    def new_halt_wait(self) -> HaltTimeout:
+        """Something to wait with for what is left; the run is woken when its time is over."""
+        return HaltTimeout(self._steady, self._limits.exit_timeout, self.wake)
+
+    def count_transition(self, path: str) -> None:
+        """Watch for livelocks: something is left."""
+        self._transitions += 1
+        self._recent.append(path)
+        if self._transitions > self._limits.transitions:
+            loop = ', '.join(dict.fromkeys(self._recent))
+            text = f'{self._limits.transitions} transitions without waiting for anything'
+            self.tell(Faulted(path, text))
+            self.fail(f'livelock: {text}, the last of them from {loop}')
+
+    @abstractmethod
+    def locked_inside(self, top: str) -> list[str]:
+        """Return what is active and locked in a state or machine, itself included."""
 
 
 # Waiting until what was left has halted: it may have something to finish, as a goal to cancel, but not forever.

@@ -12,11 +12,11 @@ region that it is in takes the same three steps with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import Protocol
+from collections.abc import Callable, Iterator
+from typing import TypeAlias
 
 from flexbt_core.state_machine.model.autonomy import UNDECLARED, Decision, DecisionKind
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind, are_apart
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateKind, are_apart
 from flexbt_core.state_machine.model.event_state import ExitReason
 from flexbt_core.state_machine.model.userdata import Scope
 
@@ -33,73 +33,8 @@ from .events import (
 )
 from .leaf import FAILED, LeafRun
 
-
-class RegionChild(Protocol):
-    """A child that can be active in a region: a leaf, or a container.
-
-    ``outcome`` is what it wants to be left by, ``exit_reason`` why, ``choice`` what it lets the operator choose: prompt
-    and suggestion.
-    """
-
-    outcome: str | None
-    exit_reason: ExitReason
-
-    @property
-    def path(self) -> str:
-        """Path in the machine."""
-
-    @property
-    def definition(self) -> StateDefinition | MachineDefinition:
-        """Definition of the child."""
-
-    @property
-    def choice(self) -> tuple[str, str | None] | None:
-        """Choice that it offers to the operator; None for a container."""
-
-    @property
-    def runs_while_blocked(self) -> bool:
-        """True if it continues, and may change its outcome, although it wants one."""
-
-    def enter(self, scope: Scope, *, is_resumed: bool = False) -> None:
-        """Become active, with the userdata of the machine that it is in."""
-
-    def advance(self) -> bool:
-        """Take one step if there is one to take; whether there was."""
-
-    def leave(self, reason: ExitReason) -> None:
-        """Become inactive."""
-
-    def halting(self) -> str | None:
-        """Return what has not halted yet since it was left; None when everything has."""
-
-    def next_wake(self) -> float | None:
-        """Return when it is due next, apart from wake-ups, on the clock of the run."""
-
-
-class Container(RegionChild, Protocol):
-    """A container of regions, which is in a region itself, except the root."""
-
-    @property
-    def region(self) -> Region | None:
-        """The region that it is in itself; None for the root."""
-
-    @property
-    def scope(self) -> Scope:
-        """Userdata of the container."""
-
-    @property
-    def children(self) -> Mapping[str, RegionChild]:
-        """Everything that can be active in it, by the labels."""
-
-    @property
-    def is_ending(self) -> bool:
-        """True if it has been left, or will be as soon as everything in it has halted."""
-
-    def outcome_after(self, child: RegionChild, outcome: str) -> str | None:
-        """Outcome by which it ends when a child is left by an outcome; None when it goes on."""
-
-    def child_has_ended(self, child: RegionChild, outcome: str, ends: str | None) -> None:
-        """Note that a child was left with nothing to follow it; by that it ends by ``ends``, if that is an outcome."""
+RegionChild: TypeAlias = 'LeafRun | ContainerRun'
+"""A child that can be active in a region."""
 
 
 class Region:
@@ -108,7 +43,7 @@ class Region:
     ``child`` is what is active here, ``coming`` what is entered as soon as nothing keeps it from that.
     """
 
-    def __init__(self, engine: Engine, container: Container, path: str) -> None:
+    def __init__(self, engine: Engine, container: ContainerRun, path: str) -> None:
         self.container = container
         self.path = path
         self.child: RegionChild | None = None

@@ -10,20 +10,19 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, Concatenate, Final, ParamSpec
 
 from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.waiting import WakeEvent
-from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, DecisionKind, no_level
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, no_level
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, ROOT_PATH, MachineDefinition, is_inside
-from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, ExitReason
+from flexbt_core.state_machine.model.event_state import ExitReason
 from flexbt_core.state_machine.model.userdata import Scope, StateMachineError
 
-from .controls import Controls, Pausing
-from .engine import HaltTimeout, RunningCallback
+from .controls import Controls
+from .engine import Engine, HaltTimeout, RunEnd, RunLimits
 from .events import (
     CommandDecided,
     DecisionClosed,
@@ -32,7 +31,6 @@ from .events import (
     LoggingReader,
     RunEnded,
     RunEnding,
-    RunEvent,
     RunReader,
     RunRested,
     RunStarted,
@@ -44,43 +42,14 @@ from .region import ContainerRun, Region
 
 _Arguments = ParamSpec('_Arguments')
 
-STOP_TIMEOUT: Final = 30.0
-"""Time that the end of a run waits for the confirmation that everything has halted, s."""
-
-MAX_TRANSITIONS: Final = 1000
-"""Transitions in one step, with nothing waited for, that count as a livelock."""
-
-_LOOP_SHOWN: Final = 10
-
 _RESTED: Final = RunRested()
 _ENDING: Final = RunEnding()
-
-
-@dataclass(frozen=True, slots=True)
-class RunLimits:
-    """Limits of a run: seconds that a state may take to halt, and the end of the run in all; transitions in a step.
-
-    More transitions in one step count as a livelock, which ends the run.
-    """
-
-    exit_timeout: float = EXIT_TIMEOUT
-    stop_timeout: float = STOP_TIMEOUT
-    transitions: int = MAX_TRANSITIONS
 
 
 _DEFAULT_LIMITS: Final = RunLimits()
 
 
-@dataclass(frozen=True, slots=True)
-class _End:
-    """The end of a run, and why its states are left by that."""
-
-    outcome: str
-    message: str
-    reason: ExitReason
-
-
-class MachineRun:
+class MachineRun(Engine):
     """One run of a machine. Its states belong to it: they cannot be part of another run at the same time.
 
     ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error', with ``message``.
@@ -105,36 +74,20 @@ class MachineRun:
     ) -> None:
         if autonomy not in AUTONOMY_NAMES:
             raise StateMachineError(no_level(autonomy))
-        self.clock = clock
-        self.readings: defaultdict[type[RunEvent], list[Callable[[Any], None]]] = defaultdict(list)
-        """The methods of the readers, by the types of the events that they read."""
-        self._readers: list[RunReader] = []
-        for reader in [LoggingReader()] if readers is None else readers:
-            self.add_reader(reader)
-        self.services = services
+        steady = steady if steady is not None else clock
+        readers = [LoggingReader()] if readers is None else readers
+        super().__init__(clock, steady, Controls(definition, autonomy), services, limits, wake_event, readers)
         self.outcome: str | None = None
         self.message = ''
         self.not_halted = ''
         """While the run ends: what has not halted yet, after the path of its state."""
-        self.calling: RunningCallback | None = None
-        """The callback of a state that is being called; for other threads too."""
-        self.pausing = Pausing()
-        self.controls = Controls(definition, autonomy)
-        self._steady = steady if steady is not None else clock
-        self._limits = limits
-        self._wake_event = wake_event
         self.root = ContainerRun(self, definition)
         self.scope = Scope(definition.defaults)
         """The userdata of the root machine."""
         for key, value in (userdata or {}).items():
             self.scope.set(key, value)
-        self.decision_count = 0
-        """Number of decisions that the run has requested from the operator; the next one gets the next number as id."""
         self._commands: deque[tuple[object, Callable[..., str | None], tuple[Any, ...], dict[str, Any]]] = deque()
         self._refusal: str | None = None
-        self._transitions = 0
-        self._recent: deque[str] = deque(maxlen=_LOOP_SHOWN)
-        self._end: _End | None = None
         self._preempt_reason: str | None = None
         self._halt_wait = self.new_halt_wait()
         stop_wait = max(0.0, limits.stop_timeout - limits.exit_timeout)
@@ -183,9 +136,9 @@ class MachineRun:
         self._transitions = 0
         while self._end is None:
             if self.root.outcome is not None:
-                self._end = _End(self.root.outcome, '', ExitReason.OUTCOME)
+                self._end = RunEnd(self.root.outcome, '', ExitReason.OUTCOME)
             elif self._preempt_reason is not None:
-                self._end = _End(PREEMPTED, self._preempt_reason, ExitReason.PREEMPTED)
+                self._end = RunEnd(PREEMPTED, self._preempt_reason, ExitReason.PREEMPTED)
             elif not self._take_one_step() and self._end is None:
                 self.tell(_RESTED)
                 return True
@@ -357,50 +310,7 @@ class MachineRun:
             self._refusal = reason
         self._refuse_commands(reason)
 
-    def wake(self) -> None:
-        """Ask the host for a step. From any thread."""
-        if self._wake_event is not None:
-            self._wake_event.set()
-
     # -- for the states and machines of the run ----------------------------------------------------------------------
-
-    def tell(self, event: RunEvent) -> None:
-        """Give an event to its readers, in their order."""
-        for read in self.readings[type(event)]:
-            read(event)
-
-    def add_reader(self, reader: RunReader) -> None:
-        """Give the events of the run to a reader from now on."""
-        self._readers.append(reader)
-        for kind, read in reader.methods().items():
-            self.readings[kind].append(read)
-
-    def fail(self, message: str) -> None:
-        """End the run as an error: it cannot continue."""
-        if self._end is None:
-            self._end = _End(ERROR, message, ExitReason.FAULT)
-
-    def new_decision(
-        self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
-    ) -> Decision:
-        """Return a decision with a new id, which the operator was not asked yet."""
-        self.decision_count += 1
-        number = str(self.decision_count)
-        return Decision(number, kind, path, outcome, outcomes, required, prompt, self.clock.now())
-
-    def new_halt_wait(self) -> HaltTimeout:
-        """Something to wait with for what is left; the run is woken when its time is over."""
-        return HaltTimeout(self._steady, self._limits.exit_timeout, self.wake)
-
-    def count_transition(self, path: str) -> None:
-        """Watch for livelocks."""
-        self._transitions += 1
-        self._recent.append(path)
-        if self._transitions > self._limits.transitions:
-            loop = ', '.join(dict.fromkeys(self._recent))
-            text = f'{self._limits.transitions} transitions without waiting for anything'
-            self.tell(Faulted(path, text))
-            self.fail(f'livelock: {text}, the last of them from {loop}')
 
     def regions(self) -> Iterator[Region]:
         """Return the regions of everything that is active, outermost first."""
@@ -460,7 +370,7 @@ class MachineRun:
 
     # -- the end -----------------------------------------------------------------------------------------------------
 
-    def _await_halt(self, end: _End) -> bool:
+    def _await_halt(self, end: RunEnd) -> bool:
         """Leave everything, and finish when it has halted, or is no longer waited for."""
         self.root.leave(end.reason)
         halting = {leaf.path: text for leaf in self.active_states() if (text := leaf.halting()) is not None}

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.engine import MAX_TRANSITIONS
 from flexbt_core.state_machine.engine.operator_commands import set_autonomy
-from flexbt_core.state_machine.engine.run import MAX_TRANSITIONS
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine, passing
 
