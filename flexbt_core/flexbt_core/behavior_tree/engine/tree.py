@@ -370,7 +370,11 @@ class Tree:
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
         """Paths of the nodes that are RUNNING, in the order of their uid."""
-        return [node.path for node in self.nodes if node.stored_status is RUNNING and (not leaves_only or _acts_itself(node))]
+        return [
+            node.path
+            for node in self.nodes
+            if node.stored_status is RUNNING and (not leaves_only or _acts_itself(node))
+        ]
 
     @property
     def observers(self) -> tuple[StatusObserver, ...]:

@@ -45,7 +45,8 @@ class _ParallelControl(ControlNode):
         """Make the row of ticks, without the children that have completed."""
         pairs = zip(self._ticks, self.children, strict=True)
         self._row: Sequence[Tick] = [
-            _completed if child.stored_status is SUCCESS or child.stored_status is FAILURE else tick for tick, child in pairs
+            _completed if child.stored_status is SUCCESS or child.stored_status is FAILURE else tick
+            for tick, child in pairs
         ]
 
     def failure_reason(self) -> str:
