@@ -34,7 +34,6 @@ class Operator:
         self.structures: list[BehaviorStructure] = []
         self.logs: list[ExecutiveLog] = []
         self.lists: list[BehaviorList] = []
-        self.order: list[str] = []
         self.sent: dict[str, ExecutiveCommand] = {}
         self._prefix = f'{uuid.uuid4().hex[:8]}-'
         self._numbers = itertools.count(1)
@@ -42,18 +41,13 @@ class Operator:
 
     def _subscribe(self) -> None:
         node = self.console.node
-        node.create_subscription(
-            ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status, names.transient_local_qos(100)
-        )
-        node.create_subscription(
-            BehaviorStructure, names.EXECUTIVE_STRUCTURE, self.structures.append, names.transient_local_qos(100)
-        )
-        node.create_subscription(
-            ExecutiveLog, names.EXECUTIVE_LOG, self.logs.append, names.transient_local_qos(names.LOG_DEPTH)
-        )
-        node.create_subscription(
-            BehaviorList, names.EXECUTIVE_BEHAVIORS, self.lists.append, names.transient_local_qos()
-        )
+        for kind, topic, receive in (
+            (ExecutiveStatus, names.EXECUTIVE_STATUS, self._on_status),
+            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, self.structures.append),
+            (ExecutiveLog, names.EXECUTIVE_LOG, self.logs.append),
+            (BehaviorList, names.EXECUTIVE_BEHAVIORS, self.lists.append),
+        ):
+            node.create_subscription(kind, topic, receive, names.transient_local_qos(100))
         self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
         self._stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop_qos())
 
