@@ -31,7 +31,6 @@ class Exclusions:
         self._domain = domain
         self._initial = initial
         self._adders: Final = _by_literal({action: bits(adds) for action, adds in enumerate(domain.adds)})
-        self.groups: Final[list[int]] = []
         self.of: Final = [0] * len(domain.literals)
         failed: set[int] = set()
         done = 0
@@ -42,7 +41,6 @@ class Exclusions:
             if group is None:
                 failed.add(literal)
             elif group.bit_count() > 1:
-                self.groups.append(group)
                 done |= group
                 for member in bits(group):
                     self.of[member] |= group & ~(1 << member)

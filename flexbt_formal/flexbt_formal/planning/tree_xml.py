@@ -15,9 +15,9 @@ The tree of a plan for one robot::
         ReactiveSequence(the goal)
 
 The tree succeeds when the goal holds. It fails when an action failed as often as it may be tried and no other branch
-holds, when no branch holds, or after ``most_actions`` actions; ``plan_failure`` on the blackboard says which. An
-action that succeeds without its effects is done again as often as it may be tried, and has failed then. One that has
-failed is left to the other branches until another action has succeeded.
+holds, when no branch holds, or after three times as many actions as the longest way has that was tried;
+``plan_failure`` on the blackboard says which. An action that succeeds without its effects is done again as often as it
+may be tried, and has failed then. One that has failed is left to the other branches until another action has succeeded.
 
 For several robots there is a tree for each of them, and one that runs them all::
 
@@ -80,11 +80,8 @@ _ATTRIBUTE: Final = re.compile(r' (?=[\w:-]+="[^"]*")')
 _BUILTIN: Final = ('ScriptCondition', 'Script')
 
 
-def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) -> str:
+def tree_xml(plan: Plan, name: str = 'Plan') -> str:
     """Return the XML of a plan's tree; of a plan for several robots, ``name`` runs all, ``name_ROBOT`` is that of one.
-
-    ``most_actions``: after this many actions that succeeded the tree gives up; without it, after three times as many as
-    the longest way that was tried.
 
     Raises:
         ValueError: the plan has no tree, since there is no plan.
@@ -92,11 +89,10 @@ def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) ->
     """
     if plan.policy is None or plan.coverage is None:
         raise ValueError('there is no plan, and so no tree')
-    if most_actions is None:
-        most_actions = _MARGIN * max(1, plan.coverage.longest)
+    most = _MARGIN * max(1, plan.coverage.longest)
     if isinstance(plan, TeamPlan):
-        return _TeamWriter(plan.problem, plan.policy).xml(name, plan.team.robots, most_actions)
-    return _RobotWriter(plan.problem, plan.policy).xml(name, most_actions)
+        return _TeamWriter(plan.problem, plan.policy).xml(name, plan.team.robots, most)
+    return _RobotWriter(plan.problem, plan.policy).xml(name, most)
 
 
 def tree_entries(plan: Plan) -> tuple[str, ...]:
