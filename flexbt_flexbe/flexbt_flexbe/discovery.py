@@ -69,7 +69,7 @@ def _exports_behaviors(package_xml: Path) -> bool:
 
 
 def _entry(source: FlexbeManifest) -> BehaviorEntry:
-    parameters = tuple(parameter.declared for parameter in source.parameters)
+    parameters = tuple(source.manifest.parameters)
     try:
         shim.install()
         known = {parameter.name for parameter in parameters}

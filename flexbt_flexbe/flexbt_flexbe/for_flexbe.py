@@ -161,15 +161,7 @@ class _HostedState:
 
     def log(self, severity: Severity, text: str) -> None:
         """Tell FlexBE's operator something."""
-        logger = self._logger
-        constant = {
-            Severity.DEBUG: logger.REPORT_DEBUG,
-            Severity.INFO: logger.REPORT_INFO,
-            Severity.HINT: logger.REPORT_HINT,
-            Severity.WARN: logger.REPORT_WARN,
-            Severity.ERROR: logger.REPORT_ERROR,
-        }[severity]
-        logger.log(f'{self.path}: {text}', constant)
+        self._logger.log(f'{self.path}: {text}', getattr(self._logger, f'REPORT_{severity.name}'))
 
 
 @cache

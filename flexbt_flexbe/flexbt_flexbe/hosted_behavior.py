@@ -21,7 +21,7 @@ from flexbt_onboard.behaviors.run_context import current_run
 from flexbt_onboard.errors import ParameterError
 
 from .errors import FlexbeManifestError
-from .manifest import FlexbeManifest, FlexbeParameter, ParameterKind
+from .manifest import FlexbeManifest
 
 _SLASH: Final = '/'
 
@@ -66,9 +66,9 @@ class HostedBehavior(Behavior):
         """
         run = current_run()
         behavior = load_class(self._source)(run.services.runtime.node)
-        for parameter in self._source.parameters:
+        for parameter in self.manifest.parameters:
             if behavior.has_parameter(parameter.name) and parameter.name not in self._given:
-                default = _content(parameter, parameter.declared.default)
+                default = self._content(parameter.name, parameter.default)
                 if default != '' or isinstance(getattr(behavior, parameter.name), str):
                     behavior.set_own_parameter(parameter.name, default)
         for name, value in self._given.items():
@@ -81,12 +81,17 @@ class HostedBehavior(Behavior):
         return machine
 
     def _value(self, name: str, text: str) -> Any:
-        parameter = next((one for one in self._source.parameters if one.name == name), None)
+        parameter = next((one for one in self.manifest.parameters if one.name == name), None)
         if parameter is None:
             if name in self._of_code:
                 converted(name, text, self._of_code[name].default)
             return text  # the code says the type when it is set, or an embedded behavior does
-        return _content(parameter, parameter.declared.from_text(text))
+        return self._content(name, parameter.from_text(text))
+
+    def _content(self, name: str, value: Any) -> Any:
+        """Return what a parameter's value stands for: that of a YAML parameter may be a file."""
+        is_file = name in self._source.yaml and is_yaml_file(str(value))
+        return from_yaml_file(name, str(value)) if is_file else value
 
 
 def load_class(source: FlexbeManifest) -> type[Any]:
@@ -122,13 +127,6 @@ def _embedded_hint(behavior: FlexbeBehavior, name: str) -> str:
     if not path or path in embedded:
         return ''
     return f'; there is no embedded behavior {path!r}, there are: {", ".join(sorted(embedded)) or "none"}'
-
-
-def _content(parameter: FlexbeParameter, value: Any) -> Any:
-    """Return what a parameter's value stands for: that of a YAML parameter may be a file."""
-    if parameter.kind is ParameterKind.YAML and is_yaml_file(str(value)):
-        return from_yaml_file(parameter.name, str(value))
-    return value
 
 
 # What FlexBE lets pass in a state machine and the engine's check does not, although it does no harm.

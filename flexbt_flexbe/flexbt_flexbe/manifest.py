@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree  # of files of installed packages
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from typing import Final
 
@@ -19,34 +18,22 @@ _PARAMETERS: Final = ('params/param', 'params/parameter', 'param', 'parameter')
 """Paths of the parameters in manifests. FlexBE's editor writes the first; FlexBE's engine does not read them."""
 
 
-class ParameterKind(Enum):
-    """FlexBE's types of parameters."""
-
-    TEXT = 'text'
-    NUMERIC = 'numeric'
-    BOOLEAN = 'boolean'
-    ENUM = 'enum'
-    YAML = 'yaml'
-
-
-@dataclass(frozen=True)
-class FlexbeParameter:
-    """One parameter."""
-
-    name: str
-    kind: ParameterKind
-    declared: BehaviorParameter
+_TYPES: Final = ('text', 'numeric', 'boolean', 'enum', 'yaml')
+"""FlexBE's types of parameters."""
 
 
 @dataclass(frozen=True)
 class FlexbeManifest:
-    """One manifest: the class ``class_name`` of the module ``module``, and its description for the operator."""
+    """One manifest: the class ``class_name`` of the module ``module``, and its description for the operator.
+
+    ``yaml`` are the names of parameters whose value may be a YAML file.
+    """
 
     file: Path
     module: str
     class_name: str
     manifest: BehaviorManifest
-    parameters: tuple[FlexbeParameter, ...]
+    yaml: frozenset[str]
     contains: tuple[str, ...]
 
     @property
@@ -80,36 +67,33 @@ def _read(file: Path, root: ElementTree.Element) -> FlexbeManifest:
             f'{file}: <executable> needs package_path="package.module" and class="Name", '
             f'not package_path={module!r} class={class_name!r}'
         )
-    elements = (element for path in _PARAMETERS for element in root.iterfind(path))
-    parameters = tuple(_parameter(file, element) for element in elements)
+    elements = [element for path in _PARAMETERS for element in root.iterfind(path)]
+    yaml = frozenset(element.get('name') or '' for element in elements if element.get('type') == 'yaml')
     manifest = BehaviorManifest(
         # A name with a slash would be taken for package/name.
         name.replace('/', '-'),
         ' '.join((root.findtext('description') or '').split()),
         (root.findtext('author') or '').strip(),
-        [parameter.declared for parameter in parameters],
+        [_parameter(file, element) for element in elements],
     )
     contains = tuple(element.get('name') or '' for element in root.iterfind('contains'))
-    return FlexbeManifest(file, module, class_name, manifest, parameters, contains)
+    return FlexbeManifest(file, module, class_name, manifest, yaml, contains)
 
 
-def _parameter(file: Path, element: ElementTree.Element) -> FlexbeParameter:
+def _parameter(file: Path, element: ElementTree.Element) -> BehaviorParameter:
     name, text = element.get('name') or '', element.get('default') or ''
-    try:
-        kind = ParameterKind(element.get('type') or 'text')
-    except ValueError:
-        kinds = ', '.join(kind.value for kind in ParameterKind)
-        raise FlexbeManifestError(f'{file}: parameter {name!r} has type {element.get("type")!r}, not {kinds}') from None
+    kind = element.get('type') or 'text'
+    if kind not in _TYPES:
+        raise FlexbeManifestError(f'{file}: parameter {name!r} has type {kind!r}, not {", ".join(_TYPES)}')
     label, hint = element.get('label') or '', element.get('hint') or ''
-    choices = [option.get('value') or '' for option in element.iterfind('option')] if kind is ParameterKind.ENUM else []
+    choices = [option.get('value') or '' for option in element.iterfind('option')] if kind == 'enum' else []
     default: ParameterValue = text
-    if kind is ParameterKind.NUMERIC:
+    if kind == 'numeric':
         default = float(text or 0)
-    elif kind is ParameterKind.BOOLEAN:
+    elif kind == 'boolean':
         default = text.strip().lower() in ('true', '1')
     minimum, maximum = _limit(element, 'min'), _limit(element, 'max')
-    declared = BehaviorParameter(name, default, hint, choices, label, minimum=minimum, maximum=maximum)
-    return FlexbeParameter(name, kind, declared)
+    return BehaviorParameter(name, default, hint, choices, label, minimum=minimum, maximum=maximum)
 
 
 def _limit(element: ElementTree.Element, tag: str) -> float | None:

@@ -29,21 +29,6 @@ class _Throttle:
         return is_due
 
 
-REPORT_INFO: Final = 0
-REPORT_WARN: Final = 1
-REPORT_HINT: Final = 2
-REPORT_ERROR: Final = 3
-REPORT_DEBUG: Final = 10
-
-_SEVERITIES: Final = {
-    REPORT_INFO: Severity.INFO,
-    REPORT_WARN: Severity.WARN,
-    REPORT_HINT: Severity.HINT,
-    REPORT_ERROR: Severity.ERROR,
-    REPORT_DEBUG: Severity.DEBUG,
-}
-
-
 def log(text: object, severity: int) -> None:
     """Tell the operator something, in the name of the state that is being called."""
     state = called_state()
@@ -104,11 +89,11 @@ class Logger:
     ``..._throttle`` takes a period in seconds in front, in which the same line is written once.
     """
 
-    REPORT_INFO: Final = REPORT_INFO
-    REPORT_WARN: Final = REPORT_WARN
-    REPORT_HINT: Final = REPORT_HINT
-    REPORT_ERROR: Final = REPORT_ERROR
-    REPORT_DEBUG: Final = REPORT_DEBUG
+    REPORT_INFO: Final = 0
+    REPORT_WARN: Final = 1
+    REPORT_HINT: Final = 2
+    REPORT_ERROR: Final = 3
+    REPORT_DEBUG: Final = 10
 
     log = staticmethod(log)
     local = staticmethod(local)
@@ -142,6 +127,9 @@ class Logger:
     @staticmethod
     def initialize(node: Any) -> None:
         """Do nothing: lines go to the run on whose thread they are written."""
+
+
+_SEVERITIES: Final = {getattr(Logger, f'REPORT_{severity.name}'): severity for severity in Severity}
 
 
 # FlexBE's StateLogger: records for the analysis of runs.

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import flexbt_states
 from flexbt_common import names
-from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.values.entries import check_value, from_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.model.userdata import UserData
@@ -46,33 +46,30 @@ class _OperatorInputState(RosAccess, GoalState):
             output_keys=['data'],
         )
         self._message = message
+        self._type = 'string'
+        self._length: int | None = None
+        self._choices: list[str] = []
 
-    def ask_for(self, type_name: str, choices: Sequence[str]) -> None:
-        """Send the request to the operator."""
-        goal = OperatorInput.Goal(prompt=self._message, type=type_name, choices=list(choices), asker=self.path)
-        self._goal.send(goal)
+    def _make_goal(self, userdata: UserData) -> Any:
+        return OperatorInput.Goal(prompt=self._message, type=self._type, choices=self._choices, asker=self.path)
 
-    def answer(self, userdata: UserData, type_name: str, length: int | None) -> str | None:
-        """Return the outcome of the state, None while there is no answer."""
-        outcome = self._goal.poll()
-        if outcome is None:
-            return None
+    def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
         userdata['data'] = None
-        result = outcome.result
+        result = ended.result
         code = result.code if result is not None else OperatorInput.Result.UNKNOWN
-        if outcome.status is GoalStatus.SUCCEEDED and code == OperatorInput.Result.SUCCESS and result is not None:
+        if ended.status is GoalStatus.SUCCEEDED and code == OperatorInput.Result.SUCCESS and result is not None:
             try:
-                value = check_value(from_entry(result.value), type_name)
+                value = check_value(from_entry(result.value), self._type)
             except FlexbtError as error:
                 return self._unusable(str(error))
-            if length is not None and len(value) != length:
-                return self._unusable(f'{length} numbers are needed, not {len(value)}')
-            userdata['data'] = list(value) if length is not None else value
+            if self._length is not None and len(value) != self._length:
+                return self._unusable(f'{self._length} numbers are needed, not {len(value)}')
+            userdata['data'] = list(value) if self._length is not None else value
             return 'received'
         if code in (OperatorInput.Result.DECLINED, OperatorInput.Result.CANCELED):
             self.log_warn(f'no answer to {self._message!r}: {getattr(result, "message", "")}')
             return 'aborted'
-        self.log_warn(f'nobody could be asked {self._message!r}: {outcome.reason or getattr(result, "message", "")}')
+        self.log_warn(f'nobody could be asked {self._message!r}: {ended.reason or getattr(result, "message", "")}')
         return 'no_connection'
 
     def _unusable(self, reason: str) -> str:
@@ -104,12 +101,6 @@ class InputState(_OperatorInputState):
             raise StateParameterError(self, 'request', f'{request!r} is none of {known} (for 13 use SelectionState)')
         self._type, self._length = _TYPES[request]
 
-    def on_enter(self, userdata: UserData) -> None:
-        self.ask_for(self._type, ())
-
-    def execute(self, userdata: UserData) -> str | None:
-        return self.answer(userdata, self._type, self._length)
-
 
 class SelectionState(_OperatorInputState):
     """
@@ -130,16 +121,14 @@ class SelectionState(_OperatorInputState):
 
     def __init__(self, message: str, timeout: float = 1.0, action_topic: str | None = None) -> None:
         super().__init__(message, ('items',), action_topic)
-        self._is_empty = False
 
     def on_enter(self, userdata: UserData) -> None:
-        items: list[Any] = list(userdata['items'])
-        self._is_empty = not items
-        if items:
-            self.ask_for('string', [str(item) for item in items])
+        self._choices = [str(item) for item in userdata['items']]
+        if self._choices:
+            super().on_enter(userdata)
 
     def execute(self, userdata: UserData) -> str | None:
-        if self._is_empty:
+        if not self._choices:
             userdata['data'] = None
             return self._unusable('there are no items to select from')
-        return self.answer(userdata, 'string', None)
+        return super().execute(userdata)

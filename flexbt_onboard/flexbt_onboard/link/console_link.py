@@ -11,7 +11,7 @@ import functools
 import math
 import threading
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.exceptions import InvalidHandle
@@ -55,14 +55,17 @@ class ConsoleLink:
         self._log_sequence = 0
         self._log_lock = threading.Lock()
         node = runtime.node
-        self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos())
-        self._subjects = node.create_publisher(DecisionSubjects, names.EXECUTIVE_SUBJECTS, names.transient_local_qos())
+        self._publishers = {
+            type: node.create_publisher(type, topic, names.transient_local_qos())
+            for type, topic in (
+                (ExecutiveStatus, names.EXECUTIVE_STATUS),
+                (DecisionSubjects, names.EXECUTIVE_SUBJECTS),
+                (BehaviorStructure, names.EXECUTIVE_STRUCTURE),
+                (BehaviorList, names.EXECUTIVE_BEHAVIORS),
+                (PlaceList, names.PLACES),
+            )
+        }
         self._subjects_sent: list[tuple[str, int]] | None = None
-        self._structure = node.create_publisher(
-            BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.transient_local_qos()
-        )
-        self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.transient_local_qos())
-        self._places = node.create_publisher(PlaceList, names.PLACES, names.transient_local_qos())
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.transient_local_qos(names.LOG_DEPTH))
         # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
         self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.best_effort_qos())
@@ -101,11 +104,9 @@ class ConsoleLink:
         """Send a status; fills in sender, sequence, time and heartbeat period. On the executor thread."""
         self._status_sequence += 1
         status.stamp = self._runtime.clock.stamp()
-        status.executive_id = self._executive_id
         status.sequence = self._status_sequence
         status.heartbeat_period = self._heartbeat_period
-        sanitize_message(status)
-        self._status.publish(status)
+        self.publish(status)
 
     def publish_subjects(self, subjects: DecisionSubjects) -> bool:
         """Send what the decisions of the next status are about, if it has changed; whether it has. On the executor
@@ -114,29 +115,20 @@ class ConsoleLink:
         if sent == self._subjects_sent:
             return False
         self._subjects_sent = sent
-        subjects.executive_id = self._executive_id
-        sanitize_message(subjects)
-        self._subjects.publish(subjects)
+        self.publish(subjects)
         return True
 
-    def publish_structure(self, structure: BehaviorStructure) -> None:
-        """Send the structure of a run, before the run's first status."""
-        sanitize_message(structure)
-        self._structure.publish(structure)
-
-    def publish_behaviors(self, behaviors: BehaviorList) -> None:
-        """Send the list of behaviors."""
-        behaviors.executive_id = self._executive_id
-        sanitize_message(behaviors)
-        self._behaviors.publish(behaviors)
+    def publish(self, message: Any) -> None:
+        """Send the structure of a run, before the run's first status; or the list of behaviors."""
+        if hasattr(message, 'executive_id'):
+            message.executive_id = self._executive_id
+        sanitize_message(message)
+        self._publishers[type(message)].publish(message)
 
     def publish_places(self, places: Mapping[str, Place]) -> None:
         """Send the places that the robot knows by name."""
-        message = PlaceList(
-            places=[PlaceMessage(name=name, pose=_pose(place)) for name, place in sorted(places.items())]
-        )
-        sanitize_message(message)
-        self._places.publish(message)
+        known = [PlaceMessage(name=name, pose=_pose(place)) for name, place in sorted(places.items())]
+        self.publish(PlaceList(places=known))
 
     def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
         """Tell the operator a line, and the node's own log as well; from any thread."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from builtin_interfaces.msg import Time
@@ -32,6 +32,7 @@ class _Peer:
     told_ready: bool = False
     tell_late: Timer | None = None
     gone_at: float = 0.0
+    watch: LivelinessWatch = field(init=False)
 
 
 class PeersWatch:
@@ -52,11 +53,11 @@ class PeersWatch:
         self._listeners: list[Callable[[], None]] = []
         self._peers = [_Peer(_qualified(runtime, name), runtime.clock.stamp()) for name in names]
         # On the executor thread, so that nothing is reported before all of them are watched.
-        self._watches = runtime.call(lambda: self._watch(timeout))
+        runtime.call(lambda: self._watch(timeout))
 
-    def _watch(self, timeout: float) -> list[LivelinessWatch]:
-        return [
-            LivelinessWatch(
+    def _watch(self, timeout: float) -> None:
+        for peer in self._peers:
+            peer.watch = LivelinessWatch(
                 self._runtime,
                 peer.name,
                 functools.partial(self._alive_changed, peer),
@@ -64,8 +65,6 @@ class PeersWatch:
                 functools.partial(self._late_changed, peer),
                 timeout,
             )
-            for peer in self._peers
-        ]
 
     def add_listener(self, changed: Callable[[], None]) -> None:
         """Call ``changed`` when :meth:`statuses` or :meth:`unready` have changed."""
@@ -77,14 +76,14 @@ class PeersWatch:
             PeerStatus(
                 name=peer.name,
                 alive=bool(peer.alive),
-                late=watch.late,
-                age=watch.age,
+                late=peer.watch.late,
+                age=peer.watch.age,
                 ready=peer.ready,
                 expected=self._are_expected or peer.alive is not None,
-                problem=sanitize_for_message(watch.problem) or self._absence(peer),
+                problem=sanitize_for_message(peer.watch.problem) or self._absence(peer),
                 since=peer.since,
             )
-            for peer, watch in zip(self._peers, self._watches, strict=True)
+            for peer in self._peers
         ]
 
     def gone(self) -> list[str]:
@@ -93,7 +92,7 @@ class PeersWatch:
 
     def has_ended(self, writer: bytes) -> bool:
         """Return whether this is a writer of one of them whose process has ended for certain."""
-        return any(watch.has_ended(writer) for watch in self._watches)
+        return any(peer.watch.has_ended(writer) for peer in self._peers)
 
     def _absence(self, peer: _Peer) -> str:
         if peer.alive is None:
@@ -129,14 +128,12 @@ class PeersWatch:
         self._tell_change()
 
     def _tell_late(self, peer: _Peer) -> None:
-        watch = self._watch_of(peer)
-        if watch.late:
-            self._log(ExecutiveLog.WARN, f'{peer.name} is late: {watch.problem}')
+        if peer.watch.late:
+            self._log(ExecutiveLog.WARN, f'{peer.name} is late: {peer.watch.problem}')
 
     def _ready_changed(self, peer: _Peer, ready: bool) -> None:
         peer.ready = ready
-        watch = self._watch_of(peer)
-        if ready or (watch.alive and not watch.late):  # late or gone: already reported
+        if ready or (peer.watch.alive and not peer.watch.late):  # late or gone: already reported
             if ready and not peer.told_ready:
                 self._log(ExecutiveLog.INFO, f'{peer.name} is ready')
             elif peer.told_ready and not ready:
@@ -150,9 +147,6 @@ class PeersWatch:
     def _tell_change(self) -> None:
         for changed in self._listeners:
             changed()
-
-    def _watch_of(self, peer: _Peer) -> LivelinessWatch:
-        return self._watches[self._peers.index(peer)]
 
 
 def _qualified(runtime: Runtime, name: str) -> str:

@@ -247,7 +247,7 @@ class Executive(RunReader):
             self._report.log(ExecutiveLog.ERROR, self._journal.corruption)
         if self._journal.torn:
             self._report.log(ExecutiveLog.WARN, self._journal.torn)
-        self._link.publish_behaviors(self.library.to_message())
+        self._link.publish(self.library.to_message())
         for entry in self.library.entries.values():
             if entry.error:
                 text = f'behavior {entry.name!r} of {entry.package} is broken: {entry.error}'
@@ -287,7 +287,7 @@ class Executive(RunReader):
         if structure.run_id != self._planned_run:  # not when a run goes on with another behavior
             self._planned_run = structure.run_id
             self._plan.clear()
-        self._status.show(lambda: self._link.publish_structure(structure))
+        self._status.show(lambda: self._link.publish(structure))
         run = self.runs.run
         if run is not None and run.run_id == structure.run_id and not run.snapshot.is_announced:
             run.announce()

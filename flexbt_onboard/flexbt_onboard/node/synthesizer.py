@@ -240,7 +240,7 @@ class Synthesizer:
         if answer.verdict is SynthesisVerdict.MADE and search.request.is_kept:
             for name in gone:
                 self._library.remove(name)
-            self._link.publish_behaviors(self._library.to_message())
+            self._link.publish(self._library.to_message())
         if problem:
             self._report.log(ExecutiveLog.WARN, problem)
         self._report.log(*_said(search.name, answer))

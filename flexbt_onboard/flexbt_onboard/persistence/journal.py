@@ -19,7 +19,7 @@ import os
 import threading
 import zlib
 from collections import OrderedDict, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -518,18 +518,45 @@ def _told(problems: Sequence[str]) -> str:
 def _problem_of(content: JournalLine) -> str:
     """Why that is no line of a journal; '' when it is one."""
     for name, value in content.items():
-        check = _CHECKS.get(name)
-        if check is None:
+        is_fit = _is_fit(name, value)
+        if is_fit is None:
             return f'has {short_repr(name)}, which is not known'
-        if not check(value):
+        if not is_fit:
             return f'has a {name} that cannot be: {short_repr(value)}'
     if 'run' not in content and not content.keys().isdisjoint({'position', 'end'}):
         return 'does not say which run it is about'
     return ''
 
 
-def _is_any_text(value: Any) -> bool:
-    return isinstance(value, str)
+def _is_fit(name: str, value: Any) -> bool | None:
+    """Return whether a part of a line has its form; None for a part that is not known."""
+    match name, value:
+        case 'run', _:
+            return _is_name(value)
+        case 'begin', {
+            'run': run,
+            'behavior': behavior,
+            'by': by,
+            'autonomy': level,
+            'arguments': given,
+            'inputs': inputs,
+        }:
+            are_told = all(map(_is_name, (run, behavior, by))) and _is_level(level)
+            are_arguments = _is_list_of(given, _is_name, _is_text)
+            return are_told and are_arguments and _is_list_of(inputs, _is_name, _is_name, _is_text, _is_base64)
+        # What is shown of a run before it goes on; all of it is checked when it does.
+        case 'position', {'active': _, 'coming': _, 'levels': dict(levels), 'locked': _, 'breakpoints': _}:
+            paths = (value[part] for part in ('active', 'coming', 'levels', 'locked', 'breakpoints'))
+            return all(map(_are_paths, paths)) and all(map(_is_level, levels.values()))
+        case 'end', _:
+            return isinstance(value, str)
+        case 'autonomy', _:
+            return value is None or _is_level(value)
+        case 'commands', _:
+            return _is_list_of(value, _is_name, _is_code, lambda reason: isinstance(reason, str))
+        case 'begin' | 'position', _:
+            return False
+    return None
 
 
 def _is_text(value: Any, longest: int = _LONGEST_TEXT) -> bool:
@@ -549,18 +576,8 @@ def _is_level(value: Any) -> bool:
     return type(value) is int and Autonomy.Off <= value <= Autonomy.Full
 
 
-def _is_list_of(*checks: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    """For lists of lists, each with one item for each check."""
-
-    def check(value: Any) -> bool:
-        return isinstance(value, list) and all(
-            isinstance(one, list)
-            and len(one) == len(checks)
-            and all(is_fit(item) for is_fit, item in zip(checks, one, strict=True))
-            for one in value
-        )
-
-    return check
+def _is_code(value: Any) -> bool:
+    return type(value) is int and value in (CommandResult.APPLIED, CommandResult.REFUSED)
 
 
 def _is_base64(value: Any) -> bool:
@@ -571,42 +588,11 @@ def _is_base64(value: Any) -> bool:
     return isinstance(value, str)
 
 
-def _is_object_with(parts: Mapping[str, Callable[[Any], bool]]) -> Callable[[Any], bool]:
-    """For objects that have these parts, and perhaps others."""
-    return lambda value: (
-        isinstance(value, dict) and all(name in value and is_fit(value[name]) for name, is_fit in parts.items())
+def _is_list_of(value: Any, *checks: Callable[[Any], bool]) -> bool:
+    """Return whether it is a list of lists, each with one fit item for each check."""
+    return isinstance(value, list) and all(
+        isinstance(one, list)
+        and len(one) == len(checks)
+        and all(is_fit(item) for is_fit, item in zip(checks, one, strict=True))
+        for one in value
     )
-
-
-_CHECKS: Final[Mapping[str, Callable[[Any], bool]]] = {
-    'run': _is_name,
-    'begin': _is_object_with(
-        {
-            'run': _is_name,
-            'behavior': _is_name,
-            'arguments': _is_list_of(_is_name, _is_text),
-            'inputs': _is_list_of(_is_name, _is_name, _is_text, _is_base64),
-            'by': _is_name,
-            'autonomy': _is_level,
-        }
-    ),
-    # What is shown of a run before it goes on; all of it is checked when it does.
-    'position': _is_object_with(
-        {
-            'active': _are_paths,
-            'coming': _are_paths,
-            'levels': lambda value: (
-                isinstance(value, dict) and _are_paths(value) and all(map(_is_level, value.values()))
-            ),
-            'locked': _are_paths,
-            'breakpoints': _are_paths,
-        }
-    ),
-    'end': _is_any_text,
-    'autonomy': lambda value: value is None or _is_level(value),
-    'commands': _is_list_of(
-        _is_name,
-        lambda code: type(code) is int and code in (CommandResult.APPLIED, CommandResult.REFUSED),
-        _is_any_text,
-    ),
-}

@@ -145,7 +145,7 @@ class MotionStop:
 
     def prepare(self) -> None:
         """Know the servers already, so that a cancel need not wait for their discovery."""
-        for name in self._servers():
+        for name in self.servers():
             self._services.link(CancelGoal, f'{name}/_action/cancel_goal').is_ready()  # or is so in a moment
             self._listen(name)
 
@@ -172,7 +172,7 @@ class MotionStop:
     def cancel_others(self) -> None:
         """Cancel what other programs have sent the robot to do, once."""
         if not self._unasked:
-            self._cancel_all_of([name for name in self._servers() if name in _FRONT])
+            self._cancel_all_of([name for name in self.servers() if name in _FRONT])
 
     def drop_cancels(self) -> None:
         """Send no cancel any more that still waits for its server: it would end what is about to begin."""
@@ -193,10 +193,11 @@ class MotionStop:
         if self._moves() or self._runtime.steady.now() < self._zero_until:
             self._command_zero()
         if self._round % _CANCEL_PERIODS == 0:
-            self._cancel_all_of(self._servers())
+            self._cancel_all_of(self.servers())
         self._round += 1
 
-    def _servers(self) -> list[str]:
+    def servers(self) -> list[str]:
+        """Return the actions that move the robot and have a server now."""
         node = self._runtime.node
         there = {name for name, _ in node.get_service_names_and_types()}
         return [

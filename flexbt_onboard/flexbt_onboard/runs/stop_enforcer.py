@@ -69,7 +69,7 @@ class StopEnforcer:
     def _leave_halted(self) -> None:
         if self._run is not None:
             return
-        if self._goes_on():
+        if self.goes_on():
             self._halt_for(_PERIOD)
         else:
             self._leave()
@@ -96,7 +96,7 @@ class StopEnforcer:
     def _check(self, run: BehaviorRun) -> None:
         if run is not self._run:
             return
-        if run.has_ended and not run.has_goals and not self._goes_on():
+        if run.has_ended and not run.has_goals and not self.goes_on():
             self._leave()
             return
         self._robot.hold()
@@ -106,7 +106,7 @@ class StopEnforcer:
         run.show_not_stopped(seconds)
         self._check_in(_PERIOD, run)
 
-    def _goes_on(self) -> bool:
+    def goes_on(self) -> bool:
         """Return whether something moves the robot anyway, which is reported to operators."""
         going_on = self._robot.going_on
         if going_on and going_on.keys() != self._told.keys():

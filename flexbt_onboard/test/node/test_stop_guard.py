@@ -42,11 +42,11 @@ class World:
             StopGuardStatus, names.STOP_GUARD_STATUS, self.statuses.append, names.transient_local_qos(depth=100)
         )
         node.create_subscription(Twist, names.CMD_VEL, self.zeros.append, 100)
-        self._stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop_qos())
+        self.stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop_qos())
         self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos())
 
     def wait_connected(self) -> None:
-        wait_until(lambda: self.statuses and self._stops.get_subscription_count(), 'the guard')
+        wait_until(lambda: self.statuses and self.stops.get_subscription_count(), 'the guard')
         wait_until(lambda: self._status.get_subscription_count(), 'the guard hears the executive')
 
     def begin_executive(self) -> None:
@@ -59,7 +59,7 @@ class World:
 
     def stop(self, stop_id: str = '', kind: int = ExecutiveCommand.STOP) -> str:
         stop_id = stop_id or uuid.uuid4().hex
-        self._stops.publish(ExecutiveCommand(id=stop_id, kind=kind, operator_id='ann'))
+        self.stops.publish(ExecutiveCommand(id=stop_id, kind=kind, operator_id='ann'))
         return stop_id
 
     def answer(self, stop_id: str, code: int = CommandResult.APPLIED) -> None:
@@ -169,7 +169,7 @@ def test_only_stops_stop(world: World) -> None:
 def test_a_stop_without_a_name_stops_and_many_stops_are_bounded(world: World) -> None:
     goal = world.drive()
     for stop_id in ('', 'x' * 1000):
-        world._stops.publish(ExecutiveCommand(id=stop_id, kind=ExecutiveCommand.STOP, operator_id='y' * 5000))
+        world.stops.publish(ExecutiveCommand(id=stop_id, kind=ExecutiveCommand.STOP, operator_id='y' * 5000))
     assert goal.wait().status is GoalStatus.CANCELED
     stops = [world.stop() for _ in range(60)]
     world.wait_holding(stops[-1])

@@ -22,6 +22,7 @@ from flexbt_core.clock.clock import ManualClock
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
+from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.persistence import journal
 from flexbt_onboard.persistence.journal import JournalLine, JournalState, read_journal
@@ -135,14 +136,13 @@ def test_no_loss_of_power_undoes_what_was_shown(
     bench: ExecutiveBench, disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[tuple[ExecutiveStatus, bytes]] = []
-    link: Any = bench.executive._link
-    publish = link.publish_status
+    publish = ConsoleLink.publish_status
 
-    def keep(status: ExecutiveStatus) -> None:
+    def keep(link: ConsoleLink, status: ExecutiveStatus) -> None:
         shown.append((copy.deepcopy(status), disk.content))
-        publish(status)
+        publish(link, status)
 
-    monkeypatch.setattr(link, 'publish_status', keep)
+    monkeypatch.setattr(ConsoleLink, 'publish_status', keep)
     walk = Walk(bench, SEED)
     for _ in range(STEPS):
         walk.step()

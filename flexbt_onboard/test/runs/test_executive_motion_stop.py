@@ -141,7 +141,7 @@ def test_who_sends_the_robot_somewhere_is_asked_first_and_waited_for_in_vain_for
     robot.front_answers = Future()
     with NodeRuntime.open('executive') as runtime:
         stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), AT_REST, MotionParameters()))
-        wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
+        wait_until(lambda: len(runtime.call(stop.servers)) == 2, 'both servers')
         with monkeypatch.context() as patched:
             patched.setattr(motion_stop, '_FRONT_SECONDS', 1e6)
             runtime.call(stop.hold)
@@ -164,7 +164,7 @@ def test_a_cancel_that_waits_for_its_server_does_not_end_what_begins_then(robot:
         links = ServiceLinks(runtime)
         stop = runtime.call(lambda: MotionStop(runtime, links, AT_REST, MotionParameters()))
         watch = StopEnforcer(runtime, stop, 1.0, reporter(pytest.fail))
-        wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
+        wait_until(lambda: len(runtime.call(stop.servers)) == 2, 'both servers')
 
         def stop_and_start() -> None:
             stop.hold()
@@ -220,7 +220,7 @@ def test_a_docking_server_does_not_send_the_robot_off_again(monkeypatch: pytest.
         driver = ScriptedActionServer(robot, NavigateToPose, names.NAVIGATE_TO_POSE)
         ScriptedActionServer(robot, DockRobot, names.DOCK_ROBOT, dock)
         stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), AT_REST, MotionParameters()))
-        wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
+        wait_until(lambda: len(runtime.call(stop.servers)) == 2, 'both servers')
         docking = ActionLinks(runtime).link(DockRobot, names.DOCK_ROBOT)
         for count, ask in enumerate((stop.cancel_others, stop.hold), 1):
             goal = SentGoal(docking, DockRobot.Goal())
@@ -250,8 +250,8 @@ def test_what_a_server_has_said_of_its_goals_goes_with_it(monkeypatch: pytest.Mo
             wait_until(lambda: spin.running and goes_on() == ['spin (of /robot)'], 'the goal')
             with monkeypatch.context() as early:  # the name of a node comes after its writers
                 early.setattr(motion_stop, 'writer_name', lambda *_: 'a node that has just come')
-                assert runtime.call(watch._goes_on)
-            assert runtime.call(watch._goes_on)
+                assert runtime.call(watch.goes_on)
+            assert runtime.call(watch.goes_on)
             assert len(told) == 1, 'one hold is told once'
             ScriptedActionServer(later, Spin, names.SPIN)
             status = runtime.node.resolve_topic_name(f'{names.SPIN}/_action/status')
@@ -262,7 +262,7 @@ def test_what_a_server_has_said_of_its_goals_goes_with_it(monkeypatch: pytest.Mo
             ended.clear()
             assert goes_on()
         wait_until(lambda: not goes_on(), 'the end of the first server, with its goal')
-        assert not runtime.call(watch._goes_on)
+        assert not runtime.call(watch.goes_on)
         assert told[1:] == ['spin (of /robot) has ended: the robot is not kept at rest any more']
 
 
