@@ -41,11 +41,9 @@ from unique_identifier_msgs.msg import UUID
 
 from flexbt_common.names import service_qos
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_core.clock.clock import Timer
 
-from .links import WATCH_SECONDS, ServerLink, ServerLinks, ServerNodes, Servers
+from .links import WATCH_SECONDS, ServerCall, ServerLink, ServerLinks, ServerNodes
 
-_APPEAR_PERIOD: Final = 0.05
 _ANSWER_LATE: Final = 0.1
 """Seconds after which an acceptance that only the list of goals shows is believed."""
 _RESULT_LATE: Final = 0.4
@@ -88,7 +86,7 @@ class GoalOutcome:
     reason: str
 
 
-class ActionCall:
+class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
     """A goal that was sent to a server. Thread-safe; may be made on any thread."""
 
     def __init__(
@@ -109,21 +107,15 @@ class ActionCall:
         ``server_timeout`` for the server to appear, ``accept_timeout`` from sending to acceptance,
         ``outage_timeout`` during which the server may be out of reach while the goal runs.
         """
-        self._link = link
-        self._runtime = link.runtime
         self._goal = goal
-        self._on_done = on_done
         self._on_feedback = on_feedback
         self._on_accepted = on_accepted
-        self._server_timeout = server_timeout
         self._accept_timeout = accept_timeout
         self._outage_timeout = outage_timeout
         self._goal_id = UUID(uuid=list(uuid.uuid4().bytes))
-        self._outcome: GoalOutcome | None = None
         self._accepted = False
         self._status = RosGoalStatus.STATUS_UNKNOWN
         self._sent = False
-        self._timers: dict[str, Timer] = {}
         self._cancel_requested = False
         self._cancel_timeout: float | None = None
         self._cancel_waits = False
@@ -134,23 +126,12 @@ class ActionCall:
         self._ended_seen: float | None = None
         self._gone_since: float | None = None
         self._unknown_since = math.inf
-        self._servers: Servers | None = None
-        self._runtime.post(self._start)
+        super().__init__(link, on_done, server_timeout)  # it begins
 
     @property
     def goal_id(self) -> bytes:
         """Identifier of the goal on the server; 16 bytes."""
         return bytes(self._goal_id.uuid)
-
-    @property
-    def done(self) -> bool:
-        """True if the outcome is known."""
-        return self._outcome is not None
-
-    @property
-    def outcome(self) -> GoalOutcome | None:
-        """Outcome of the goal; None until it has ended."""
-        return self._outcome
 
     @property
     def accepted(self) -> bool:
@@ -176,26 +157,16 @@ class ActionCall:
 
     # -------------------------------------------------- everything below runs on the executor thread
 
-    def _start(self) -> None:
-        self._wait_for_server(self._runtime.steady.now() + self._server_timeout)
-
     def _wait_for_server(self, deadline: float) -> None:
-        if self.done:
-            return
         if self._cancel_requested:
             self._finish(GoalStatus.CANCELED, 'canceled before it was sent')
-        elif self._link.is_ready():
-            self._send()
-        elif self._runtime.steady.now() >= deadline:
-            self._finish(
-                GoalStatus.NO_SERVER,
-                f'no action server {self._link} appeared within {self._server_timeout:g} s; is its node running?',
-            )
         else:
-            self._after('appear', _APPEAR_PERIOD, lambda: self._wait_for_server(deadline))
+            super()._wait_for_server(deadline)
+
+    def _not_there(self, why: str) -> None:
+        self._finish(GoalStatus.NO_SERVER, why)
 
     def _send(self) -> None:
-        self._servers = self._link.servers()
         try:
             future = self._link.send_goal(self._goal_id, self._goal)
         except Exception as error:
@@ -218,7 +189,7 @@ class ActionCall:
             return
         self._finish(
             GoalStatus.TIMEOUT,
-            f'action server {self._link} did not answer the goal within {self._accept_timeout:g} s; '
+            f'{self._link} did not answer the goal within {self._accept_timeout:g} s; '
             'is it overloaded, or built from other interface definitions?',
         )
 
@@ -227,7 +198,7 @@ class ActionCall:
         if self.done or self.accepted:
             return
         if self._is_gone():
-            self._lose(f'action server {self._link} went away without an answer to the goal')
+            self._lose(f'{self._link} went away without an answer to the goal')
         else:
             self._after('watch', WATCH_SECONDS, self._await_acceptance)
 
@@ -239,7 +210,7 @@ class ActionCall:
         if response.return_code != CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID:
             self._accepted_unheard()
         elif asked > self._unknown_since:
-            self._finish(GoalStatus.LOST, f'action server {self._link} does not know the goal: its request was lost')
+            self._finish(GoalStatus.LOST, f'{self._link} does not know the goal: its request was lost')
         elif self._unknown_since == math.inf:  # the cancel may have overtaken the goal
             self._unknown_since = self._runtime.steady.now()
             self._drop('accept')
@@ -256,7 +227,7 @@ class ActionCall:
         if self.accepted:
             return  # the list of goals was faster
         if not response.accepted:
-            self._finish(GoalStatus.REJECTED, f'action server {self._link} rejected the goal; is its node active?')
+            self._finish(GoalStatus.REJECTED, f'{self._link} rejected the goal; is its node active?')
             return
         self._on_acceptance()
 
@@ -301,13 +272,13 @@ class ActionCall:
             told = getattr(response.result, 'error_msg', '') or getattr(response.result, 'message', '')
             self._finish(
                 GoalStatus.ABORTED,
-                f'action server {self._link} aborted the goal' + (f': {told}' if told else ''),
+                f'{self._link} aborted the goal' + (f': {told}' if told else ''),
                 response.result,
             )
         else:
             self._finish(
                 GoalStatus.LOST,
-                f'action server {self._link} does not know the goal any more (status {response.status}); '
+                f'{self._link} does not know the goal any more (status {response.status}); '
                 'it was restarted, or dropped the result',
             )
 
@@ -316,7 +287,7 @@ class ActionCall:
             return
         now, was_gone = self._runtime.steady.now(), self._gone_since is not None
         if self._is_gone():
-            self._lose(f'action server {self._link} is gone: its process ended, or is out of reach')
+            self._lose(f'{self._link} is gone: its process ended, or is out of reach')
             return
         if self._gone_since is None:
             if self._status in _ENDED and self._ended_seen is None:
@@ -394,7 +365,7 @@ class ActionCall:
             self._link.cancel(self._goal_id)
         self._finish(
             GoalStatus.TIMEOUT,
-            f'action server {self._link} did not end the goal within {self._cancel_timeout:g} s of the cancel',
+            f'{self._link} did not end the goal within {self._cancel_timeout:g} s of the cancel',
         )
 
     def _feedback(self, feedback: Any) -> None:
@@ -405,30 +376,12 @@ class ActionCall:
     def _finish(self, status: GoalStatus, reason: str, result: Any | None = None) -> None:
         if self.done:
             return
-        self._outcome = outcome = GoalOutcome(status, result, reason)
-        for timer in self._timers.values():
-            timer.cancel()
-        self._timers.clear()
         self._link.listeners.pop(self.goal_id, None)
         if status is GoalStatus.LOST:
             for future in self._result_futures:
                 future.cancel()  # takes it out of rclpy's table
         self._result_futures.clear()
-        self._guarded(lambda: self._on_done(outcome))
-
-    def _guarded(self, callback: Callable[[], None]) -> None:
-        try:
-            callback()
-        except Exception as error:
-            self._runtime.report_fault(error, f'a callback of the goal for {self._link}')
-
-    def _after(self, purpose: str, seconds: float, fn: Callable[[], None]) -> None:
-        self._timers[purpose] = self._runtime.post_in(seconds, fn)
-
-    def _drop(self, purpose: str) -> None:
-        timer = self._timers.pop(purpose, None)
-        if timer is not None:
-            timer.cancel()
+        self._end(GoalOutcome(status, result, reason))
 
 
 # The connections of a node to action servers.
@@ -450,12 +403,15 @@ class ActionServerLink(ServerLink):
     a goal whose acceptance it does not know. The topics are read while a goal is active.
     """
 
+    kind = 'action server'
+
     def __init__(self, runtime: Runtime, action_type: Any, name: str, nodes: ServerNodes) -> None:
-        super().__init__(runtime, name, nodes, f'rt{runtime.node.resolve_topic_name(f"{name}/_action/status")}')
-        self.action_type = action_type
+        status = runtime.node.resolve_topic_name(f'{name}/_action/status')
+        super().__init__(runtime, action_type, name, nodes, f'rt{status}')
+        self.impl: Any = action_type.Impl
         self.listeners: dict[bytes, GoalListener] = {}
         """The listeners to goals, by the identifiers of the goals."""
-        node, impl, qos = runtime.node, action_type.Impl, service_qos()
+        node, impl, qos = runtime.node, self.impl, service_qos()
         self._goals = node.create_client(impl.SendGoalService, f'{name}/_action/send_goal', qos_profile=qos)
         self._cancels = node.create_client(impl.CancelGoalService, f'{name}/_action/cancel_goal', qos_profile=qos)
         self._results = node.create_client(impl.GetResultService, f'{name}/_action/get_result', qos_profile=qos)
@@ -485,23 +441,15 @@ class ActionServerLink(ServerLink):
 
     def send_goal(self, goal_id: UUID, goal: Any) -> Future:
         """Send a goal. Return the future answer."""
-        return self._goals.call_async(self.action_type.Impl.SendGoalService.Request(goal_id=goal_id, goal=goal))
+        return self._goals.call_async(self.impl.SendGoalService.Request(goal_id=goal_id, goal=goal))
 
     def cancel(self, goal_id: UUID) -> Future:
         """Ask for a goal to be canceled. Return the future answer."""
-        return self._cancels.call_async(
-            self.action_type.Impl.CancelGoalService.Request(goal_info=GoalInfo(goal_id=goal_id))
-        )
+        return self._cancels.call_async(self.impl.CancelGoalService.Request(goal_info=GoalInfo(goal_id=goal_id)))
 
     def ask_for_result(self, goal_id: UUID) -> Future:
         """Ask for the result of a goal. Return the future answer."""
-        return self._results.call_async(self.action_type.Impl.GetResultService.Request(goal_id=goal_id))
-
-    @property
-    def type_name(self) -> str:
-        """``package/action/Name`` of the action."""
-        package, kind, *_ = self.action_type.__module__.split('.')
-        return f'{package}/{kind}/{self.action_type.__name__}'
+        return self._results.call_async(self.impl.GetResultService.Request(goal_id=goal_id))
 
     def is_shown(self) -> bool:
         """See :meth:`ServerLink.is_shown`."""
@@ -509,9 +457,6 @@ class ActionServerLink(ServerLink):
         return all(client.service_is_ready() for client in clients) and all(
             self.runtime.node.count_publishers(topic.topic_name) for topic in self._topics
         )
-
-    def __str__(self) -> str:
-        return f'{self.name!r} ({self.type_name})'
 
 
 class ActionLinks(ServerLinks[ActionServerLink]):

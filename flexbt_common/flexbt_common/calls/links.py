@@ -10,6 +10,7 @@ middleware's view is known.
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
@@ -21,6 +22,8 @@ from flexbt_common.middleware.received_messages import UNKNOWN_NODE
 from flexbt_common.names import alive_topic
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
+from flexbt_common.values.value_types import message_type_name
+from flexbt_core.clock.clock import Timer
 
 SETTLE_SECONDS: Final = 0.1
 """Time from the discovery of a server to the first message to it, s, where that message may be lost because the other
@@ -34,6 +37,9 @@ MOST_LINKS: Final = 100
 
 WATCH_SECONDS: Final = 0.2
 """Period of the check whether the servers of a call are gone, s."""
+
+_APPEAR_PERIOD: Final = 0.05
+"""Period of the check whether a server has appeared, s."""
 
 _MOST_NODES: Final = 100
 """Maximum number of nodes whose tokens are watched for the calls of one node: their names come from other processes."""
@@ -116,19 +122,28 @@ class Servers:
 class ServerLink:
     """The connection of a node to the server ``name``; made on the executor thread, and for use there."""
 
+    kind: ClassVar[str]
+    """What a person calls the server."""
+
     asks_silent: ClassVar[bool] = False
     """True if requests are also sent to a server that hangs for too long: it answers, or obeys, when it continues."""
 
     entities: tuple[Any, ...]
     """Clients and subscriptions of rclpy, for the executor thread; destroyed when the link is no longer held."""
 
-    def __init__(self, runtime: Runtime, name: str, nodes: ServerNodes, answer_topic: str) -> None:
+    def __init__(
+        self, runtime: Runtime, server_type: type[Any], name: str, nodes: ServerNodes, answer_topic: str
+    ) -> None:
         """``answer_topic``: a topic on which the server answers, as DDS has it."""
         self.runtime = runtime
+        self.server_type = server_type
         self.name = name
         self._nodes = nodes
         self._answer_topic = answer_topic
         self._seen: dict[bytes, float] = {}  # writers that are there, and since when
+
+    def __str__(self) -> str:
+        return f'{self.kind} {self.name!r} ({message_type_name(self.server_type)})'
 
     def is_shown(self) -> bool:
         """Return whether the middleware shows a server of this name and type."""
@@ -211,3 +226,73 @@ def _destroy(node: Node, entities: tuple[Any, ...]) -> None:
             node.destroy_subscription(entity)
         else:
             node.destroy_client(entity)
+
+
+OutcomeT = TypeVar('OutcomeT')
+
+
+class ServerCall(Generic[LinkT, OutcomeT]):
+    """What is asked of a server, once it is there, with exactly one outcome. Thread-safe; may be made on any thread."""
+
+    def __init__(self, link: LinkT, on_done: Callable[[OutcomeT], None], server_timeout: float) -> None:
+        """``on_done`` is called on the executor thread; ``server_timeout``: for the server to appear, s."""
+        self._link = link
+        self._runtime = link.runtime
+        self._on_done = on_done
+        self._server_timeout = server_timeout
+        self._outcome: OutcomeT | None = None
+        self._timers: dict[str, Timer] = {}
+        self._servers: Servers | None = None
+        self._runtime.post(lambda: self._wait_for_server(self._runtime.steady.now() + server_timeout))
+
+    @property
+    def done(self) -> bool:
+        """True if the outcome is known."""
+        return self._outcome is not None
+
+    @property
+    def outcome(self) -> OutcomeT | None:
+        """The outcome; None until it is known."""
+        return self._outcome
+
+    # -------------------------------------------------- everything below runs on the executor thread
+
+    def _send(self) -> None:
+        """Send it: the server is there."""
+        raise NotImplementedError
+
+    def _not_there(self, why: str) -> None:
+        """End it: no server has appeared."""
+        raise NotImplementedError
+
+    def _wait_for_server(self, deadline: float) -> None:
+        if self.done:
+            return
+        if self._link.is_ready():
+            self._servers = self._link.servers()
+            self._send()
+        elif self._runtime.steady.now() >= deadline:
+            self._not_there(f'no {self._link} appeared within {self._server_timeout:g} s; is its node running?')
+        else:
+            self._after('appear', _APPEAR_PERIOD, lambda: self._wait_for_server(deadline))
+
+    def _end(self, outcome: OutcomeT) -> None:
+        self._outcome = outcome
+        for timer in self._timers.values():
+            timer.cancel()
+        self._timers.clear()
+        self._guarded(lambda: self._on_done(outcome))
+
+    def _guarded(self, callback: Callable[[], None]) -> None:
+        try:
+            callback()
+        except Exception as error:
+            self._runtime.report_fault(error, f'a callback of the call of {self._link}')
+
+    def _after(self, purpose: str, seconds: float, fn: Callable[[], None]) -> None:
+        self._timers[purpose] = self._runtime.post_in(seconds, fn)
+
+    def _drop(self, purpose: str) -> None:
+        timer = self._timers.pop(purpose, None)
+        if timer is not None:
+            timer.cancel()

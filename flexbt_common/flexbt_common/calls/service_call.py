@@ -10,11 +10,8 @@ from typing import Any, Final
 
 from flexbt_common.names import service_qos
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_core.clock.clock import Timer
 
-from .links import SETTLE_SECONDS, WATCH_SECONDS, ServerLink, ServerLinks, ServerNodes, Servers
-
-_APPEAR_PERIOD: Final = 0.05
+from .links import SETTLE_SECONDS, WATCH_SECONDS, ServerCall, ServerLink, ServerLinks, ServerNodes
 
 _LATE: Final = 1.0
 """Seconds by which the executor may be late to report that there is no response."""
@@ -37,11 +34,11 @@ class ServiceLink(ServerLink):
     """The connection of this node to one service. Made by :class:`ServiceLinks`, on the executor thread; ``client`` is
     rclpy's."""
 
+    kind = 'service'
     asks_silent = True  # a cancel, above all
 
     def __init__(self, runtime: Runtime, service_type: Any, name: str, nodes: ServerNodes) -> None:
-        super().__init__(runtime, name, nodes, f'rr{runtime.node.resolve_service_name(name)}Reply')
-        self.service_type = service_type
+        super().__init__(runtime, service_type, name, nodes, f'rr{runtime.node.resolve_service_name(name)}Reply')
         self.client: Any = runtime.node.create_client(service_type, name, qos_profile=service_qos())
         self.entities = (self.client,)
         self._seen_since: float | None = None
@@ -54,10 +51,6 @@ class ServiceLink(ServerLink):
         elif self._seen_since is None:
             self._seen_since = now
         return self._seen_since is not None and now - self._seen_since >= SETTLE_SECONDS
-
-    def __str__(self) -> str:
-        package, kind, *_ = self.service_type.__module__.split('.')
-        return f'{self.name!r} ({package}/{kind}/{self.service_type.__name__})'
 
 
 def service_outcome(link: ServiceLink, request: Any, timeout: float) -> ServiceOutcome:
@@ -80,7 +73,7 @@ class ServiceLinks(ServerLinks[ServiceLink]):
     link_class = ServiceLink
 
 
-class ServiceCall:
+class ServiceCall(ServerCall[ServiceLink, ServiceOutcome]):
     """A request that was sent to a server. Thread-safe; may be made on any thread."""
 
     def __init__(
@@ -97,63 +90,35 @@ class ServiceCall:
         ``on_done`` is called exactly once, on the executor thread. Wall time in seconds: ``server_timeout`` for the
         service to appear, ``response_timeout`` from sending to the response.
         """
-        self._link = link
-        self._runtime = link.runtime
         self._request = request
-        self._on_done = on_done
-        self._server_timeout = server_timeout
         self._response_timeout = response_timeout
-        self._outcome: ServiceOutcome | None = None
-        self._timer: Timer | None = None
         self._future: Any = None
-        self._servers: Servers | None = None
-        self._watch_timer: Timer | None = None
-        self._runtime.post(lambda: self._wait_for_service(self._runtime.steady.now() + server_timeout))
-
-    @property
-    def done(self) -> bool:
-        """True if the outcome is known."""
-        return self._outcome is not None
-
-    @property
-    def outcome(self) -> ServiceOutcome | None:
-        """Outcome of the request; None until it has ended."""
-        return self._outcome
+        super().__init__(link, on_done, server_timeout)  # it begins
 
     def cancel(self) -> None:
         """Forget the request: a service cannot be stopped, but its response is not waited for any more."""
         self._runtime.post(lambda: self._finish(None, f'the request to {self._link} was given up'))
 
-    def _wait_for_service(self, deadline: float) -> None:
-        if self.done:
-            return
-        if self._link.is_ready():
-            self._send()
-        elif self._runtime.steady.now() >= deadline:
-            self._finish(
-                None, f'no service {self._link} appeared within {self._server_timeout:g} s; is its node running?'
-            )
-        else:
-            self._after(_APPEAR_PERIOD, lambda: self._wait_for_service(deadline))
+    def _not_there(self, why: str) -> None:
+        self._finish(None, why)
 
     def _send(self) -> None:
-        self._servers = self._link.servers()
         try:
             self._future = self._link.client.call_async(self._request)
         except Exception as error:
             self._finish(None, f'the request to {self._link} cannot be sent: {error or type(error).__name__}')
             return
         self._future.add_done_callback(self._answered)
-        self._after(self._response_timeout, self._not_answered)
+        self._after('answer', self._response_timeout, self._not_answered)
         self._watch()
 
     def _watch(self) -> None:
         if self.done:
             return
         if self._servers is not None and self._servers.are_gone:
-            self._finish(None, f'service {self._link} is gone: its process ended, or is out of reach')
+            self._finish(None, f'{self._link} is gone: its process ended, or is out of reach')
         else:
-            self._watch_timer = self._runtime.post_in(WATCH_SECONDS, self._watch)
+            self._after('watch', WATCH_SECONDS, self._watch)
 
     def _answered(self, future: Any) -> None:
         if not future.cancelled():
@@ -162,23 +127,13 @@ class ServiceCall:
     def _not_answered(self) -> None:
         self._finish(
             None,
-            f'service {self._link} did not answer within {self._response_timeout:g} s; '
+            f'{self._link} did not answer within {self._response_timeout:g} s; '
             'is it overloaded, or built from other interface definitions?',
         )
 
     def _finish(self, response: Any | None, reason: str) -> None:
         if self.done:
             return
-        self._outcome = ServiceOutcome(response, reason)
-        for timer in (self._timer, self._watch_timer):
-            if timer is not None:
-                timer.cancel()
         if self._future is not None and not self._future.done():
             self._link.client.remove_pending_request(self._future)
-        try:
-            self._on_done(self._outcome)
-        except Exception as error:
-            self._runtime.report_fault(error, f'a callback of the request to {self._link}')
-
-    def _after(self, seconds: float, fn: Callable[[], None]) -> None:
-        self._timer = self._runtime.post_in(seconds, fn)
+        self._end(ServiceOutcome(response, reason))

@@ -341,7 +341,7 @@ def run_managed_node(
 T = TypeVar('T')
 
 
-class NodeScope:
+class NodeScope(Runtime):
     """A :class:`Runtime` within that of a node, its host: it ends before the host, and another may follow.
 
     Everything made on the node since the scope began is removed when the scope ends, without further bookkeeping:
@@ -350,6 +350,7 @@ class NodeScope:
     """
 
     def __init__(self, host: NodeRuntime) -> None:
+        super().__init__()
         self._host = host
         self.node = host.node
         self.name = host.name
@@ -360,40 +361,20 @@ class NodeScope:
         self.clock = host.clock
         self.steady = host.steady
         self.health = host.health
-        self.forget = host.forget
-        self.report_fault = host.report_fault
-        self.fail = host.fail
-        self.abort = host.abort
-        self._closed = threading.Event()
-        self._on_close: list[Callable[[], object]] = []
-        self._on_fault: list[Callable[[BaseException], None]] = []
         self._before = host.call(self._entities)
         host.on_fault(self._report_fault)
 
     @property
     def on_executor_thread(self) -> bool:
-        """True if the caller is on the executor thread."""
         return self._host.on_executor_thread
 
-    @property
-    def closed(self) -> bool:
-        """True if the scope has ended; work that is posted now is dropped."""
-        return self._closed.is_set()
-
     def post(self, fn: Callable[[], object]) -> None:
-        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
         self._host.post(partial(self._run, fn))
 
     def post_at(self, when: float, fn: Callable[[], object]) -> Timer:
-        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
         return self._host.post_at(when, partial(self._run, fn))
 
-    def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
-        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
-        return self._host.post_in(seconds, partial(self._run, fn))
-
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
-        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
         self._host.call_near(when, tolerance, partial(self._run, fn))
 
     def _run(self, fn: Callable[[], object]) -> None:
@@ -401,17 +382,9 @@ class NodeScope:
             fn()
 
     def run_or_post(self, fn: Callable[[], object]) -> None:
-        """Run ``fn`` as the host does, unless the scope has ended meanwhile."""
         self._host.run_or_post(partial(self._run, fn))
 
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
-        """Run ``fn`` as the host does.
-
-        Raises:
-            TimeoutError: as that of the host.
-            RuntimeError: the scope has ended.
-        """
-
         def run() -> T:
             if self.closed:
                 raise RuntimeError(f'this part of node {self.name} has ended; nothing can be run for it')
@@ -428,18 +401,17 @@ class NodeScope:
         self._before = {entity: destroy for entity, destroy in self._before.items() if entity in before} | new
         return made
 
-    def on_close(self, fn: Callable[[], object]) -> None:
-        """Have ``fn`` called when the scope ends, as :meth:`NodeRuntime.on_close`."""
-        self._on_close.append(fn)
+    def forget(self, key: Hashable) -> None:
+        self._host.forget(key)
 
-    def cancel_on_close(self, fn: Callable[[], object]) -> None:
-        """Take back :meth:`on_close`. Harmless when it was taken back already, or called."""
-        with contextlib.suppress(ValueError):
-            self._on_close.remove(fn)
+    def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
+        self._host.report_fault(error, where)
 
-    def on_fault(self, fn: Callable[[BaseException], None]) -> None:
-        """Have ``fn`` told each exception that is reported while the scope lasts, as :meth:`NodeRuntime.on_fault`."""
-        self._on_fault.append(fn)
+    def fail(self, why: str) -> None:
+        self._host.fail(why)
+
+    def abort(self, problem: str) -> None:
+        self._host.abort(problem)
 
     def close(self) -> None:
         """End the scope. May be called twice, not from the executor thread."""

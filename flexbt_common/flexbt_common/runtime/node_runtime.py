@@ -28,12 +28,13 @@ import sys
 import threading
 import time
 import traceback
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from functools import cached_property, partial
 from time import monotonic
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -275,9 +276,9 @@ class _PostedTimer:
         self._timer.cancel()
 
 
-class Runtime(Protocol):
-    """A runtime as the parts of a node use it: that of the node (:class:`NodeRuntime`, which describes the members), or
-    of a part of it that ends by itself (:class:`flexbt_common.lifecycle.managed_node.NodeScope`)."""
+class Runtime(ABC):
+    """A runtime as the parts of a node use it: that of the node (:class:`NodeRuntime`), or of a part of it that ends by
+    itself (:class:`flexbt_common.lifecycle.managed_node.NodeScope`)."""
 
     node: LargeQueueNode
     name: str
@@ -289,42 +290,108 @@ class Runtime(Protocol):
     steady: SteadyClock
     health: Health
 
-    @property
-    def on_executor_thread(self) -> bool: ...
+    def __init__(self) -> None:
+        self._closed = threading.Event()
+        self._on_close: list[Callable[[], object]] = []
+        self._on_fault: list[Callable[[BaseException], None]] = []
 
     @property
-    def closed(self) -> bool: ...
+    @abstractmethod
+    def on_executor_thread(self) -> bool:
+        """True if the caller is on the executor thread."""
 
-    def post(self, fn: Callable[[], object]) -> None: ...
+    @property
+    def closed(self) -> bool:
+        """True if the runtime has begun to end; work that is posted now is dropped."""
+        return self._closed.is_set()
 
-    def post_at(self, when: float, fn: Callable[[], object]) -> Timer: ...
+    @abstractmethod
+    def post(self, fn: Callable[[], object]) -> None:
+        """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.
 
-    def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer: ...
+        What it raises is logged and given to :meth:`on_fault`. After the end nothing is run any more.
+        """
 
-    def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None: ...
+    @abstractmethod
+    def post_at(self, when: float, fn: Callable[[], object]) -> Timer:
+        """Run ``fn`` on the executor thread at the time ``when`` of the steady clock; from any thread.
 
-    def run_or_post(self, fn: Callable[[], object]) -> None: ...
+        Cancelled on the executor thread, the timer runs nothing any more, also when it was due already.
+        """
 
-    def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T: ...
+    def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
+        """Run ``fn`` on the executor thread after this many seconds of wall time, as :meth:`post_at`."""
+        return self.post_at(self.steady.now() + seconds, fn)
 
-    def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T: ...
+    @abstractmethod
+    def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
+        """Run ``fn`` once when the executor is awake anyway, ``tolerance`` seconds before or after the time ``when`` of
+        the steady clock; it is woken for it at the end of that. Asked for on the executor thread.
+        """
 
-    def forget(self, key: Hashable) -> None: ...
+    @abstractmethod
+    def run_or_post(self, fn: Callable[[], object]) -> None:
+        """Run ``fn`` at once, on this thread, if the executor has nothing to do, and :meth:`post` it otherwise; not on
+        the executor thread. What this thread has posted before comes first.
 
-    def cancel_on_close(self, fn: Callable[[], object]) -> None: ...
+        While ``fn`` runs nothing else does on the executor thread. For a thread that has to wait anyway until ``fn`` is
+        done: to have another one woken for it takes longer than most of what there is to do.
+        """
 
-    def on_close(self, fn: Callable[[], object]) -> None: ...
+    @abstractmethod
+    def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
+        """Run ``fn`` on the executor thread and give its value; raise what it raises.
 
-    def on_fault(self, fn: Callable[[BaseException], None]) -> None: ...
+        Raises:
+            TimeoutError: ``fn`` was not done within ``timeout`` seconds (it may still run).
+            RuntimeError: the runtime is closed.
+        """
 
-    def report_fault(self, error: BaseException, where: str = 'a callback') -> None: ...
+    @abstractmethod
+    def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
+        """Return the shared object of the node for ``key``, made with ``make`` on first use. Executor thread only."""
 
-    def fail(self, why: str) -> None: ...
+    @abstractmethod
+    def forget(self, key: Hashable) -> None:
+        """Forget the object that :meth:`once` made for this key; the next use makes a new one."""
 
-    def abort(self, problem: str) -> None: ...
+    def on_close(self, fn: Callable[[], object]) -> None:
+        """Have ``fn`` called at the end, on the closing thread, in reverse order, while callbacks still run.
+
+        It has to come back soon: a process has 2 s to end.
+        """
+        self._on_close.append(fn)
+
+    def cancel_on_close(self, fn: Callable[[], object]) -> None:
+        """Take back :meth:`on_close`. Harmless when it was taken back already, or called."""
+        with contextlib.suppress(ValueError):
+            self._on_close.remove(fn)
+
+    def on_fault(self, fn: Callable[[BaseException], None]) -> None:
+        """Have ``fn`` told each exception that is reported, see :meth:`report_fault`, on the thread that reports it."""
+        self._on_fault.append(fn)
+
+    @abstractmethod
+    def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
+        """Log an exception that a callback let escape, and tell the observers; from any thread. Never raises.
+
+        Of exceptions of the same type from the same line, one is reported in COMPLAINT_SECONDS: what others send may
+        cause any number of them.
+        """
+
+    @abstractmethod
+    def fail(self, why: str) -> None:
+        """Log that the node has not done what it is for: the process ends, whenever it does, with exit code 1."""
+
+    @abstractmethod
+    def abort(self, problem: str) -> None:
+        """End the process with exit code 1: the node cannot go on. From now on it is not alive for others.
+
+        ``problem`` says why. From any thread.
+        """
 
 
-class NodeRuntime:
+class NodeRuntime(Runtime):
     """One node, one executor thread, two clocks.
 
     ``node`` is the rclpy node, ``clock`` its clock (simulated time under ``use_sim_time``), ``steady`` the machine's
@@ -346,13 +413,11 @@ class NodeRuntime:
         ``args`` are command line arguments (``--ros-args`` ...), None for those of the process; ``parameters``
         override what the arguments say.
         """
+        super().__init__()
         self.has_failed = False
         """True if the process ends with exit code 1; see :meth:`fail`."""
         self.are_parameters_declared = True
         """True if all parameters are declared, so that others do not exist. False if a managed node refuses one."""
-        self._closed = threading.Event()
-        self._on_close: list[Callable[[], object]] = []
-        self._on_fault: list[Callable[[BaseException], None]] = []
         self._on_failure: list[Callable[[], object]] = []
         self._is_closing = False
         self._made: dict[Hashable, Any] = {}
@@ -418,38 +483,17 @@ class NodeRuntime:
 
     @property
     def on_executor_thread(self) -> bool:
-        """True if the caller is on the executor thread."""
         return threading.current_thread() is self._thread
 
-    @property
-    def closed(self) -> bool:
-        """True if the executor has begun to end; work that is posted now is dropped."""
-        return self._closed.is_set()
-
     def post(self, fn: Callable[[], object]) -> None:
-        """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.
-
-        What it raises is logged and given to :meth:`on_fault`. After :meth:`close` nothing is run any more.
-        """
         with self._lock:
             if not self.closed:
                 self._post_locked(fn)
 
     def post_at(self, when: float, fn: Callable[[], object]) -> Timer:
-        """Run ``fn`` on the executor thread at the time ``when`` of the steady clock; from any thread.
-
-        Cancelled on the executor thread, the timer runs nothing any more, also when it was due already.
-        """
         return _PostedTimer(self, when, fn)
 
-    def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
-        """Run ``fn`` on the executor thread after this many seconds of wall time, as :meth:`post_at`."""
-        return self.post_at(self.steady.now() + seconds, fn)
-
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
-        """Run ``fn`` once when the executor is awake anyway, ``tolerance`` seconds before or after the time ``when`` of
-        the steady clock; it is woken for it at the end of that. Asked for on the executor thread.
-        """
         self._coalesced.add(when, tolerance, fn)
         if not self.on_executor_thread:  # it lends its turn, and sleeps meanwhile
             self._doorbell.trigger()
@@ -464,22 +508,10 @@ class NodeRuntime:
         self.call_near(self.steady.now() + period, tolerance, call)
 
     def run_or_post(self, fn: Callable[[], object]) -> None:
-        """Run ``fn`` at once, on this thread, if the executor has nothing to do, and :meth:`post` it otherwise; not on
-        the executor thread. What this thread has posted before comes first.
-
-        While ``fn`` runs nothing else does on the executor thread. For a thread that has to wait anyway until ``fn`` is
-        done: to have another one woken for it takes longer than most of what there is to do.
-        """
         if self.closed or self._posted or not self._executor.run_here(fn):  # first what was posted before
             self.post(fn)
 
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
-        """Run ``fn`` on the executor thread and give its value; raise what it raises.
-
-        Raises:
-            TimeoutError: ``fn`` was not done within ``timeout`` seconds (it may still run).
-            RuntimeError: the runtime is closed.
-        """
         if self.on_executor_thread or self._executor.is_lent:
             return fn()
         future: Future[T] = Future()
@@ -511,38 +543,15 @@ class NodeRuntime:
                 self._calls.discard(future)
 
     def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
-        """Return the shared object for ``key``, made with ``make`` on first use. Executor thread only."""
         if key not in self._made:
             self._made[key] = make(self)
         made: T = self._made[key]
         return made
 
     def forget(self, key: Hashable) -> None:
-        """Forget the object that :meth:`once` made for this key; the next use makes a new one."""
         self._made.pop(key, None)
 
-    def cancel_on_close(self, fn: Callable[[], object]) -> None:
-        """Take back :meth:`on_close`. Harmless when it was taken back already, or called."""
-        with contextlib.suppress(ValueError):
-            self._on_close.remove(fn)
-
-    def on_close(self, fn: Callable[[], object]) -> None:
-        """Have ``fn`` called at the end, on the closing thread, in reverse order, while callbacks still run.
-
-        It has to come back soon: a process has 2 s to end.
-        """
-        self._on_close.append(fn)
-
-    def on_fault(self, fn: Callable[[BaseException], None]) -> None:
-        """Have ``fn`` told each exception that is reported, see :meth:`report_fault`, on the thread that reports it."""
-        self._on_fault.append(fn)
-
     def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
-        """Log an exception that a callback let escape, and tell the observers; from any thread. Never raises.
-
-        Of exceptions of the same type from the same line, one is reported in COMPLAINT_SECONDS: what others send may
-        cause any number of them.
-        """
         held = self._reports.held_before((type(error), where, _place_of(error)))
         if held is None:
             return
@@ -556,7 +565,6 @@ class NodeRuntime:
                 self.node.get_logger().error(f'a fault observer raised {further!r}')
 
     def fail(self, why: str) -> None:
-        """Log that the node has not done what it is for: the process ends, whenever it does, with exit code 1."""
         self.has_failed = True
         self.node.get_logger().error(why)
 
@@ -565,10 +573,6 @@ class NodeRuntime:
         self._on_failure.append(fn)
 
     def abort(self, problem: str) -> None:
-        """End the process with exit code 1: the node cannot go on. From now on it is not alive for others.
-
-        ``problem`` says why. From any thread.
-        """
         self.has_failed = True
         try:
             self.health.fail(problem)

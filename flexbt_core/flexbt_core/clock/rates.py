@@ -44,7 +44,9 @@ class SenderRates:
 
     def allows(self, sender: bytes) -> bool:
         """Return whether a message of a sender is within its rate; counts it then."""
-        bucket = self._buckets[sender] = self._buckets.pop(sender, None) or TokenBucket(*self._limit)
+        bucket = self._buckets.get(sender) or TokenBucket(*self._limit)
+        self._buckets[sender] = bucket
+        self._buckets.move_to_end(sender)
         if len(self._buckets) > _KINDS:
             self._buckets.popitem(last=False)
         is_allowed = bucket.left >= 1.0

@@ -12,6 +12,7 @@ from action_msgs.msg import GoalStatus as RosGoalStatus
 
 from flexbt_common.calls.action_call import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_common.values.value_types import message_type_name
 from flexbt_core.values.text import short_repr
 from flexbt_flexbe.errors import NoResultError, ProxyError
 from flexbt_onboard.behaviors.run_context import RunContext, current_run
@@ -100,12 +101,11 @@ class ProxyActionClient(RunProxy):
     def setupClient(self, topic: str, action_type: type[Any], wait_duration: float = 10.0) -> None:
         """Make the action known. Discovery begins now; it is not waited for, regardless of ``wait_duration``."""
         known = self._clients.get(topic)
-        if known is not None and known.link.action_type is action_type:
+        if known is not None and known.link.server_type is action_type:
             return
         if known is not None:
-            raise ProxyError(
-                f'action {topic!r} is used as {known.link.type_name} already, not as {short_repr(action_type)}'
-            )
+            used = message_type_name(known.link.server_type)
+            raise ProxyError(f'action {topic!r} is used as {used} already, not as {short_repr(action_type)}')
         services = self._run.services
         client = _Client(topic, services.actions.link(action_type, topic), services.runtime.steady.now())
         self._clients[topic] = client
@@ -121,7 +121,7 @@ class ProxyActionClient(RunProxy):
                 known already that there is no server.
         """
         client = self._client(topic)
-        goal_type = client.link.action_type.Goal
+        goal_type = client.link.server_type.Goal
         if not isinstance(goal, goal_type):
             raise ProxyError(f'action {topic!r}: a goal is a {goal_type.__name__}, not {short_repr(goal)}')
         if self.is_active(topic) and client.call is not None and not client.call.cancel_requested:
@@ -129,13 +129,13 @@ class ProxyActionClient(RunProxy):
         runtime = self._run.services.runtime
         patience = max(wait_duration, SERVER_SECONDS - (runtime.steady.now() - client.made_at))
         if patience <= 0 and not client.link.is_ready():
-            raise ProxyError(f'there is no action server {client.link}; is its node running?')
+            raise ProxyError(f'there is no {client.link}; is its node running?')
         client.feedback = None
         client.is_removed = False
         client.listeners.note_caller()
 
         def keep_feedback(feedback: Any) -> None:
-            client.feedback = client.link.action_type.Impl.FeedbackMessage(feedback=feedback)
+            client.feedback = client.link.server_type.Impl.FeedbackMessage(feedback=feedback)
             client.listeners.wake()
 
         client.call = ActionCall(
@@ -297,8 +297,9 @@ class ProxyServiceCaller(RunProxy):
         known = self._services.get(topic)
         if known is None:
             self._services[topic] = _Service(self._run.services.services.link(srv_type, topic))
-        elif known.link.service_type is not srv_type:
-            raise ProxyError(f'service {topic!r} is used as {known.link} already, not as {short_repr(srv_type)}')
+        elif known.link.server_type is not srv_type:
+            used = message_type_name(known.link.server_type)
+            raise ProxyError(f'service {topic!r} is used as {used} already, not as {short_repr(srv_type)}')
 
     setup_service = setupService
 
@@ -357,7 +358,7 @@ class ProxyServiceCaller(RunProxy):
 
     def _send(self, topic: str, request: Any, wait: float, response_timeout: float, ring: Any) -> ServiceCall:
         service = self._service(topic)
-        request_type = service.link.service_type.Request
+        request_type = service.link.server_type.Request
         if not isinstance(request, request_type):
             raise ProxyError(f'service {topic!r}: a request is a {request_type.__name__}, not {short_repr(request)}')
 
