@@ -8,11 +8,11 @@ import posixpath
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, TypeVar
 
 from flexbt_common.errors import ResourceError
-from flexbt_core.behavior_tree.engine.context import UnfinishedWork
 from flexbt_core.behavior_tree.engine.leaf import ExpandingAction, Halted, LeafNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry, node_skills
@@ -213,52 +213,37 @@ class ReachGoal(ExpandingAction):
         """Has work done in a thread, and ``then`` goes on with what came of it."""
         thought = _Thought(self, work)
         self._thought = thought
-        self._next = lambda: then(thought.result()) if thought.ended else NodeStatus.RUNNING
+        self._next = lambda: then(thought.result()) if thought.done() else NodeStatus.RUNNING
         return NodeStatus.RUNNING
 
 
-class _Thought(Generic[T]):
-    """Work in a separate thread, which wakes the node at its end. State that both threads change is under a lock."""
+class _Thought(Future[T]):
+    """Work in a separate thread, which wakes the node at its end."""
 
     def __init__(self, node: ReachGoal, work: Callable[[SearchClock], T]) -> None:
-        self.ended = False
+        super().__init__()
         self._node = node
-        self._work = work
-        self._results: list[T] = []
-        self._error: BaseException | None = None
         self._stopped = False
-        self._unfinished: UnfinishedWork | None = None
-        self._lock = threading.Lock()
-        threading.Thread(target=self._run, name=f'plan {node.path}', daemon=True).start()
-
-    def result(self) -> T:
-        """Return what came of it; raises what it has raised."""
-        if self._error is not None:
-            raise self._error
-        return self._results[0]
+        threading.Thread(target=self._run, args=(work,), name=f'plan {node.path}', daemon=True).start()
 
     def stop(self) -> None:
         """Note that the result is no longer wanted. Until it has ended it is unfinished work of the tree."""
-        with self._lock:
-            self._stopped = True
-            if not self.ended:
-                self._unfinished = self._node.context.add_unfinished(f'[{self._node.path}] ends its search')
+        self._stopped = True
+        if not self.done():
+            unfinished = self._node.context.add_unfinished(f'[{self._node.path}] ends its search')
+            self.add_done_callback(lambda _: unfinished.done())
 
     def _clock(self) -> float:
         if self._stopped:
             raise Halted
         return time.perf_counter()
 
-    def _run(self) -> None:
+    def _run(self, work: Callable[[SearchClock], T]) -> None:
         try:
-            self._results.append(self._work(self._clock))
+            self.set_result(work(self._clock))
         except BaseException as error:
-            self._error = error
-        with self._lock:
-            self.ended = True
-        if self._unfinished is not None:
-            self._unfinished.done()
-        else:
+            self.set_exception(error)
+        if not self._stopped:
             self._node.wake()
 
 

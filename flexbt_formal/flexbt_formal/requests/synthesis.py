@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What commands and the executive need for a synthesis: the files, the interfaces of states, and the text of answers."""
+"""What commands and the executive need for a synthesis: files, the interfaces of states, and the text of answers."""
 
 from __future__ import annotations
 
-import importlib
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +25,8 @@ from flexbt_formal.synthesis.hand_written import hand_written, is_whole
 from flexbt_formal.synthesis.machine_text import state_instantiations
 from flexbt_formal.synthesis.request_files import MachineRequest, read_specification
 from flexbt_formal.synthesis.translation import Options, SynthesisProblem, translated
+from flexbt_onboard.behaviors.machine_behavior import states_of
+from flexbt_onboard.errors import BrokenBehaviorError
 from flexbt_tools.errors import UsageError
 from flexbt_tools.files import read_text_file
 
@@ -74,9 +75,7 @@ def read_problem(
 
 
 def _mappings(names: Sequence[str]) -> Mappings:
-    if not names:
-        return Mappings(_USUAL, {'finished': 'finished'})
-    mappings = Mappings()
+    mappings = Mappings() if names else Mappings(_USUAL, {'finished': 'finished'})
     for name in names:
         mappings = mappings.updated(read(name, read_mappings))
     return mappings
@@ -112,14 +111,13 @@ class StateInterfaces:
         self._modules: dict[str, str] = {}
         for module in modules:
             try:
-                found = importlib.import_module(module)
-            except Exception as error:  # code of the module
-                raise UsageError(f'--states {module}: {type(error).__name__}: {error}') from error
-            for name, value in vars(found).items():
-                if isinstance(value, type) and issubclass(value, EventState) and value is not EventState:
-                    for known in (name, f'{module.partition(".")[0]}/{name}'):
-                        self._classes[known] = value
-                        self._modules[known] = module
+                found = states_of([module])
+            except BrokenBehaviorError as error:
+                raise UsageError(f'--states {module}: {error}') from error
+            for name, value in found.items():
+                for known in (name, f'{module.partition(".")[0]}/{name}'):
+                    self._classes[known] = value
+                    self._modules[known] = module
 
     def module_of(self, name: str) -> str:
         """From where a state is imported."""
@@ -134,23 +132,16 @@ class StateInterfaces:
             raise LookupError(
                 f"there is no state '{name}'{did_you_mean(name, known)}; --states names modules with more"
             )
-        _refuse_unknown(name, self._classes[name], parameters)
+        taken = inspect.signature(self._classes[name]).parameters.values()
+        known = [one.name for one in taken if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
+        unknown = next((one for one in parameters if one not in known), None)
+        if unknown is not None and not any(one.kind is one.VAR_KEYWORD for one in taken):
+            raise UnknownParameterError(name, unknown, known)
         try:
             state = self._classes[name](**parameters)
         except Exception as error:  # code of the state
             raise ValueError(f'{name} cannot be made: {type(error).__name__}: {error}') from error
         return StateInterface(state.outcomes, state.input_keys, state.output_keys)
-
-
-def _refuse_unknown(name: str, made: type[EventState], parameters: Mapping[str, Any]) -> None:
-    """Raise UnknownParameterError, where the parameters of a class are known."""
-    taken = inspect.signature(made).parameters.values()
-    if any(one.kind is one.VAR_KEYWORD for one in taken):
-        return
-    known = [one.name for one in taken if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
-    for parameter in parameters:
-        if parameter not in known:
-            raise UnknownParameterError(name, parameter, known)
 
 
 # Answers of a synthesis: explanations as text, plays that are stepped through, and machines as messages of FlexBE.

@@ -49,6 +49,7 @@ from .expressions import (
 )
 from .source_text import SourceElement
 
+_NANOSECONDS: Final = 1_000_000_000
 _INPUT: Final = ' input'
 """Prefix of the key of a port in a name that no expression can have."""
 _RESERVED: Final = ('_event', '_msg', '_req', '_res', '_action', '_goal', '_feedback', '_wrapped_result', '_bt')
@@ -64,11 +65,11 @@ _ROOT_CHILDREN: Final = (
 
 
 class Timer(NamedTuple):
-    """Rate in Hz."""
+    """A timer: its period in ns; ``event`` None is the tick of the tree."""
 
     name: str
-    rate: float
-    place: str
+    period: int
+    event: int | None
 
 
 class Communication(NamedTuple):
@@ -123,7 +124,11 @@ class Ascxml:
         self.communications: list[Communication] = []
         for one in root.all(*INTERFACES):
             self._declare_interface(one)
-        self.timers = [Timer(one.need('name'), one.number('rate_hz'), one.place) for one in root.all('ros_time_rate')]
+        self.timers = [
+            Timer(name, period_of(one.number('rate_hz')), events.number(f'{TIMER}{self.name}.{name}'))
+            for one in root.all('ros_time_rate')
+            if (name := one.need('name'))
+        ]
 
     def _declare_interface(self, node: SourceElement) -> None:
         attribute = INTERFACES[node.tag]
@@ -526,6 +531,16 @@ class Ascxml:
                 f'the tree gives the output port {key!r} of {self.name} no entry; write {key}="{{key}}" there', 'key'
             )
         return Write(instance.uid, key, self._compiled(self._expression(node), node, scope, 'expr'), node.place)
+
+
+def period_of(rate: float) -> int:
+    """Return the period of a rate in Hz, in ns, as AS2FM rounds it: in the largest unit that has it exactly, or more
+    than 100 times."""
+    for unit in (1.0, 1e-3, 1e-6, 1e-9):
+        count = 1.0 / rate / unit
+        if count == int(count) or count > 101:
+            return int(count) * round(unit * _NANOSECONDS)
+    return max(round(_NANOSECONDS / rate), 1)
 
 
 def ports_of(root: SourceElement, types: DataTypes) -> Mapping[str, tuple[bool, DataType]]:

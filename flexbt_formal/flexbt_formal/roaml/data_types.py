@@ -149,13 +149,10 @@ class DataTypes:
 
     def read(self, asked: SourceElement, path: str) -> None:
         """Add the structs of a file, XML or JSON schema by the ``type`` of what asks for it. Raises ModelError."""
-        kind = asked.need('type')
-        if kind == 'xml':
+        if asked.need('type') == 'xml':
             self._read_xml(path, asked)
-        elif kind == 'json':
-            self._read_json(path, asked)
         else:
-            asked.fail(f'the type {kind!r} of declarations is not known; there are xml and json', 'type')
+            self._read_json(path, asked)
         for name in self._structs:
             try:
                 self.find(name)

@@ -5,20 +5,20 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree.model.errors import LoadError
 
-from .ascxml import Ascxml, ports_of
+from .ascxml import Ascxml, Timer, period_of, ports_of
 from .data_types import DataTypes
-from .dialect import SET, TIMER, Events, bt_event
+from .dialect import SET, Events, bt_event
 from .handlers import handlers
 from .properties import ModelProperty, PropertyError, event_of, judge_of, read_properties
-from .source_text import ModelError, SourceElement, read_xml
-from .system import Clocked, ModelSystem, period_of
-from .tree import TreePlayer, read_tree
+from .source_text import ModelError, SourceElement, read_text, read_xml
+from .system import ModelSystem
+from .tree import TreePlayer
 
 _UNITS: Final = {'s': 1_000_000_000, 'ms': 1_000_000, 'us': 1_000, 'ns': 1}
 _ROOTS: Final = ('roaml', 'convince_mc_tc')
@@ -125,7 +125,8 @@ class RoamlModel:
                 plugins[document.need('name')] = document
         if trees:
             ports = {name: ports_of(document, types) for name, document in plugins.items()}
-            self.tree = read_tree(self._file(trees[0]), trees[0], ports)
+            path = self._file(trees[0])
+            self.tree = TreePlayer(path, read_text(path, trees[0]), ports)
             for instance in self.tree.instances:
                 self._plugins.append(Ascxml(plugins[self.tree.plugin(instance.uid)], types, events, instance))
         elif plugins:
@@ -182,10 +183,10 @@ class RoamlModel:
     def system(self, one: ModelProperty, draw: Callable[[], float]) -> tuple[ModelSystem, list[int]]:
         """Return the model, with what a property speaks of in view. ``draw`` gives numbers from 0 to below 1."""
         watched = self._watched(one)
-        timers = _clocked(self._nodes, self.events)
+        timers = [timer for file in self._nodes for timer in file.timers]
         if self.tree is not None:
-            timers.append(Clocked('the tick of the tree', period_of(self._rate), None))
-        timers += _clocked(self._plugins, self.events)
+            timers.append(Timer('the tick of the tree', period_of(self._rate), None))
+        timers += [timer for file in self._plugins for timer in file.timers]
         system = ModelSystem(
             [*self._automata, *self._of_tree, *self._between],
             self.tree,
@@ -198,11 +199,3 @@ class RoamlModel:
             draw=draw,
         )
         return system, watched
-
-
-def _clocked(files: Sequence[Ascxml], events: Events) -> list[Clocked]:
-    return [
-        Clocked(timer.name, period_of(timer.rate), events.number(f'{TIMER}{file.name}.{timer.name}'))
-        for file in files
-        for timer in file.timers
-    ]

@@ -13,6 +13,7 @@ from itertools import product
 from math import gcd, prod
 from typing import Any, Final, NamedTuple, TypeVar
 
+from .ascxml import Timer
 from .automaton import (
     Around,
     Automaton,
@@ -35,14 +36,6 @@ MOST_SETS: Final = 20_000
 """Sets of random values of one step that are followed."""
 
 _T = TypeVar('_T')
-
-
-class Clocked(NamedTuple):
-    """A timer: its period in ns; ``event`` None is the tick of the tree."""
-
-    name: str
-    period: int
-    event: int | None
 
 
 class GlobalState(NamedTuple):
@@ -71,16 +64,6 @@ class ModelStep(NamedTuple):
 Followers = list[tuple[float, GlobalState]]
 
 
-def period_of(rate: float) -> int:
-    """Return the period of a rate in Hz, in ns, as AS2FM rounds it: in the largest unit that has it exactly, or more
-    than 100 times."""
-    for unit in (1.0, 1e-3, 1e-6, 1e-9):
-        count = 1.0 / rate / unit
-        if count == int(count) or count > 101:
-            return int(count) * round(unit * NANOSECONDS)
-    return max(round(NANOSECONDS / rate), 1)
-
-
 class ModelSystem:
     """``watched``: the events of which properties speak. ``clock``: the event by which time is published.
 
@@ -91,7 +74,7 @@ class ModelSystem:
         self,
         automata: Sequence[Automaton],
         tree: TreePlayer | None,
-        timers: Sequence[Clocked],
+        timers: Sequence[Timer],
         events: Events,
         *,
         end: int,

@@ -39,7 +39,7 @@ from flexbt_formal.exploration.virtual_time import VirtualClock
 from .ascxml import Instance, is_pointer
 from .data_types import DataType, DataTypeError
 from .dialect import SET, Events, bt_event
-from .source_text import ModelError, ModelFault, read_text
+from .source_text import ModelError, ModelFault
 
 _STATUS: Final = {NodeStatus.SUCCESS: 1, NodeStatus.FAILURE: 2, NodeStatus.RUNNING: 3}
 _FROM_STATUS: Final = {number: status for status, number in _STATUS.items()}
@@ -73,9 +73,10 @@ class _Suspended(BaseException):
 
 
 class Conversation:
-    """Requests to the plugins in a tick, and their answers."""
+    """Requests to the plugins in a tick, and their answers: the services of the tree's nodes."""
 
     def __init__(self) -> None:
+        self.nodes: dict[int, TreeNode] = {}
         self.answers: Iterator[PluginAnswer] = iter(())
         self.pending: tuple[int, str, tuple[Any, ...]] | None = None
         self.seen: list[tuple[int, tuple[Any, ...]]] = []
@@ -86,19 +87,12 @@ class Conversation:
             for answer in self.answers:
                 if answer.kind != 'write':
                     return answer
-                node.context.services.apply(answer)
+                self.apply(answer)
             self.pending = (node.uid, bt_event(uid, what), values)
         raise _Suspended
 
-
-class _Services:
-    """The part of the player that the nodes of the tree use."""
-
-    def __init__(self, conversation: Conversation) -> None:
-        self.conversation = conversation
-        self.nodes: dict[int, TreeNode] = {}
-
     def apply(self, answer: PluginAnswer) -> None:
+        """Write an output of a plugin."""
         self.nodes[answer.uid].set_output(answer.port, answer.value)
 
 
@@ -132,7 +126,7 @@ class _Plugin(TreeNode):
         super().store_status(status)
 
     def tell(self, what: str) -> NodeStatus:
-        conversation: Conversation = self.services.conversation
+        conversation: Conversation = self.services
         answer = conversation.tell(self, self.uid, what)
         while answer.kind in ('tick', 'halt'):
             answer = conversation.tell(self, *self.serve(answer))
@@ -193,7 +187,6 @@ class TreePlayer:
         self._types = plugins
         self._clock = _Clock()
         self._conversation = Conversation()
-        self._services = _Services(self._conversation)
         library = _library(path, text, plugins)
         document = library.documents[path]
         if document.main is None:
@@ -206,12 +199,12 @@ class TreePlayer:
             file=path,
             blackboard=Blackboard(),
             clock=self._clock,
-            services=self._services,
+            services=self._conversation,
         )
         # The statuses of an observed tree are stored by calls, which tell plugins that they were set back.
         self._tree.observe(lambda node, before, after: None)
         self.nodes = self._tree.nodes
-        self._services.nodes = {node.uid: node for node in self.nodes}
+        self._conversation.nodes = {node.uid: node for node in self.nodes}
         self.instances = [
             Instance(
                 node.uid,
@@ -247,11 +240,11 @@ class TreePlayer:
 
     def plugin(self, uid: int) -> str:
         """Return the type of a node."""
-        return self._services.nodes[uid].id
+        return self._conversation.nodes[uid].id
 
     def path(self, uid: int) -> str:
         """Return a node as people name it."""
-        return self._services.nodes[uid].path
+        return self._conversation.nodes[uid].path
 
     def begin(self, events: Events, watched: Sequence[int]) -> int:
         """Make everything ready for the first tick; ``watched`` are the events that properties speak of."""
@@ -354,7 +347,7 @@ class TreePlayer:
         answer = PluginAnswer('write', uid, value, port)
         now = self._situations[number]
         seen: Seen = ()
-        watched = self._watched.get(self._services.nodes[uid].port_key(port) or '')
+        watched = self._watched.get(self._conversation.nodes[uid].port_key(port) or '')
         if watched is not None:
             seen = ((watched, (value,)),)
         if now.pending is not None:
@@ -364,7 +357,7 @@ class TreePlayer:
         if step not in self._steps:
             self._restore(now.base, now.time)
             try:
-                self._services.apply(answer)
+                self._conversation.apply(answer)
             except BehaviorTreeError as error:
                 raise ModelFault(str(error)) from error
             self._steps[step] = self._at_rest(now.time, now.status), ()
@@ -398,10 +391,10 @@ class TreePlayer:
         seen += [(self._watched[key], (self._value_of(key),)) for key in changed if changed[key] != before.get(key)]
         if pending is None:
             for answer in conversation.answers:  # what was written while nothing waited any more
-                self._services.apply(answer)
+                self._conversation.apply(answer)
             return self._at_rest(time, status), tuple(seen)
         uid, event, values = pending
-        node = self._services.nodes[uid]
+        node = self._conversation.nodes[uid]
         accepts = {
             self._events.number(bt_event(uid, kind)): PluginAnswer(kind, uid) for kind in ('response', 'halt_response')
         }
@@ -499,11 +492,6 @@ def _set_keys(tree: Tree) -> Iterator[str]:
             value, key = definition.values.get('value'), definition.values.get('output_key')
             if value is not None and key is not None and re.fullmatch(r'-?\d+', value.text.strip()):
                 yield key.text
-
-
-def read_tree(path: str, asked: Any, plugins: Mapping[str, Ports]) -> TreePlayer:
-    """Return the tree of a file. Raises TreeLoadError."""
-    return TreePlayer(path, read_text(path, asked), plugins)
 
 
 def _all(element: Element) -> Iterator[Element]:

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final
 
 import yaml
 
@@ -115,8 +115,10 @@ def read_capabilities(text: str, source: str, mappings: Mappings | None = None) 
     own = (mappings or Mappings()).updated(_mappings(file, entries))
     own = replace(own, transition_outcomes=own.transition_outcomes or DEFAULT_OUTCOMES)
     name = file.word(entries['name'], 'name') if 'name' in entries else source.rpartition('/')[2].split('.')[0]
-    labels, world_integers = _labels(file, entries.get('variable_mappings'))
-    memory, world_memory = _memory(file, entries.get('memory'))
+    integers, world_integers = _by_owner(file, entries.get('variable_mappings'), 'variable_mappings')
+    labels = {key: _labels(file, *one) for key, one in integers.items()}
+    remembered, world_memory = _by_owner(file, entries.get('memory'), 'memory')
+    memory = {key: file.flag(*one) for key, one in remembered.items()}
     if 'capabilities' not in entries:
         file.note(1, 'there are no capabilities: write "capabilities:" with an entry for each')
     capabilities = {
@@ -144,32 +146,28 @@ def _mappings(file: YamlFile, entries: Mapping[str, yaml.Node]) -> Mappings:
     )
 
 
-def _labels(file: YamlFile, node: yaml.Node | None) -> tuple[dict[str, dict[int, str]], frozenset[str]]:
-    labels: dict[str, dict[int, str]] = {}
+def _by_owner(
+    file: YamlFile, node: yaml.Node | None, what: str
+) -> tuple[dict[str, tuple[yaml.Node, str]], frozenset[str]]:
+    """Return the entries of the world and of the system, each with what it is called, and the names of the world's."""
+    found: dict[str, tuple[yaml.Node, str]] = {}
     world: set[str] = set()
-    for owner, variables in file.entries(node, 'variable_mappings', ('env_props', 'sys_props')).items():
-        for name, values in file.entries(variables, f'variable_mappings.{owner}').items():
-            what = f'variable_mappings.{owner}.{name}'
-            _checked_name(file, name, values, what)
-            labels[name] = {
-                file.number(one, key, f'a value in {what}'): file.word(one, what)
-                for key, one in file.entries(values, what).items()
-            }
-            if not labels[name]:
-                file.problem(values, f"{what} has no values: write for example 0: 'None'")
+    for owner, names in file.entries(node, what, ('env_props', 'sys_props')).items():
+        for name, one in file.entries(names, f'{what}.{owner}').items():
+            found[name] = one, f'{what}.{owner}.{name}'
+            _checked_name(file, name, *found[name])
             world |= {name} if owner == 'env_props' else set()
-    return labels, frozenset(world)
+    return found, frozenset(world)
 
 
-def _memory(file: YamlFile, node: yaml.Node | None) -> tuple[dict[str, bool], frozenset[str]]:
-    memory: dict[str, bool] = {}
-    world: set[str] = set()
-    for owner, names in file.entries(node, 'memory', ('env_props', 'sys_props')).items():
-        for name, value in file.entries(names, f'memory.{owner}').items():
-            _checked_name(file, name, value, f'memory.{owner}.{name}')
-            memory[name] = file.flag(value, f'memory.{owner}.{name}')
-            world |= {name} if owner == 'env_props' else set()
-    return memory, frozenset(world)
+def _labels(file: YamlFile, values: yaml.Node, what: str) -> dict[int, str]:
+    labels = {
+        file.number(one, key, f'a value in {what}'): file.word(one, what)
+        for key, one in file.entries(values, what).items()
+    }
+    if not labels:
+        file.problem(values, f"{what} has no values: write for example 0: 'None'")
+    return labels
 
 
 def _capability(file: YamlFile, name: str, node: yaml.Node, mappings: Mappings) -> Capability:
@@ -289,12 +287,12 @@ class UnknownParameterError(ValueError):
         self.state, self.parameter, self.known = state, parameter, known
 
 
-class Interfaces(Protocol):
-    """A finder of the declarations of state classes."""
+Interfaces = Callable[[str, Mapping[str, Any]], StateInterface]
+"""A function that returns the interface of a state class with these parameters.
 
-    def __call__(self, name: str, parameters: Mapping[str, Any]) -> StateInterface:
-        """Return the interface of a class with these parameters. Raises LookupError or ValueError, fit for the user;
-        UnknownParameterError for a parameter that the class does not take."""
+It raises LookupError or ValueError, fit for the user; UnknownParameterError for a parameter that the class does not
+take.
+"""
 
 
 def read_interfaces(text: str, source: str) -> Interfaces:
@@ -332,35 +330,21 @@ def concurrent_pairs(file: CapabilityFile, interfaces: Mapping[str, StateInterfa
 
     Pairs suffice: of several each two have to be one. A pre-condition holds then as long as the capability is active.
     """
-    known = [one for _, one in sorted(file.capabilities.items()) if one.resources is not None]
-    touched = {one.name: _Touched.by(one, interfaces[one.name]) for one in known}
+    known = {key: one for key, one in sorted(file.capabilities.items()) if one.resources is not None}
+    changes: dict[str, frozenset[str]] = {}
+    touches: dict[str, frozenset[str]] = {}
+    for key, one in known.items():
+        effects = (entry.text.partition('=')[0] for entries in one.postconditions.values() for entry in entries)
+        read = _keys(interfaces[key].input_keys, one.userdata_in)
+        changes[key] = _names(effects) | _keys(interfaces[key].output_keys, one.userdata_out)
+        touches[key] = changes[key] | _names(entry.text for entry in one.preconditions) | read
     return [
-        (one.name, other.name)
+        (one, other)
         for one, other in combinations(known, 2)
-        if not (one.resources or frozenset()) & (other.resources or frozenset())
-        and not touched[one.name].disturbs(touched[other.name])
-        and not touched[other.name].disturbs(touched[one.name])
+        if not (known[one].resources or frozenset()) & (known[other].resources or frozenset())
+        and not changes[one] & touches[other]
+        and not changes[other] & touches[one]
     ]
-
-
-class _Touched(NamedTuple):
-    """Memory and userdata (``>KEY``) that a capability reads and changes."""
-
-    reads: frozenset[str]
-    changes: frozenset[str]
-
-    @classmethod
-    def by(cls, one: Capability, interface: StateInterface) -> _Touched:
-        """Return the memory use of a capability, which a state of this interface carries out."""
-        effects = [entry.text.partition('=')[0] for entries in one.postconditions.values() for entry in entries]
-        return cls(
-            _names(entry.text for entry in one.preconditions) | _keys(interface.input_keys, one.userdata_in),
-            _names(effects) | _keys(interface.output_keys, one.userdata_out),
-        )
-
-    def disturbs(self, other: _Touched) -> bool:
-        """Return whether it changes what the other one reads or changes."""
-        return bool(self.changes & (other.reads | other.changes))
 
 
 def _names(texts: Iterable[str]) -> frozenset[str]:

@@ -154,22 +154,16 @@ def valuations(
             return
         for place in places:
             by_last[place].append(formula)
-    yield from _extended(names, by_last, found, variables, 0)
 
+    def extended(place: int) -> Iterator[dict[VariableName, int]]:
+        if place == len(names):
+            yield {name: found[name] for name in names}
+            return
+        name = names[place]
+        for value in variables[name.name].values:
+            found[name] = value
+            if all(value_of(formula, found) is not False for formula in by_last[place]):
+                yield from extended(place + 1)
+        del found[name]
 
-def _extended(
-    names: Sequence[VariableName],
-    by_last: Sequence[Sequence[Formula]],
-    found: dict[VariableName, int],
-    variables: Mapping[str, GameVariable],
-    place: int,
-) -> Iterator[dict[VariableName, int]]:
-    if place == len(names):
-        yield {name: found[name] for name in names}
-        return
-    name = names[place]
-    for value in variables[name.name].values:
-        found[name] = value
-        if all(value_of(formula, found) is not False for formula in by_last[place]):
-            yield from _extended(names, by_last, found, variables, place + 1)
-    del found[name]
+    yield from extended(0)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from .errors import SynthesisError
-from .formulas import Compare, Formula, Join, Not, Number, Sum, Term, Truth, Valuation, VariableName, compare
+from .formulas import COMPARE, Compare, Formula, Join, Not, Number, Sum, Term, Truth, Valuation, VariableName
 from .specification import GameVariable, Specification
 
 Diagram = Any
@@ -142,7 +142,7 @@ class Encoding:
             case Compare(op, left, right):
                 ours, theirs = self._values(left), self._values(right)
                 return _any(
-                    (a & b for x, a in ours.items() for y, b in theirs.items() if compare(op, x, y)), self.false
+                    (a & b for x, a in ours.items() for y, b in theirs.items() if COMPARE[op](x, y)), self.false
                 )
             case Join('&', parts):
                 return self.all_of(parts)

@@ -6,8 +6,9 @@ A primed variable is the value in the next step. Truth values are the numbers 0 
 
 from __future__ import annotations
 
+import operator
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
@@ -101,19 +102,15 @@ Valuation = Mapping[VariableName, int]
 TRUE: Final = Truth(True)
 FALSE: Final = Truth(False)
 
-_COMPARE: Final = {
-    '=': lambda a, b: a == b,
-    '!=': lambda a, b: a != b,
-    '<': lambda a, b: a < b,
-    '>': lambda a, b: a > b,
-    '<=': lambda a, b: a <= b,
-    '>=': lambda a, b: a >= b,
+COMPARE: Final[Mapping[str, Callable[[int, int], bool]]] = {
+    '=': operator.eq,
+    '!=': operator.ne,
+    '<': operator.lt,
+    '>': operator.gt,
+    '<=': operator.le,
+    '>=': operator.ge,
 }
-
-
-def compare(op: str, left: int, right: int) -> bool:
-    """Return what ``left op right`` says of two numbers."""
-    return _COMPARE[op](left, right)
+"""What a comparison says of two numbers."""
 
 
 def names_in(formula: Formula | Term) -> Iterator[VariableName]:
@@ -144,7 +141,7 @@ def value_of(formula: Formula, valuation: Valuation) -> bool | None:
             return None if inner is None else not inner
         case Compare(op, left, right):
             a, b = _number(left, valuation), _number(right, valuation)
-            return None if a is None or b is None else compare(op, a, b)
+            return None if a is None or b is None else COMPARE[op](a, b)
         case Join('&' | '|' as op, parts):
             found: bool | None = op == '&'
             for part in parts:

@@ -98,8 +98,6 @@ def _flow(value: Mapping[str, Any] | list[Any] | str) -> str:
 
 # A machine as a behavior in Python, for parameters that are code, and for who goes on from there by hand.
 
-_LEVELS: Final = ('Off', 'Low', 'High', 'Full')
-
 
 def machine_as_python(machine: SynthesizedMachine, module_of: Callable[[str], str]) -> str:
     """Return the text of a module with a behavior; ``module_of`` says from where a state class is imported.
@@ -163,7 +161,7 @@ def _child(state: MachineState, attempts: int) -> Iterator[str]:
             yield f'            Child({part.capability!r}, {_made(part, attempts)}{remapping}),'
         yield from ('        ],', '    ),')
     yield f'    {dict(state.transitions)!r},'
-    levels = ', '.join(f'{outcome!r}: Autonomy.{_LEVELS[level]}' for outcome, level in state.autonomy.items())
+    levels = ', '.join(f'{outcome!r}: Autonomy.{LEVELS[level].title()}' for outcome, level in state.autonomy.items())
     yield f'    autonomy={{{levels}}},'
     if len(state.parts) == 1 and state.parts[0].remapping:
         yield f'    remapping={state.parts[0].remapping!r},'

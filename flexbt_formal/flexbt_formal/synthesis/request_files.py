@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
 from flexbt_core.values.text import did_you_mean, short_repr
 
-from .errors import SynthesisError
 from .specification import GameVariable, Section, Specification
 from .yaml_nodes import YamlEntry, YamlFile
 
@@ -118,15 +117,11 @@ def _read_yaml(text: str, source: str) -> SpecificationFile:
             found[section] = file.words(node, section)
         elif section.upper() in _SECTIONS or did_you_mean(section, _SECTIONS).startswith('; did'):
             file.problem(node, f'{short_repr(section)} is not a section{did_you_mean(section, _SECTIONS)}')
-    return _specification(source, name, found, file.note, file.problems)
+    return _specification(file, name, found)
 
 
 def _read_sections(text: str, source: str) -> SpecificationFile:
-    problems: list[str] = []
-
-    def problem(line: int, reason: str) -> None:
-        problems.append(f'{source}:{line}: {reason}')
-
+    file = YamlFile(text, source)
     found: dict[str, list[YamlEntry]] = {}
     section = None
     for number, whole in enumerate(text.splitlines(), 1):
@@ -134,40 +129,33 @@ def _read_sections(text: str, source: str) -> SpecificationFile:
         if line.startswith('[') and line.endswith(']'):
             section = line[1:-1].strip()
             if section not in _SECTIONS:
-                problem(number, f'{short_repr(section)} is not a section{did_you_mean(section, _SECTIONS)}')
+                file.note(number, f'{short_repr(section)} is not a section{did_you_mean(section, _SECTIONS)}')
         elif line and section is None:
-            problem(number, 'a formula before the first section; write for example [SYS_TRANS] above it')
+            file.note(number, 'a formula before the first section; write for example [SYS_TRANS] above it')
         elif line and section is not None:
             found.setdefault(section, []).append(YamlEntry(line, number))
-    return _specification(source, '', found, problem, problems)
+    return _specification(file, '', found)
 
 
-def _specification(
-    source: str,
-    name: str,
-    found: Mapping[str, Iterable[YamlEntry]],
-    problem: Callable[[int, str], None],
-    problems: list[str],
-) -> SpecificationFile:
+def _specification(file: YamlFile, name: str, found: Mapping[str, Iterable[YamlEntry]]) -> SpecificationFile:
     variables: dict[str, GameVariable] = {}
     for section in _DECLARING:
         for text, line in found.get(section, ()):
             parts = _DECLARATION.fullmatch(text)
             if parts is None:
-                problem(line, f'{short_repr(text)} declares no variable: write NAME, or NAME:0...7 for an integer')
+                file.note(line, f'{short_repr(text)} declares no variable: write NAME, or NAME:0...7 for an integer')
                 continue
             low, high = parts[2], parts[3]
             bounds = None if low is None else (int(low), int(high))
             if bounds is not None and bounds[0] > bounds[1]:
-                problem(line, f'{short_repr(text)} has no values')
+                file.note(line, f'{short_repr(text)} has no values')
             elif parts[1] in variables:
-                problem(line, f"'{parts[1]}' is declared twice")
+                file.note(line, f"'{parts[1]}' is declared twice")
             else:
                 variables[parts[1]] = GameVariable(parts[1], section == 'INPUT', bounds)
-    if problems:
-        raise SynthesisError(problems)
+    file.end()
     formulas = {section: tuple(found.get(section.value, ())) for section in Section}
-    return SpecificationFile(source, name, variables, formulas)
+    return SpecificationFile(file.source, name, variables, formulas)
 
 
 def as_structured_slugs(specification: Specification) -> Iterator[str]:
