@@ -80,29 +80,24 @@ def names_of(paths: Iterable[str]) -> dict[str, str]:
     paths = list(paths)
     taken = frozenset(paths)
     counts: Counter[str] = Counter()
-    found = {}
-    for path in paths:
-        name, scope = path, ''
-        parts = path.split('/')
-        for place, part in enumerate(parts):
-            if _UNNAMED.search(part):
-                plain = _UNNAMED.sub('', part)
-                whole = '/'.join(parts[: place + 1])
-                if whole not in found:
-                    beside = '/'.join((*parts[:place], ''))
-                    while True:
-                        counts[f'{scope}{plain}'] += 1
-                        number = counts[f'{scope}{plain}']
-                        named = plain if number == 1 else f'{plain} ({number})'
-                        if f'{beside}{named}' not in taken:  # that name may be given to another
-                            break
-                    found[whole] = f'{scope}{named}'
-                scope = f'{found[whole]}/'
-            else:
-                scope = f'{scope}{part}/'
-            name = scope[:-1]
-        found[path] = name
-    return found
+    found: dict[str, str] = {}
+
+    def name(path: str) -> str:
+        if path in found:
+            return found[path]
+        above, slash, part = path.rpartition('/')
+        scope = f'{name(above)}/' if slash else ''
+        plain = named = _UNNAMED.sub('', part)
+        while plain != part:
+            counts[f'{scope}{plain}'] += 1
+            number = counts[f'{scope}{plain}']
+            named = plain if number == 1 else f'{plain} ({number})'
+            if f'{above}{slash}{named}' not in taken:  # that name may be given to another
+                break
+        found[path] = f'{scope}{named}'
+        return found[path]
+
+    return {path: name(path) for path in paths}
 
 
 class _Seen(NamedTuple):
@@ -295,20 +290,15 @@ class _SideBySide:
             version.system.restore(configuration)
         labels = [version.labels() for version in versions]
         for name in [one for one in labels[0] if one in labels[1]]:
-            ahead: list[tuple[int, ...]] = [()]
-            tried = 0
-            while ahead:
-                tried += 1
-                if tried > ANSWERS_OF_A_STEP:
+            for tried, choices in enumerate(_SharedChoices.all()):
+                if tried == ANSWERS_OF_A_STEP:
                     self._cut = f'more than {ANSWERS_OF_A_STEP} ways to answer in one step'
                     break
-                choices = _SharedChoices(ahead.pop())
                 seen = []
                 for version, configuration, known in zip(versions, pair, labels, strict=True):
                     version.system.restore(configuration)
                     seen.append(version.step(known[name], choices))
                 self._steps += 1
-                ahead += reversed(choices.others())
                 yield name, choices.answers, seen[0], seen[1]
 
     def _told(self, place: _Place, before: _Seen, now: _Seen) -> Difference:

@@ -130,25 +130,17 @@ class _Exploration:
         that."""
         found: list[Configuration] = []
         system, graph = self._system, self._graph
-        answers: list[tuple[int, ...]] = [()]
-        tried = 0
-        while answers:
-            tried += 1
-            if self._is_late():
+        for tried, choices in enumerate(EnvironmentChoices.all()):
+            if self._is_late() or tried == ANSWERS_OF_A_STEP:
+                self._cut |= tried == ANSWERS_OF_A_STEP
                 graph.unfinished.add(configuration.key)
                 break
-            if tried > ANSWERS_OF_A_STEP:
-                self._cut = True
-                graph.unfinished.add(configuration.key)
-                break
-            choices = EnvironmentChoices(answers.pop())
             system.restore(configuration)
             system.requirements.happened.clear()
             violations = system.step(label, choices)
             self._steps += 1
             for event in system.requirements.happened if not label.is_stop else ():
                 graph.comes_about(event, configuration.key)
-            answers += reversed(choices.others())
             move = Move(label, choices.answers)
             for violation in violations:
                 self._note(violation, (*graph.way_to(configuration.key), move))

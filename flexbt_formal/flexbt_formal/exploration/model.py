@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.monitors.requirements import Requirements
@@ -54,14 +54,20 @@ class EnvironmentChoices:
         """All answers, as places."""
         return tuple(one.taken for one in self.made)
 
-    def others(self) -> list[tuple[int, ...]]:
-        """Return the answers to try besides, of which no two sets of choices give the same."""
-        taken = self.answers
-        return [
-            (*taken[:place], other)
-            for place in range(len(self._given), len(taken))
-            for other in range(1, len(self.made[place].options))
-        ]
+    @classmethod
+    def all(cls) -> Iterator[Self]:
+        """Yield the choices of each way to answer in a step; those that follow depend on what a step has asked."""
+        ahead: list[tuple[int, ...]] = [()]
+        while ahead:
+            choices = cls(ahead.pop())
+            yield choices
+            taken = choices.answers
+            others = [
+                (*taken[:place], other)
+                for place in range(len(choices._given), len(taken))
+                for other in range(1, len(choices.made[place].options))
+            ]
+            ahead += reversed(others)
 
 
 # What an exploration speaks of: steps, what is wrong, what was covered.
