@@ -23,34 +23,7 @@ from flexbt_console.mirror import records
 from flexbt_console.mirror.trees import MirroredNode, StatusChange, TreeNodes, TreeReport
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import sanitize_for_message, short_repr
-from flexbt_msgs.msg import (
-    ActiveState,
-    BehaviorArgument,
-    BehaviorInput,
-    BehaviorList,
-    BehaviorManifest,
-    BehaviorParameter,
-    BehaviorStructure,
-    BlackboardEntry,
-    CommandResult,
-    DecisionSubject,
-    DecisionSubjects,
-    ExecutiveCommand,
-    ExecutiveEvent,
-    ExecutiveEvents,
-    ExecutiveLog,
-    ExecutiveStatus,
-    PeerStatus,
-    PendingDecision,
-    PlaceList,
-    Progress,
-    StateStructure,
-    StopGuardStatus,
-    TreeNode,
-    TreeStatus,
-    TreeStatusChange,
-    TreeStructure,
-)
+from flexbt_msgs import msg
 
 FARTHEST: Final = 1e9
 """Metres from the origin of a map that anything is taken for."""
@@ -60,36 +33,36 @@ N = TypeVar('N', int, float)
 
 
 RECORDS: Final[Mapping[type, type]] = {
-    ActiveState: records.ActiveState,
-    BehaviorInput: records.BehaviorInput,
-    BehaviorList: records.BehaviorList,
-    BehaviorManifest: records.Behavior,
-    BehaviorParameter: records.BehaviorParameter,
-    BehaviorStructure: records.Structure,
-    CommandResult: records.CommandResult,
-    DecisionSubject: records.Subject,
-    DecisionSubjects: records.Subjects,
-    ExecutiveEvent: records.ExecutiveEvent,
-    ExecutiveLog: records.LogLine,
-    ExecutiveStatus: records.ExecutiveSnapshot,
-    PeerStatus: records.Peer,
-    PendingDecision: records.Decision,
-    Progress: records.DriveProgress,
-    StateStructure: records.StateStructure,
-    TreeNode: MirroredNode,
-    TreeStatus: TreeReport,
-    TreeStatusChange: StatusChange,
-    TreeStructure: TreeNodes,
+    msg.ActiveState: records.ActiveState,
+    msg.BehaviorInput: records.BehaviorInput,
+    msg.BehaviorList: records.BehaviorList,
+    msg.BehaviorManifest: records.Behavior,
+    msg.BehaviorParameter: records.BehaviorParameter,
+    msg.BehaviorStructure: records.Structure,
+    msg.CommandResult: records.CommandResult,
+    msg.DecisionSubject: records.Subject,
+    msg.DecisionSubjects: records.Subjects,
+    msg.ExecutiveEvent: records.ExecutiveEvent,
+    msg.ExecutiveLog: records.LogLine,
+    msg.ExecutiveStatus: records.ExecutiveSnapshot,
+    msg.PeerStatus: records.Peer,
+    msg.PendingDecision: records.Decision,
+    msg.Progress: records.DriveProgress,
+    msg.StateStructure: records.StateStructure,
+    msg.TreeNode: MirroredNode,
+    msg.TreeStatus: TreeReport,
+    msg.TreeStatusChange: StatusChange,
+    msg.TreeStructure: TreeNodes,
 }
 """The records of messages. Their fields have the names of the message's fields."""
 
 FIELDS: Final[Mapping[type, Mapping[str, str]]] = {
-    BehaviorParameter: {'default': 'default_value'},
-    DecisionSubject: {'decision_id': 'id', 'values': 'entries'},
-    ExecutiveCommand: {'operator': 'operator_id'},
-    ExecutiveEvent: {'operator': 'operator_id'},
-    Progress: {'distance': 'distance_remaining', 'time': 'time_remaining', 'poses': 'poses_remaining'},
-    TreeStructure: {'tree': 'behavior_tree', 'structure': 'number'},
+    msg.BehaviorParameter: {'default': 'default_value'},
+    msg.DecisionSubject: {'decision_id': 'id', 'values': 'entries'},
+    msg.ExecutiveCommand: {'operator': 'operator_id'},
+    msg.ExecutiveEvent: {'operator': 'operator_id'},
+    msg.Progress: {'distance': 'distance_remaining', 'time': 'time_remaining', 'poses': 'poses_remaining'},
+    msg.TreeStructure: {'tree': 'behavior_tree', 'structure': 'number'},
 }
 """Fields of a record that have another name in the message."""
 
@@ -144,7 +117,7 @@ def _levels(messages: Any) -> tuple[tuple[str, int], ...]:
     return tuple((one.path, one.level) for one in messages)
 
 
-def _guard(message: StopGuardStatus) -> records.StopGuard:
+def _guard(message: msg.StopGuardStatus) -> records.StopGuard:
     return records.StopGuard(
         tuple(result.command_id for result in message.results if result.code == records.ResultCode.APPLIED),
         message.holding,
@@ -153,19 +126,19 @@ def _guard(message: StopGuardStatus) -> records.StopGuard:
     )
 
 
-def _places(message: PlaceList) -> dict[str, records.FramedPose]:
+def _places(message: msg.PlaceList) -> dict[str, records.FramedPose]:
     poses = ((place.name, _pose(place.pose)) for place in message.places)
     return {name: pose for name, pose in poses if name and pose is not None}
 
 
-def _events(message: ExecutiveEvents) -> list[records.ExecutiveEvent]:
+def _events(message: msg.ExecutiveEvents) -> list[records.ExecutiveEvent]:
     return [
         record_of(event, executive_id=message.executive_id, sequence=sequence)
         for sequence, event in enumerate(message.events, message.first)
     ]
 
 
-def _subject_value(entry: BlackboardEntry) -> records.SubjectValue:
+def _subject_value(entry: msg.BlackboardEntry) -> records.SubjectValue:
     """Return a value with its points or its pose; one whose type is not installed here, or that is damaged, has only
     text."""
     try:
@@ -185,17 +158,17 @@ def _subject_value(entry: BlackboardEntry) -> records.SubjectValue:
     return records.SubjectValue(entry.key, entry.type, entry.text or short_repr(value), pose=found)
 
 
-def _path_value(entry: BlackboardEntry, points: Sequence[tuple[float, float]]) -> records.SubjectValue:
+def _path_value(entry: msg.BlackboardEntry, points: Sequence[tuple[float, float]]) -> records.SubjectValue:
     if all(is_length(x) and is_length(y) for x, y in points):
         return records.SubjectValue(entry.key, entry.type, '' if points else 'no poses', tuple(points))
     return records.SubjectValue(entry.key, entry.type, 'it has a point that is nowhere')
 
 
-def command_message(record: records.OperatorCommand, now: float) -> ExecutiveCommand:
+def command_message(record: records.OperatorCommand, now: float) -> msg.ExecutiveCommand:
     """Return the message of a command; ``now`` is the time of this computer in seconds."""
-    message = ExecutiveCommand(stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)))
+    message = msg.ExecutiveCommand(stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)))
     for field in dataclasses.fields(record):
-        name = FIELDS[ExecutiveCommand].get(field.name, field.name)
+        name = FIELDS[msg.ExecutiveCommand].get(field.name, field.name)
         setattr(message, name, _sendable(getattr(record, field.name)))
     return message
 
@@ -207,9 +180,9 @@ def _sendable(value: Any) -> Any:
         case IntEnum():
             return int(value)
         case records.InputValue(key, type, text):
-            return BlackboardEntry(key=_sendable(key), type=_sendable(type), text=_sendable(text))
+            return msg.BlackboardEntry(key=_sendable(key), type=_sendable(type), text=_sendable(text))
         case (str(name), str(text)):
-            return BehaviorArgument(name=_sendable(name), value=_sendable(text))
+            return msg.BehaviorArgument(name=_sendable(name), value=_sendable(text))
         case tuple():
             return [_sendable(one) for one in value]
     return value
@@ -253,9 +226,9 @@ _CONVERSIONS: Final[Mapping[Any, Callable[[Any], Any]]] = {
 """Conversions by the type of a record's field, where the message has it in another form."""
 
 _SPECIAL: Final[Mapping[type, Callable[[Any], Any]]] = {
-    BlackboardEntry: _subject_value,
-    ExecutiveEvents: _events,
-    PlaceList: _places,
-    StopGuardStatus: _guard,
+    msg.BlackboardEntry: _subject_value,
+    msg.ExecutiveEvents: _events,
+    msg.PlaceList: _places,
+    msg.StopGuardStatus: _guard,
 }
 """Messages whose records are not made field by field."""

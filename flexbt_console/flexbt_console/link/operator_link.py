@@ -32,17 +32,7 @@ from flexbt_console.mirror.view import View
 from flexbt_core.clock.clock import Timer
 from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import one_line
-from flexbt_msgs.msg import (
-    BehaviorList,
-    BehaviorStructure,
-    DecisionSubjects,
-    ExecutiveCommand,
-    ExecutiveEvents,
-    ExecutiveLog,
-    ExecutiveStatus,
-    PlaceList,
-    StopGuardStatus,
-)
+from flexbt_msgs import msg
 
 from .executive_sender import ExecutiveSender, Succession, interface_problem, senders_problem
 from .messages import command_message, record_of
@@ -121,7 +111,6 @@ class ExecutiveLink(RobotLink):
         self._resend: Timer | None = None
         self._executives = 0
         self._reachable = False
-        self._guard_rates = SenderRates(GUARD_RATE, GUARD_BURST, runtime.steady.now)
         self._id = uuid.uuid4().hex
         self._heard = 0.0
         self._picture: list[ReceivedMessages] = []
@@ -291,15 +280,14 @@ class ExecutiveLink(RobotLink):
         # The statuses of all robots that nobody has opened share a pace; other messages have a separate one.
         self._pace_of_others: Pace = self._runtime.once('robots that nobody has opened', Pace)
         self._hear_picture()
-        self._pings = node.create_publisher(
-            Header, names.of_robot(self._namespace, names.EXECUTIVE_PING), names.best_effort_qos()
-        )
-        guard = self._topic(names.STOP_GUARD_STATUS)
+        quick, latched = names.best_effort_qos(), names.transient_local_qos(LIST_DEPTH)
+        rates = SenderRates(GUARD_RATE, GUARD_BURST, self._runtime.steady.now)
+        guard, pong = self._topic(names.STOP_GUARD_STATUS), self._topic(names.EXECUTIVE_PONG)
+        self._pings = node.create_publisher(Header, self._topic(names.EXECUTIVE_PING), quick)
         self._guards = ReceivedMessages(
-            node, StopGuardStatus, guard, names.transient_local_qos(LIST_DEPTH), self._on_guard, GUARD_BYTES
+            node, msg.StopGuardStatus, guard, latched, self._on_guard, GUARD_BYTES, rates=rates
         )
-        pong = names.of_robot(self._namespace, names.EXECUTIVE_PONG)
-        self._pongs = ReceivedMessages(node, Header, pong, names.best_effort_qos(), self._on_pong, PONG_BYTES)
+        self._pongs = ReceivedMessages(node, Header, pong, quick, self._on_pong, PONG_BYTES)
         if gives_commands:
             self._open_commands()
 
@@ -313,22 +301,21 @@ class ExecutiveLink(RobotLink):
         # something.
         mirror = self.mirror
         for type, name, receive, depth in (
-            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, mirror.receive_structure, LIST_DEPTH),
-            (BehaviorList, names.EXECUTIVE_BEHAVIORS, mirror.receive_behaviors, LIST_DEPTH),
-            (PlaceList, names.PLACES, mirror.receive_places, LIST_DEPTH),
-            (DecisionSubjects, names.EXECUTIVE_SUBJECTS, mirror.receive_subjects, LIST_DEPTH),
-            (ExecutiveEvents, names.EXECUTIVE_EVENTS, mirror.receive_events, names.EVENTS_DEPTH),
-            (ExecutiveLog, names.EXECUTIVE_LOG, mirror.receive_log, names.LOG_DEPTH),
+            (msg.BehaviorStructure, names.EXECUTIVE_STRUCTURE, mirror.receive_structure, LIST_DEPTH),
+            (msg.BehaviorList, names.EXECUTIVE_BEHAVIORS, mirror.receive_behaviors, LIST_DEPTH),
+            (msg.PlaceList, names.PLACES, mirror.receive_places, LIST_DEPTH),
+            (msg.DecisionSubjects, names.EXECUTIVE_SUBJECTS, mirror.receive_subjects, LIST_DEPTH),
+            (msg.ExecutiveEvents, names.EXECUTIVE_EVENTS, mirror.receive_events, names.EVENTS_DEPTH),
+            (msg.ExecutiveLog, names.EXECUTIVE_LOG, mirror.receive_log, names.LOG_DEPTH),
         ):
-            topic = self._topic(name)
-            on_message = self._forward(type, topic, receive)
             if not self._only_status:
-                qos, awaited = names.transient_local_qos(depth), self._pace.is_over
-                messages = ReceivedMessages(node, type, topic, qos, on_message, MESSAGE_BYTES, is_awaited=awaited)
+                topic, qos = self._topic(name), names.transient_local_qos(depth)
+                read, awaited = self._forward(type, topic, receive), self._pace.is_over
+                messages = ReceivedMessages(node, type, topic, qos, read, MESSAGE_BYTES, is_awaited=awaited)
                 self._picture.append(messages)
         self._statuses = ReceivedMessages(
             node,
-            ExecutiveStatus,
+            msg.ExecutiveStatus,
             self._status_topic,
             names.transient_local_qos(STATUS_DEPTH),
             self._on_status,
@@ -351,13 +338,13 @@ class ExecutiveLink(RobotLink):
         stops = names.stop_qos()
         stops.lifespan = commands.lifespan
         self._stops = self._runtime.node.create_publisher(
-            ExecutiveCommand,
+            msg.ExecutiveCommand,
             self._topic(names.EXECUTIVE_STOP),
             stops,
             event_callbacks=PublisherEventCallbacks(matched=self._on_stop_matched),
         )
         self._commands = self._runtime.node.create_publisher(
-            ExecutiveCommand,
+            msg.ExecutiveCommand,
             self._command_topic,
             commands,
             event_callbacks=PublisherEventCallbacks(matched=self._on_command_matched),
@@ -401,7 +388,7 @@ class ExecutiveLink(RobotLink):
         unanswered = self.mirror.passed_over_stops() if answers else frozenset()
         if answers and not unanswered:
             return
-        message = self._unpacked(received, ExecutiveStatus, self._status_topic)
+        message = self._unpacked(received, msg.ExecutiveStatus, self._status_topic)
         if message is None or (answers and unanswered.isdisjoint(one.command_id for one in message.results)):
             return
         succession = self._sender.follow(participant, answers=answers)
@@ -416,10 +403,7 @@ class ExecutiveLink(RobotLink):
             self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
 
     def _on_guard(self, received: Received) -> None:
-        if not self._guard_rates.allows(received.process):
-            self._guards.blame(received)
-            return
-        message = self._unpacked(received, StopGuardStatus, names.STOP_GUARD_STATUS)
+        message = self._unpacked(received, msg.StopGuardStatus, names.STOP_GUARD_STATUS)
         if message is not None:
             self.mirror.receive_guard(record_of(message))
 

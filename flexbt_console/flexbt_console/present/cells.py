@@ -7,16 +7,16 @@ from functools import lru_cache
 
 from rich.cells import cell_len, split_graphemes
 
-from .style import glyphs
+from .style import glyphs, toned
 
 
 def cut(text: str, cells: int) -> str:
-    """``text`` cut at its end to this many cells."""
-    return text if _fits(text, cells) else _begin(text, cells - 1) + glyphs().ellipsis * (cells > 0)
+    """``text`` cut at its end to this many cells, in its tone."""
+    return text if _fits(text, cells) else toned(_begin(text, cells - 1) + glyphs().ellipsis * (cells > 0), text)
 
 
 def cut_middle(text: str, cells: int) -> str:
-    """``text`` without its middle, in this many cells, so that both its beginning and its end stay."""
+    """``text`` without its middle, in this many cells, so that both its beginning and its end stay; in its tone."""
     if _fits(text, cells):
         return text
     begin = _begin(text, (cells - 1) // 3)
@@ -24,12 +24,12 @@ def cut_middle(text: str, cells: int) -> str:
     end = _begin(text[::-1], room)[::-1]
     while end and width(end) > room:  # backwards nothing is widened
         end = end[1:]
-    return begin + glyphs().ellipsis * (cells > 0) + end
+    return toned(begin + glyphs().ellipsis * (cells > 0) + end, text)
 
 
 def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
     """``text`` in at most this many rows of this many cells, broken between words where that takes a row farther than
-    the indent, and within them otherwise; the rest is cut."""
+    the indent, and within them otherwise; the rest is cut. Each row has the tone of the text."""
     folded: list[str] = []
     rest = text
     while rest and len(folded) < rows - 1 and not _fits(rest, cells):
@@ -41,7 +41,7 @@ def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
             break
         folded.append(row)
         rest = indent + rest[len(row) :].lstrip(' ')
-    return [*folded, cut(rest, cells)]
+    return [toned(row, text) for row in (*folded, cut(rest, cells))]
 
 
 def width(text: str) -> int:

@@ -26,7 +26,7 @@ from .rendering import (
     log_lines,
     peer_line,
 )
-from .style import Line, Tone, tone_of
+from .style import Line, Tone, toned
 
 SETTLE_SECONDS: Final = 0.3
 """Time after the first status within which other latched messages, such as the log, arrive, s."""
@@ -75,7 +75,7 @@ class Follower:
             events.append(Event('behaviors', {'behaviors': view.behaviors}, []))
         # A state reports something, and then wants something: simultaneous events are reported in this order.
         for line in self._new(self._mirror.log()):
-            told: list[str] = [Line(f'log: {text}', tone_of(text)) for text in log_lines(line)]
+            told: list[str] = [toned(f'log: {text}', text) for text in log_lines(line)]
             events.append(Event('log', {'line': line}, told))
         for event in self._new(self._mirror.events()):
             name = event.kind.name.lower()
@@ -103,7 +103,7 @@ class Follower:
         self._told_link = view.link, view.problem
         word = link_word(view)
         problem = [Line(one_line(view.problem), Tone.ERROR)] if view.problem else []
-        return [Line(f'link: {word}', tone_of(word)), *problem]
+        return [toned(f'link: {word}', word), *problem]
 
 
 def _essence(view: View) -> ExecutiveSnapshot | None:
@@ -132,7 +132,7 @@ def _changes(before: View | None, view: View) -> list[str]:
         text.append(Line('the executive was restarted', Tone.WARNING))
     if old is None or _run_essence(old) != _run_essence(new):
         what = behavior_line(view)
-        text.append(Line(f'behavior: {what}', tone_of(what)))
+        text.append(toned(f'behavior: {what}', what))
     if old is None or old.autonomy != new.autonomy:
         text.append(f'autonomy: {autonomy_text(new.autonomy)}')
     for word, before_, now in (

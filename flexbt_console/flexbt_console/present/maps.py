@@ -8,6 +8,7 @@ A cell has 2 x 4 dots of braille, which are square where a cell is twice as high
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -109,65 +110,56 @@ def frame_for(view: View, columns: int, rows: int) -> Frame:
     )
 
 
-class MapCanvas:
-    """A painter of maps; the walls are kept as long as map and frame stay the same."""
+def draw_map(
+    view: View, cursor: Point | None, columns: int, rows: int, signs: Glyphs
+) -> tuple[Frame, list[list[Cell]]]:
+    """Return the frame, and its characters row by row from the top. Points of a scan that are on the map already are
+    left out."""
+    around, robot, places = view.drawn, view.robot_pose, view.places
+    frame = frame_for(view, columns, rows)
+    dots: dict[tuple[int, int], Layer] = {}
+    walls = _wall_dots(around.map, frame) if around.map is not None else frozenset()
+    dots.update(dict.fromkeys(walls, Layer.WALL))
+    for path, layer in ((around.driven, Layer.DRIVEN), (around.plan, Layer.PLAN)):
+        dots.update(dict.fromkeys(_line_dots(path, frame), layer))
+    drawn = _characters(dots, frame, signs)
+    for pose in places.values():
+        _write(drawn, frame, (pose.x, pose.y), signs.place, Layer.PLACE)
+    for name, pose in places.items():
+        _write_name(drawn, frame.cell((pose.x, pose.y)), one_line(name))
+    for column, row in _met(around.scan, walls, frame):
+        _put(drawn[row], column, (_MET, Layer.SCAN))
+    if around.goal is not None:
+        _write(drawn, frame, around.goal, signs.goal, Layer.GOAL)
+    if robot is not None:
+        heading = round(robot.yaw / (math.tau / 8.0)) % 8
+        _write(drawn, frame, (robot.x, robot.y), signs.robot[heading], Layer.ROBOT)
+    if cursor is not None:
+        _write(drawn, frame, cursor, signs.cursor, Layer.CURSOR)
+    return frame, drawn
 
-    def __init__(self, signs: Glyphs) -> None:
-        self._signs = signs
-        self._walls: tuple[GridMap, Frame, frozenset[tuple[int, int]]] | None = None
 
-    def draw(self, view: View, cursor: Point | None, columns: int, rows: int) -> tuple[Frame, list[list[Cell]]]:
-        """Return the frame, and its characters row by row from the top. Points of a scan that are on the map already
-        are left out."""
-        around, robot, places = view.drawn, view.robot_pose, view.places
-        frame = frame_for(view, columns, rows)
-        dots: dict[tuple[int, int], Layer] = {}
-        walls = self._walls_of(around.map, frame) if around.map is not None else frozenset()
-        dots.update(dict.fromkeys(walls, Layer.WALL))
-        for path, layer in ((around.driven, Layer.DRIVEN), (around.plan, Layer.PLAN)):
-            dots.update(dict.fromkeys(_line_dots(path, frame), layer))
-        drawn = self._characters(dots, frame)
-        for pose in places.values():
-            self._write(drawn, frame, (pose.x, pose.y), self._signs.place, Layer.PLACE)
-        for name, pose in places.items():
-            _write_name(drawn, frame.cell((pose.x, pose.y)), one_line(name))
-        for column, row in _met(around.scan, walls, frame):
-            _put(drawn[row], column, (_MET, Layer.SCAN))
-        if around.goal is not None:
-            self._write(drawn, frame, around.goal, self._signs.goal, Layer.GOAL)
-        if robot is not None:
-            heading = round(robot.yaw / (math.tau / 8.0)) % 8
-            self._write(drawn, frame, (robot.x, robot.y), self._signs.robot[heading], Layer.ROBOT)
-        if cursor is not None:
-            self._write(drawn, frame, cursor, self._signs.cursor, Layer.CURSOR)
-        return frame, drawn
+def _characters(dots: Mapping[tuple[int, int], Layer], frame: Frame, signs: Glyphs) -> list[list[Cell]]:
+    order = list(Layer)
+    bits: dict[tuple[int, int], int] = {}
+    layers: dict[tuple[int, int], Layer] = {}
+    for (column, row), layer in dots.items():
+        at = column // 2, row // 4
+        bits[at] = bits.get(at, 0) | _DOTS[row % 4][column % 2]
+        layers[at] = max(layers.get(at, layer), layer, key=order.index)
+    nothing: Cell = ' ', Layer.NOTHING
+    drawn = [[nothing] * frame.columns for _ in range(frame.rows)]
+    for (column, row), layer in layers.items():
+        ascii_sign = '#' if layer is Layer.WALL else '.'
+        sign = chr(0x2800 + bits[column, row]) if signs.has_braille else ascii_sign
+        drawn[row][column] = sign, layer
+    return drawn
 
-    def _characters(self, dots: Mapping[tuple[int, int], Layer], frame: Frame) -> list[list[Cell]]:
-        order = list(Layer)
-        bits: dict[tuple[int, int], int] = {}
-        layers: dict[tuple[int, int], Layer] = {}
-        for (column, row), layer in dots.items():
-            at = column // 2, row // 4
-            bits[at] = bits.get(at, 0) | _DOTS[row % 4][column % 2]
-            layers[at] = max(layers.get(at, layer), layer, key=order.index)
-        nothing: Cell = ' ', Layer.NOTHING
-        drawn = [[nothing] * frame.columns for _ in range(frame.rows)]
-        for (column, row), layer in layers.items():
-            ascii_sign = '#' if layer is Layer.WALL else '.'
-            sign = chr(0x2800 + bits[column, row]) if self._signs.has_braille else ascii_sign
-            drawn[row][column] = sign, layer
-        return drawn
 
-    @staticmethod
-    def _write(drawn: list[list[Cell]], frame: Frame, point: Point, sign: str, layer: Layer) -> None:
-        at = frame.cell(point)
-        if at is not None:
-            _put(drawn[at[1]], at[0], (sign, layer))
-
-    def _walls_of(self, map: GridMap, frame: Frame) -> frozenset[tuple[int, int]]:
-        if self._walls is None or self._walls[0] is not map or self._walls[1] != frame:
-            self._walls = map, frame, frozenset(_wall_dots(map, frame))
-        return self._walls[2]
+def _write(drawn: list[list[Cell]], frame: Frame, point: Point, sign: str, layer: Layer) -> None:
+    at = frame.cell(point)
+    if at is not None:
+        _put(drawn[at[1]], at[0], (sign, layer))
 
 
 def _put(row: list[Cell], column: int, cell: Cell) -> None:
@@ -206,7 +198,7 @@ def map_lines(view: View, size: tuple[int, int]) -> list[str]:
     """Return the map of this many columns and rows, in lines; the last ones show the pose of the robot, and the
     legend."""
     signs, columns, rows = glyphs(), size[0], max(1, size[1] - 2)
-    _, cells = MapCanvas(signs).draw(view, None, columns, rows)
+    _, cells = draw_map(view, None, columns, rows, signs)
     legend = f'{signs.robot[0]} robot  {signs.goal} goal  {signs.place} place  {_MET} met by the lidar'
     drawn = [''.join(sign for sign, _ in row).rstrip() for row in cells]
     return [*drawn, *(cut(line, columns) for line in (where_text(view), legend))]
@@ -223,7 +215,10 @@ def where_text(view: View) -> str:
     return '  '.join(filter(None, (where, plan, blind if robot is not None else '')))
 
 
-def _wall_dots(map: GridMap, frame: Frame) -> Iterable[tuple[int, int]]:
+@functools.lru_cache(maxsize=1)
+def _wall_dots(map: GridMap, frame: Frame) -> frozenset[tuple[int, int]]:
+    """Return the dots of walls, made once for a map and a frame."""
+    found: set[tuple[int, int]] = set()
     count = min(_SAMPLES, max(1, math.ceil(frame.step / map.resolution)))
     offsets = [(number + 0.5) / count * frame.step for number in range(count)]
     dots: dict[int, list[int]] = {}  # by column of the map, the columns of the dots that it is in
@@ -235,8 +230,8 @@ def _wall_dots(map: GridMap, frame: Frame) -> Iterable[tuple[int, int]]:
         bottom = frame.y + (4 * frame.rows - 1 - row) * frame.step
         for line in {math.floor((bottom + offset - map.y) / map.resolution) for offset in offsets}:
             for cell in map.occupied_columns(line):
-                for column in dots.get(cell, ()):
-                    yield column, row
+                found.update((column, row) for column in dots.get(cell, ()))
+    return frozenset(found)
 
 
 def _met(scan: Iterable[Point], walls: frozenset[tuple[int, int]], frame: Frame) -> Iterable[tuple[int, int]]:

@@ -39,7 +39,7 @@ from flexbt_console.mirror.records import (
 from flexbt_console.mirror.view import View
 from flexbt_core.values.text import escape_lines, one_line, pluralize
 
-from .style import Line, Tone, tone_of
+from .style import Line, Tone, tone_of, toned
 
 BOOLEANS: Final = ('false', 'true')
 """Texts of the values of a parameter that is a bool."""
@@ -90,7 +90,7 @@ def link_line(view: View) -> str:
     """State of the link and age of the picture, and what that means for the rest."""
     word = link_word(view)
     if view.age is None:
-        return Line(f'{word} for an executive' if view.listening else f'{word} was heard', tone_of(word))
+        return toned(f'{word} for an executive' if view.listening else f'{word} was heard', word)
     return Line(f'{word} ago' + ('' if view.live else ': the rest may be outdated'), _LINK_TONES[view.link])
 
 
@@ -221,7 +221,7 @@ def reason_lines(pending: Decision, view: View) -> list[str]:
         return []
     word = 'because' if f'{reason.path}/'.startswith(pending.path.rstrip('/') + '/') else 'after'
     first, *more = log_lines(replace(reason, path='') if reason.path == pending.path else reason)
-    return [Line(f'{word} {first}', tone_of(first)), *more]
+    return [toned(f'{word} {first}', first), *more]
 
 
 def subject_lines(pending: Decision, view: View) -> list[str]:
@@ -279,7 +279,7 @@ def status_lines(view: View) -> list[str]:
     for pending in snapshot.decisions:
         shown.append(_labelled('waiting', Line(decision_line(pending, snapshot), Tone.DECISION)))
         told = (*subject_lines(pending, view), *reason_lines(pending, view))
-        shown += [Line(f'  {line}', tone_of(line)) for line in told]
+        shown += [toned(f'  {line}', line) for line in told]
         if pending.choices:
             shown.append(f'            {choice_line(pending)}')
     shown += [_labelled('robot', line) for line in where_lines(snapshot)]
@@ -292,7 +292,7 @@ def status_lines(view: View) -> list[str]:
 
 
 def _labelled(label: str, line: str) -> str:
-    return Line(f'{label:<9} {line}', tone_of(line))
+    return toned(f'{label:<9} {line}', line)
 
 
 def not_paused_lines(state: ActiveState) -> list[str]:
@@ -342,7 +342,7 @@ def behaviors_lines(known: Sequence[Behavior], *, with_machines: bool = False) -
             )
         machine = machine_text_lines(behavior)
         if with_machines or behavior.lacks_machine:
-            shown += [Line(f'    {line}', tone_of(line)) for line in machine]
+            shown += [toned(f'    {line}', line) for line in machine]
         elif machine:
             shown.append(f'    machine of {pluralize(len(machine), "line")}: behaviors {one_line(behavior.name)}')
     return shown or ['no behaviors are installed on the robot']

@@ -40,6 +40,11 @@ def tone_of(line: str) -> Tone:
     return line.tone if isinstance(line, Line) else Tone.PLAIN
 
 
+def toned(text: str, line: str) -> str:
+    """Return a text with the tone of a line."""
+    return Line(text, line.tone) if isinstance(line, Line) else text
+
+
 def coloured(line: str, has_colours: bool) -> str:
     """Return the line with its tone as a colour, if the terminal has colours."""
     tone = tone_of(line)

@@ -10,7 +10,7 @@ from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, Mirrored
 from flexbt_core.values.text import one_line
 
 from .cells import cut
-from .style import Glyphs, Line, Tone, tone_of
+from .style import Glyphs, Line, Tone, toned
 
 _TONES: Final = {
     MirroredStatus.IDLE: Tone.DIM,
@@ -55,7 +55,7 @@ def tree_lines(run: MirroredTree, columns: int, rows: int, signs: Glyphs) -> lis
     marked = marked or [place for place, (node, _) in enumerate(nodes) if _is_of_now(run, node)]
     shown = window(lines, marked[-1] if marked else 0, rows - 1)
     title = _title(run)
-    return [Line(cut(title, columns), tone_of(title)), *(_cut_line(line, columns) for line in shown)]
+    return [cut(title, columns), *(_cut_line(line, columns) for line in shown)]
 
 
 def whole_tree_lines(run: MirroredTree, signs: Glyphs) -> list[str]:
@@ -199,4 +199,4 @@ def _cut_line(line: str, columns: int) -> str:
     """Return what is deep loses of its indent what its name needs; the rest is cut."""
     text = line.lstrip(' ')
     indent = min(len(line) - len(text), columns // 3)
-    return Line(cut(' ' * indent + text, columns), tone_of(line))
+    return cut(toned(' ' * indent + text, line), columns)

@@ -27,7 +27,7 @@ from flexbt_console.mirror.records import (
 from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange, TreeNodes, TreeReport, Trees
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import width
-from flexbt_console.present.maps import MapCanvas
+from flexbt_console.present.maps import draw_map
 from flexbt_console.present.style import ASCII, UNICODE, Glyphs, glyphs
 
 RUNNING, FAILURE, IDLE = MirroredStatus.RUNNING, MirroredStatus.FAILURE, MirroredStatus.IDLE
@@ -174,7 +174,7 @@ def test_names_of_places_cover_neither_each_other_nor_their_signs(monkeypatch: p
     places = {name: FramedPose(x, 1.0) for name, x in names.items()}
     grid = GridMap(80, 40, 0.05, 0.0, 0.0, bytes(3200))
     for columns in (24, 32, 60):
-        _, cells = MapCanvas(ASCII).draw(seen(grid, None, places), None, columns, 12)
+        _, cells = draw_map(seen(grid, None, places), None, columns, 12, ASCII)
         drawn = [''.join(sign for sign, _ in row) for row in cells]
         assert sum(line.count('@') for line in drawn) == 4
         words = [word for line in drawn for word in line.replace('@', ' ').split()]
@@ -187,7 +187,7 @@ def test_a_wide_name_takes_its_cells_and_what_is_drawn_over_half_of_a_character_
     for robot_x, expected in ((None, '◦厨房 '), (2.15, '◦→ 房'), (2.25, '◦ →房')):
         pose = FramedPose(robot_x, 1.0) if robot_x is not None else None
         places = {'厨房': FramedPose(2.0, 1.0)}
-        _, cells = MapCanvas(UNICODE).draw(seen(grid, pose, places), None, 40, 10)
+        _, cells = draw_map(seen(grid, pose, places), None, 40, 10, UNICODE)
         drawn = [''.join(sign for sign, _ in row) for row in cells]
         assert all(width(line) == 40 for line in drawn), drawn
         assert any(expected in line for line in drawn), drawn

@@ -32,7 +32,7 @@ from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import fold
 from flexbt_console.present.events import SETTLE_SECONDS, Follower
-from flexbt_console.present.style import Line, Tone, coloured, has_colours, tone_of
+from flexbt_console.present.style import Line, Tone, coloured, has_colours, toned
 from flexbt_console.ui.answers import Bound, Local, NoLiveLinkError, ShownDecision
 from flexbt_console.ui.station import RobotRequest, Session, Station
 from flexbt_console.ui.terminal import OnSignal, standard_error_as_lines
@@ -320,14 +320,14 @@ class Prompt:
                 columns = output.get_size().columns
                 for line in text:
                     for part in fold(line, columns, rows=len(line)):
-                        self._write(Line(part, tone_of(line)))
+                        self._write(part)
                 output.flush()
             # A terminal that does not report its cursor has no toolbar: this was the drawing.
             self._shown.drawn(decision_id)
 
-    def _write(self, line: Line) -> None:
+    def _write(self, line: str) -> None:
         output = self._prompt.app.output
-        before, after = coloured(Line('\n', line.tone), self._has_colours).split('\n')
+        before, after = coloured(toned('\n', line), self._has_colours).split('\n')
         output.write_raw(before)
         # write() shows an escape character as "?", should one have slipped through.
         output.write(line)

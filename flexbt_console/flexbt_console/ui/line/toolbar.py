@@ -24,7 +24,7 @@ from flexbt_console.present.rendering import (
     what_runs,
     where_lines,
 )
-from flexbt_console.present.style import Line, Tone, tone_of
+from flexbt_console.present.style import Line, Tone, tone_of, toned
 from flexbt_core.values.text import one_line
 
 MOST_STATES: Final = 3
@@ -56,15 +56,15 @@ def _head(view: View, width: int) -> list[str]:
         head: list[str] = [word]
     else:
         text = ' | '.join([word, what_runs(view), f'autonomy {autonomy_text(snapshot.autonomy)}'])
-        head = [Line(text, tone_of(word))]
+        head = [toned(text, word)]
     head += [alarm] if (alarm := alarm_line(view)) else []
     if view.problem:
-        head += _folded(Line(one_line(view.problem), Tone.ERROR), width)
+        head += fold(Line(one_line(view.problem), Tone.ERROR), width, MOST_ROWS)
     elif not view.live and snapshot is not None:
-        head.append(Line('NOT LIVE: this is how it was then', tone_of(word)))
+        head.append(toned('NOT LIVE: this is how it was then', word))
     if snapshot is not None:
-        head += [line for peer in snapshot.missed_peers for line in _folded(peer_line(peer), width)]
-        head += _folded(Line(one_line(snapshot.message), Tone.WARNING), width) if snapshot.message else []
+        head += [line for peer in snapshot.missed_peers for line in fold(peer_line(peer), width, MOST_ROWS)]
+        head += fold(Line(one_line(snapshot.message), Tone.WARNING), width, MOST_ROWS) if snapshot.message else []
     return head
 
 
@@ -74,11 +74,11 @@ def _decision(view: View, width: int) -> list[str]:
         return []
     others = len(view.decisions) - 1
     more = f'  (+{others} more: status)' if others else ''
-    lines = _folded(Line(f'? {decision_line(decision, snapshot)}{more}', Tone.DECISION), width)
+    lines = fold(Line(f'? {decision_line(decision, snapshot)}{more}', Tone.DECISION), width, MOST_ROWS)
     reason = [*subject_lines(decision, view), *reason_lines(decision, view)[:1]]
-    lines += [part for line in reason for part in _folded(Line(f'  {line}', tone_of(line)), width, REASON_ROWS)]
+    lines += [part for line in reason for part in fold(toned(f'  {line}', line), width, REASON_ROWS)]
     if decision.choices:
-        lines += _folded(Line(f'  {choice_line(decision)}', Tone.DECISION), width)
+        lines += fold(Line(f'  {choice_line(decision)}', Tone.DECISION), width, MOST_ROWS)
     if decision.kind is DecisionKind.TRANSITION:
         lines.append('  number or name chooses; "confirm" takes the one marked *')
     return lines
@@ -97,7 +97,7 @@ def _rest(view: View, width: int, room: int) -> list[str]:
     states = snapshot.active_states[:MOST_STATES]
     more = len(snapshot.active_states) - len(states)
     below = [f'  … {more} more active states'] if more else []
-    below += [Line(f'robot  {line}', tone_of(line)) for line in where_lines(snapshot)]
+    below += [toned(f'robot  {line}', line) for line in where_lines(snapshot)]
     left = room - len(above) - len(below)
     shown = [line for state in states for line in _state(state, width, max(1, left // len(states)))]
     tone = Tone.PLAIN if view.live else Tone.DIM
@@ -116,8 +116,4 @@ def _state(state: ActiveState, width: int, rows: int) -> list[str]:
         kept = activity[-(room - 1) :] if room > 1 else activity[-1:]
         above = [f'    … {len(activity) - len(kept)} above'] if room > 1 else []
         activity = [*above, *kept][: max(0, room)]
-    return [path, *[Line(f'    {note}', tone_of(note)) for note in notes], *activity]
-
-
-def _folded(line: str, width: int, rows: int = MOST_ROWS) -> list[str]:
-    return [Line(part, tone_of(line)) for part in fold(line, width, rows)]
+    return [path, *[toned(f'    {note}', note) for note in notes], *activity]

@@ -44,7 +44,7 @@ from .decision_bar import ROWS, Burst, choice_texts, waiting_texts
 from .dialogs import ChoiceList, Entry, MapImage, Overview, ReadingDialog, StartForm
 from .lines import CommandInput
 from .pane import Pane
-from .panes import PANES, Layout, Panes, ShownRobot
+from .panes import PANES, Layout, Panes
 from .replay_bar import MOVES, NOTHING_SENT, NoLink, ReplayBar, replay_help_lines
 from .robot_panes import CURSOR_STEPS, CURSOR_TURNS, outcome_texts
 from .textual_app import OrderedApp, TerminalDriver, image_widget
@@ -144,12 +144,12 @@ class OperatorScreen(OrderedApp):
         self._robots = robots
         self._replay = replay
         self._image_widget = image_widget
-        self._robot = robots.own if robots is not None else ''
         self._overview: list[RobotOverview] = []
         self._followed: list[Mirror] = []
         self._turned_to = ''
         self._line = CommandInput(self._view, self.tell_error)
         self._panes = Panes(clock, station, layout or Layout(), self._line, replay)
+        self._panes.robot = robots.own if robots is not None else ''
         if not self._panes.signs.has_braille:
             self.add_class('ascii')
         self._burst = Burst(clock)
@@ -299,11 +299,11 @@ class OperatorScreen(OrderedApp):
             base.query_one(f'#{name}').set_class(name not in visible, 'hidden')
         base.query_one('#panes').set_class(not {'machine', 'map'} & {*visible}, 'hidden')
         base.query_one('#map').set_class('machine' not in visible, 'alone')
-        shown = ShownRobot(view, self._station.mirror, self._overview, self._robot)
+        mirror = self._station.mirror
         for pane in base.query(Pane):
             if pane.id == 'alarm' or (pane.size.width > 0 and pane.size.height > 0):
-                columns = pane.content_size.width or self.size.width
-                pane.show(text := self._panes.text_of(str(pane.id), shown, columns, pane.content_size.height))
+                columns, rows = pane.content_size.width or self.size.width, pane.content_size.height
+                pane.show(text := self._panes.text_of(str(pane.id), view, mirror, self._overview, columns, rows))
                 if pane.id == 'alarm':
                     pane.display = bool(text.plain)  # it takes a row only when there is something
 
@@ -559,18 +559,18 @@ class OperatorScreen(OrderedApp):
     def _do_robots(self, key: KeyBinding, view: View) -> None:
         if self._robots is None:
             raise RefusedError('there is only one robot')
-        self.open(Overview(self._robots.fleet, self._robot), self.switch)
+        self.open(Overview(self._robots.fleet, self._panes.robot), self.switch)
 
     def switch(self, name: str) -> None:
         """Go to another robot: all panes show it, and all commands are for it."""
-        if self._robots is None or name == self._robot:
+        if self._robots is None or name == self._panes.robot:
             return
         try:
             mirror, link = self._robots.select(name)
         except KeyError:
             raise RefusedError(f'{one_line(name)} was dropped from the list: it has been gone for long') from None
         self._session.turn_to(replace(self._station, mirror=mirror, link=link))
-        self._robot = name
+        self._panes.robot = name
         self._turned_to = ''
         self._panes.moved()
         self._follow(mirror)

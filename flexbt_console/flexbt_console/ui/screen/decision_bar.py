@@ -14,7 +14,7 @@ from flexbt_console.mirror.records import Decision, DecisionKind, StateStructure
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, cut_middle, fold, width
 from flexbt_console.present.rendering import age_text, asked_text, reason_lines, subject_lines
-from flexbt_console.present.style import Glyphs, Line, Tone, tone_of
+from flexbt_console.present.style import Glyphs, Line, Tone, toned
 from flexbt_console.present.tree_lines import acting_lines
 from flexbt_console.ui.answers import Meaning, ShownDecision, choose
 from flexbt_core.clock.clock import Clock
@@ -180,7 +180,7 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     where = one_line(decision.path)
     head = f'{signs.waits} {asked_text(decision, snapshot).replace(where, cut_middle(where, columns // 2), 1)}'
     told_of = (*subject_lines(decision, view)[:1], *reason_lines(decision, view)[:1])
-    reasons = [Line(f'  {line}', tone_of(line)) for line in told_of]
+    reasons = [toned(f'  {line}', line) for line in told_of]
     texts = choice_texts(decision, view.state(decision.path), signs)
     choices = _choice_rows(decision, texts, picked, columns)
     told = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]
@@ -193,7 +193,7 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     lines: list[str] = [Line(text, Tone.DECISION) for text in heads]
     for reason in reasons:
         if len(lines) < room:
-            lines += [Line(text, tone_of(reason)) for text in fold(reason, columns, room - len(lines))]
+            lines += fold(reason, columns, room - len(lines))
     lines += told
     if choices and len(lines) < ROWS:
         lines.append(Line(cut(_how_to_pick(decision, picked), columns), Tone.DIM))

@@ -32,7 +32,7 @@ from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, fold
 from flexbt_console.present.maps import map_image, where_text
 from flexbt_console.present.rendering import BOOLEANS, left_out_text, machine_text_lines, parameter_text, robot_line
-from flexbt_console.present.style import Line, Tone, tone_of
+from flexbt_console.present.style import Line, Tone, tone_of, toned
 from flexbt_console.present.tree_lines import window
 from flexbt_core.clock.clock import Clock
 from flexbt_core.values.text import one_line, short_repr
@@ -426,7 +426,7 @@ def folded(text: Sequence[str], columns: int) -> list[str]:
     for line in text:
         begins = [found.end() for found in re.finditer(r'^ +|  +(?=\S)', line[: columns // 2])]
         indent = ' ' * (begins[-1] if begins else 4)
-        rows += [Line(row, tone_of(line)) for row in fold(line, columns, MOST_ROWS, indent)]
+        rows += fold(line, columns, MOST_ROWS, indent)
     return rows
 
 
@@ -523,12 +523,12 @@ class Overview(ModalScreen[str | None]):
             for number, robot in enumerate(robots):
                 line, is_marked = robot_line(robot), robot.name == self._marked
                 place = number if is_marked else place
-                lines.append(Line(cut(f'{">" if is_marked else " "} {line}', columns), tone_of(line)))
+                lines.append(cut(toned(f'{">" if is_marked else " "} {line}', line), columns))
             shown = window(lines, place, rows - 2)
             shown += [''] * (rows - 2 - len(shown))
             last = Line(told, Tone.WARNING) if told else Line(KEYS_OF_OVERVIEW, Tone.DIM)
             for pane in self.query(Pane):
-                pane.show(styled([*shown, Line(cut(last, columns), tone_of(last))]))
+                pane.show(styled([*shown, cut(last, columns)]))
 
     def action_step(self, by: int) -> None:
         """Move the mark."""

@@ -24,7 +24,7 @@ from flexbt_console.present.rendering import (
     peer_line,
     what_runs,
 )
-from flexbt_console.present.style import Line, Tone, tone_of
+from flexbt_console.present.style import Line, Tone, toned
 from flexbt_console.present.tree_lines import window
 from flexbt_console.ui.answers import Bound
 from flexbt_console.ui.keys import KEYS
@@ -90,10 +90,10 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
         shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
     asks = authority_asked_line(snapshot, operator) if snapshot is not None else ''
-    asked = [Line(cut_middle(asks, columns - 1), tone_of(asks))] if asks else []
+    asked = [cut_middle(asks, columns - 1)] if asks else []
     shown = [*shown[: ALARM_ROWS - len(asked)], *asked]
     rows = ALARM_ROWS // max(1, len(shown))
-    return styled([Line(row, tone_of(line)) for line in shown for row in fold(f' {line}', columns, rows, '   ')])
+    return styled([row for line in shown for row in fold(toned(f' {line}', line), columns, rows, '   ')])
 
 
 def keys_text(view: View, columns: int, operator: str | None, focused: str = '', *, has_answer: bool = True) -> Text:

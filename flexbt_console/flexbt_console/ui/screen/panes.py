@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from rich.text import Text
 
@@ -29,15 +29,6 @@ from .replay_bar import ReplayBar
 from .robot_panes import LogPane, MachinePane, MapPane
 
 
-class ShownRobot(NamedTuple):
-    """The robot on the screen: ``robot``, one of ``robots``, as it is in ``view`` of its ``mirror``."""
-
-    view: View
-    mirror: Mirror
-    robots: Sequence[RobotOverview]
-    robot: str
-
-
 class Panes:
     """The panes as the operator of ``station`` has them; ``line`` is typed below them, and ``replay`` stands for the
     keys in a recording."""
@@ -51,6 +42,8 @@ class Panes:
         self._operator = station.builder.operator
         self.log = LogPane(self._operator)
         self._page = one_line(station.page)
+        self.robot = ''
+        """The name of the robot on the screen; '' if there is only one."""
         self._line = line
         self._replay = replay
         self.moved()
@@ -94,13 +87,14 @@ class Panes:
         is_typed = decision is not None and not (decision.choices or decision.wants_pose)
         return is_typed or bool(self.picking.picked(decision))
 
-    def text_of(self, pane: str, shown: ShownRobot, columns: int, rows: int) -> Text:
+    def text_of(
+        self, pane: str, view: View, mirror: Mirror, robots: Sequence[RobotOverview], columns: int, rows: int
+    ) -> Text:
         """Return the contents of a pane of this many rows of this many cells."""
-        view, _, robots, robot = shown
         match pane:
             case 'status':
-                others = others_text(robots, robot)
-                name = 'RECORDING' if self._replay is not None else robot if len(robots) > 1 else ''
+                others = others_text(robots, self.robot)
+                name = 'RECORDING' if self._replay is not None else self.robot if len(robots) > 1 else ''
                 return status_text(view, columns, name, others, self._operator, self._page)
             case 'alarm':
                 return alarm_text(view, columns, self._operator, is_recorded=self._replay is not None)
@@ -114,7 +108,7 @@ class Panes:
                 return styled(decision_lines(view, picked, columns, self.signs, is_pointing=is_pointing))
             case 'log':
                 line = self._line
-                return line.draw(view, columns, rows) if line.is_open else self.log.draw(shown.mirror, columns, rows)
+                return line.draw(view, columns, rows) if line.is_open else self.log.draw(mirror, columns, rows)
             case _ if self._line.is_open:
                 return styled([cut(KEYS_OF_LINE, columns)])
             case _ if self._replay is not None:

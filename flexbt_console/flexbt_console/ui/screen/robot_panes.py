@@ -28,7 +28,7 @@ from flexbt_console.mirror.records import (
 )
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, cut_middle, fold
-from flexbt_console.present.maps import Frame, MapCanvas, where_text
+from flexbt_console.present.maps import Frame, draw_map, where_text
 from flexbt_console.present.rendering import (
     autonomy_needed,
     autonomy_text,
@@ -38,7 +38,7 @@ from flexbt_console.present.rendering import (
     progress_text,
     stamp_text,
 )
-from flexbt_console.present.style import Glyphs, Line, Tone, tone_of
+from flexbt_console.present.style import Glyphs, Line, Tone, toned
 from flexbt_console.present.tree_lines import tree_lines, window
 from flexbt_core.values.text import one_line
 
@@ -132,11 +132,8 @@ def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[st
             ranked = [one for one in ranked if one.rank < last]
     marked = next((place for place, one in enumerate(ranked) if one.path == first), 0)
     # Of what is active the end tells for how long, and what is special about it.
-    shown = [
-        Line(cut_middle(one.line, columns), tone_of(one.line)) if one.rank is _Rank.ACTIVE else one.line
-        for one in ranked
-    ]
-    return [Line(cut(line, columns), tone_of(line)) for line in window(shown, marked, rows)]
+    shown = [cut_middle(one.line, columns) if one.rank is _Rank.ACTIVE else one.line for one in ranked]
+    return [cut(line, columns) for line in window(shown, marked, rows)]
 
 
 def _state(
@@ -185,7 +182,7 @@ def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> 
     if state.progress is not None and (text := progress_text(state.progress, view.places)):
         lines.append(f'{indent}  {text}')
     lines += [f'{indent}    {one_line(text)}' for text in view.own_activity(state)]
-    lines += [Line(f'{indent}    {line}', tone_of(line)) for line in not_paused_lines(state)]
+    lines += [toned(f'{indent}    {line}', line) for line in not_paused_lines(state)]
     return [_Ranked(_Rank.ACTIVE, path, line) for line in lines]
 
 
@@ -218,7 +215,7 @@ class MapPane:
     """A pane that draws the map. The cursor belongs to one decision, and disappears with it."""
 
     def __init__(self, signs: Glyphs) -> None:
-        self._canvas = MapCanvas(signs)
+        self._signs = signs
         self._frame: Frame | None = None
         self._cursor: tuple[float, float] | None = None
         self._yaw = 0.0
@@ -293,7 +290,7 @@ class MapPane:
             return Text('')
         shown = view.drawn, view.robot_pose, view.places, self._cursor, columns, room
         if self._drawn is None or self._drawn[0] != shown:
-            self._frame, cells = self._canvas.draw(view, self._cursor, columns, room)
+            self._frame, cells = draw_map(view, self._cursor, columns, room, self._signs)
             self._drawn = shown, drawn(cells)
         text = self._drawn[1].copy()
         if self._cursor is not None:
@@ -359,9 +356,7 @@ class LogPane:
             last = [Line(cut(f'  ({self._back} below{new}; Esc: the latest)', columns), Tone.DIM)]
         rows = max(1, rows - len(last))
         self._page = max(1, rows - 1)
-        folded = [
-            Line(row, tone_of(line)) for line in shown[-rows:] for row in fold(line, columns, -(-rows // 2), _INDENT)
-        ]
+        folded = [row for line in shown[-rows:] for row in fold(line, columns, -(-rows // 2), _INDENT)]
         return styled([*folded[-rows:], *last])
 
     def _lines(self, mirror: Mirror, count: int) -> list[str]:
@@ -379,4 +374,4 @@ class LogPane:
 
 def _with_time(stamp: float, line: str) -> str:
     time = stamp_text(stamp) if stamp and not line.startswith(' ') else ''
-    return Line(f'{time:>8}  {line}', tone_of(line))
+    return toned(f'{time:>8}  {line}', line)

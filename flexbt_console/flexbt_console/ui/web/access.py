@@ -40,13 +40,10 @@ _ADDRESSES: Final = 4096
 
 def source_of(address: str | None) -> str:
     """Return what stands for whoever has this address: for IPv6 its first 64 bits, all of which one may have."""
-    try:
-        known = ipaddress.ip_address((address or '').partition('%')[0])
-    except ValueError:
-        return address or ''
-    if isinstance(known, ipaddress.IPv4Address):
-        return str(known)
-    return str(known.ipv4_mapped or ipaddress.ip_network((known, 64), strict=False))
+    known = _address((address or '').partition('%')[0])
+    if isinstance(known, ipaddress.IPv6Address):
+        return str(known.ipv4_mapped or ipaddress.ip_network((known, 64), strict=False))
+    return str(known or address or '')
 
 
 class WrongTokens:
@@ -90,10 +87,10 @@ class Access:
         Raises:
             UsageError: it is neither an address of the Internet protocol nor ``localhost``.
         """
-        try:
-            is_local = address == 'localhost' or ipaddress.ip_address(address).is_loopback
-        except ValueError:
-            raise UsageError(f'--address {address!r}: give an IP address, such as 127.0.0.1 or 0.0.0.0') from None
+        known = _address(address)
+        if known is None and address != 'localhost':
+            raise UsageError(f'--address {address!r}: give an IP address, such as 127.0.0.1 or 0.0.0.0')
+        is_local = known is None or known.is_loopback
         own = {'localhost'} if is_local else {'localhost', socket.gethostname(), socket.getfqdn()}
         return cls(address, token or ('' if is_local else secrets.token_urlsafe(24)), frozenset(map(str.lower, own)))
 
@@ -103,7 +100,7 @@ class Access:
             name = urlsplit(f'//{host}').hostname or ''
         except ValueError:
             return False
-        return name in self.names or _is_address(name)
+        return name in self.names or _address(name) is not None
 
     def knows_origin(self, origin: str | None, host: str) -> bool:
         """Return whether a header ``Origin`` is the page of this server; without one it was not asked for by a page."""
@@ -137,9 +134,8 @@ def guard(access: Access) -> Middleware:
     return check
 
 
-def _is_address(name: str) -> bool:
+def _address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     try:
-        ipaddress.ip_address(name)
+        return ipaddress.ip_address(text)
     except ValueError:
-        return False
-    return True
+        return None
