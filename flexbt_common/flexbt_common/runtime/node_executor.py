@@ -337,8 +337,8 @@ class GuestExecutors:
 
     rclpy would move the node to the other executor: ``rclpy.spin_once(node)`` in a state would leave the node without
     one afterwards, and two threads would take its messages meanwhile. Instead the node stays where it is, and the
-    guest waits: it is given something to do whenever the node's own executor has called callbacks, so that all forms
-    of spinning come back as they would.
+    guest waits: it is given something to do when it comes for the first time, and whenever the node's own executor has
+    called callbacks, so that all forms of spinning come back as they would.
     """
 
     def __init__(self) -> None:
@@ -360,7 +360,8 @@ class GuestExecutors:
                 '(future.add_done_callback), or in the execute() of a state or the tick of a leaf'
             )
         with self._lock:
-            self._woken[guest] = None
+            # What a new guest waits for may have been called just before it came: it comes back once, and looks.
+            self._woken[guest] = None if guest in self._woken else guest.create_task(_nothing)
 
     def wake(self) -> None:
         """Have the guests come back: callbacks have been called."""

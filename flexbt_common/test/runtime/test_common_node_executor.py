@@ -29,6 +29,7 @@ from std_msgs.msg import Int32
 from flexbt_common.middleware.rclpy_private import SWITCH
 from flexbt_common.middleware.received_messages import LatestMessage
 from flexbt_common.runtime.node_executor import NodeExecutor, is_misfit, make_executor
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.srv import ControlTree
 from flexbt_testing.waiting import DEADLINE
 
@@ -441,6 +442,21 @@ def test_a_coroutine_of_another_thread_ends_the_wait_however_late_it_is_known(
         bench.executor.turn(DEADLINE)
     thread.join()
     assert time.monotonic() < end
+
+
+def test_a_guest_hears_of_what_was_called_just_before_it_came() -> None:
+    with NodeRuntime.open('host') as runtime:
+        called = threading.Event()
+        timer = runtime.call(lambda: runtime.node.create_timer(0.001, called.set))
+        assert called.wait(DEADLINE)
+        runtime.call(timer.cancel)
+        runtime.call(lambda: None)  # the turn in which it was called is over
+        guest = SingleThreadedExecutor(context=runtime.node.context)
+        guest.add_node(runtime.node)
+        spinning = threading.Thread(target=guest.spin_once, daemon=True)
+        spinning.start()
+        spinning.join(DEADLINE)
+        assert not spinning.is_alive()
 
 
 @pytest.mark.usefixtures('rclpy_that')
