@@ -16,9 +16,8 @@ import resource
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, Final
 
 from flexbt_common.errors import ResourceError
 from flexbt_common.files import resolve_file
@@ -51,7 +50,8 @@ def main() -> int:
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     limit = asked['memory'] if hard == resource.RLIM_INFINITY else min(asked['memory'], hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
-    with _only_lines_of_json() as out:
+    with os.fdopen(os.dup(1), 'w', encoding='utf-8') as out:
+        os.dup2(2, 1)  # what states print when they are made goes to the standard error
 
         def tell(told: Mapping[str, Any]) -> None:
             out.write(json.dumps(told) + '\n')
@@ -60,14 +60,6 @@ def main() -> int:
         threading.Thread(target=_end_with_input, daemon=True).start()
         tell(searched(asked, tell))
     return 0
-
-
-@contextmanager
-def _only_lines_of_json() -> Iterator[TextIO]:
-    """Provide the standard output; what states print when they are made goes to the standard error."""
-    with os.fdopen(os.dup(1), 'w', encoding='utf-8') as out:
-        os.dup2(2, 1)
-        yield out
 
 
 def _end_with_input() -> None:

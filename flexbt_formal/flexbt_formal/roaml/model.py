@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -126,7 +127,8 @@ class RoamlModel:
         if trees:
             ports = {name: ports_of(document, types) for name, document in plugins.items()}
             path = self._file(trees[0])
-            self.tree = TreePlayer(path, read_text(path, trees[0]), ports)
+            self._player = partial(TreePlayer, path, read_text(path, trees[0]), ports)
+            self.tree = self._player()
             for instance in self.tree.instances:
                 self._plugins.append(Ascxml(plugins[self.tree.plugin(instance.uid)], types, events, instance))
         elif plugins:
@@ -189,7 +191,7 @@ class RoamlModel:
         timers += [timer for file in self._plugins for timer in file.timers]
         system = ModelSystem(
             [*self._automata, *self._of_tree, *self._between],
-            self.tree,
+            None if self.tree is None else self._player(),
             timers,
             self.events,
             end=self._end,

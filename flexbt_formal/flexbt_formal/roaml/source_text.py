@@ -12,7 +12,7 @@ from flexbt_core.behavior_tree.xml.parser import MAX_BYTES, Element, decode, par
 from flexbt_core.values.text import did_you_mean
 from flexbt_core.values.text_files import open_regular
 
-_TAG_END: Final = re.compile(r'[^<>]*>')
+_TAG: Final = re.compile(r"""<("[^"]*"|'[^']*'|[^"'>])*>""")
 
 
 class ModelError(TreeLoadError):
@@ -45,11 +45,7 @@ class SourceElement:
 
     def fail(self, message: str, attribute: str = '') -> NoReturn:
         """Raise ModelError for this element, or for one of its attributes."""
-        raise ModelError([self.error(message, attribute)])
-
-    def error(self, message: str, attribute: str = '') -> LoadError:
-        offset = self.element.offset_of(attribute)
-        return self.source.error(offset, message, f'<{self.tag}>')
+        raise ModelError([self.source.error(self.element.offset_of(attribute), message, f'<{self.tag}>')])
 
     def get(self, name: str) -> str | None:
         return self.element.attributes.get(name)
@@ -92,13 +88,8 @@ class SourceElement:
     @property
     def text(self) -> str:
         """The text within the element, up to its first child."""
-        end = max([self.element.offset + 1, *self.element.offsets.values()])
         text = self.source.text
-        if self.element.offsets:
-            last = max(self.element.offsets, key=self.element.offsets.__getitem__)
-            quote = min(at for at in (text.find(mark, end + len(last)) for mark in '"\'') if at >= 0)
-            end = text.find(text[quote], quote + 1) + 1
-        match = _TAG_END.match(text, end)
+        match = _TAG.match(text, self.element.offset)
         if match is None or match.group().endswith('/>'):
             return ''
         return text[match.end() : text.find('<', match.end())].strip()

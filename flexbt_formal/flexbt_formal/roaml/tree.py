@@ -205,6 +205,7 @@ class TreePlayer:
         self._tree.observe(lambda node, before, after: None)
         self.nodes = self._tree.nodes
         self._conversation.nodes = {node.uid: node for node in self.nodes}
+        self._plugins = [node for node in self.nodes if isinstance(node, _Plugin)]
         self.instances = [
             Instance(
                 node.uid,
@@ -212,22 +213,19 @@ class TreePlayer:
                 {port: given for port in node.ports if (given := node.port_text(port)) is not None},
                 tuple(child.uid for child in node.attached),
             )
-            for node in self.nodes
-            if isinstance(node, _Plugin)
+            for node in self._plugins
         ]
         self._inputs = [
             (node, port, plugins[node.id][port][1])
-            for node in self.nodes
-            if isinstance(node, _Plugin)
+            for node in self._plugins
             for port in node.ports
             if is_pointer(node.port_text(port) or '')
         ]
-        self._events = Events()
+        self._events: Events
         self._situations: list[Situation] = []
         self._numbers: dict[Any, int] = {}
         self._steps: dict[Any, tuple[int, Seen]] = {}
         self._watched: dict[str, int] = {}
-        self._initial: Configuration | None = None
         self._memory: StateSnapshotter
         self._entries: list[tuple[TreeNode, str, DataType, Entry]] = []
 
@@ -247,25 +245,19 @@ class TreePlayer:
         return self._conversation.nodes[uid].path
 
     def begin(self, events: Events, watched: Sequence[int]) -> int:
-        """Make everything ready for the first tick; ``watched`` are the events that properties speak of."""
+        """Make everything ready for the first tick; ``watched`` are the events that properties speak of. Called
+        once."""
         self._events = events
-        if self._initial is not None:
-            self._memory.restore(self._initial)
-            self._tree.callbacks.clear()
-            self._situations, self._numbers, self._steps = [], {}, {}
-        plugins = {node.uid for node in self.nodes if isinstance(node, _Plugin)}
         for node in self.nodes:
             event = events.number(bt_event(node.uid, 'response'))
-            if event in watched and node.uid not in plugins:
+            if event in watched and node not in self._plugins:
                 self._watch(node, event)
         names = {number: events.names[number] for number in watched}
         self._watched = {name.removeprefix(SET): number for number, name in names.items() if name.startswith(SET)}
         # Now, since what is kept of a tree has the callables by which it is ticked.
         self._tree.fetch_ticks()
         board = self._tree.blackboard
-        for node in self.nodes:
-            if not isinstance(node, _Plugin):
-                continue
+        for node in self._plugins:
             for port, (_, kind) in self._types[node.id].items():
                 key = node.port_key(port)
                 if key is not None:
@@ -278,8 +270,6 @@ class TreePlayer:
             for node, port, kind in self._inputs
             if (entry := node.blackboard.entry(node.port_key(port) or '')) is not None
         ]
-        if self._initial is not None:
-            return self._at_rest(0.0, 0)
         self._memory = StateSnapshotter(
             (
                 self._tree,
@@ -289,13 +279,11 @@ class TreePlayer:
                 self._tree.context,
                 self._clock,
             ),
-            _Zero(),
+            VirtualClock(),  # of what is kept: times are kept as they are
             TREE_LAYOUT,
             (type(self),),
         )
-        number = self._at_rest(0.0, 0)
-        self._initial = self._situations[number].base
-        return number
+        return self._at_rest(0.0, 0)
 
     @staticmethod
     def _give(board: Blackboard, key: str, kind: DataType) -> None:
@@ -467,13 +455,6 @@ class _Clock(VirtualClock):
     def now(self) -> float:
         self.was_asked = True
         return super().now()
-
-
-class _Zero:
-    """The clock of what is kept: times are kept as they are."""
-
-    def now(self) -> float:
-        return 0.0
 
 
 def _script_keys(tree: Tree) -> Iterator[str]:

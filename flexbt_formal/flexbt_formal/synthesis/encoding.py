@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Iterator, Mapping
+from functools import reduce
 from typing import Any, Final
 
 from .errors import SynthesisError
@@ -57,17 +59,14 @@ class Encoding:
 
     def all_of(self, formulas: Iterable[Formula]) -> Diagram:
         """Return the valuations that satisfy every formula."""
-        found = self.true
-        for formula in formulas:
-            found = found & self.set_of(formula)
-        return found
+        return reduce(operator.and_, map(self.set_of, formulas), self.true)
 
     def in_range(self, names: Iterable[VariableName]) -> Diagram:
         """Return the valuations in which integers have no more than their values."""
         found = self.true
         for name in names:
             if len(self._values(name)) != 1 << len(self._bits[name]):
-                found = found & _any(self._values(name).values(), self.false)
+                found = found & self._any(self._values(name).values())
         return found
 
     def primed(self, states: Diagram) -> Diagram:
@@ -141,13 +140,11 @@ class Encoding:
                 return ~self.set_of(part)
             case Compare(op, left, right):
                 ours, theirs = self._values(left), self._values(right)
-                return _any(
-                    (a & b for x, a in ours.items() for y, b in theirs.items() if COMPARE[op](x, y)), self.false
-                )
+                return self._any(a & b for x, a in ours.items() for y, b in theirs.items() if COMPARE[op](x, y))
             case Join('&', parts):
                 return self.all_of(parts)
             case Join('|', parts):
-                return _any(map(self.set_of, parts), self.false)
+                return self._any(map(self.set_of, parts))
             case Join(op, parts):
                 found = self.set_of(parts[0])
                 for part in parts[1:]:
@@ -163,7 +160,11 @@ class Encoding:
                 return {value: self.true}
             case VariableName():
                 low = self._low(term)
-                return {value: self._bits_are(term, value - low) for value in self._variables[term.name].values}
+                bits = list(enumerate(self._bits[term]))
+                return {
+                    value: self._bdd.cube({bit: bool((value - low) >> index & 1) for index, bit in bits})
+                    for value in self._variables[term.name].values
+                }
             case Sum(op, left, right):
                 ours, theirs = self._values(left), self._values(right)
                 if len(ours) * len(theirs) > MAX_VALUES:
@@ -175,22 +176,11 @@ class Encoding:
                         found[value] = found.get(value, self.false) | (a & b)
                 return found
 
-    def _bits_are(self, name: VariableName, value: int) -> Diagram:
-        found = self.true
-        for index, bit in enumerate(self._bits[name]):
-            one = self._bdd.var(bit)
-            found = found & (one if value >> index & 1 else ~one)
-        return found
+    def _any(self, sets: Iterable[Diagram]) -> Diagram:
+        return reduce(operator.or_, sets, self.false)
 
     def _low(self, name: VariableName) -> int:
         return self._variables[name.name].values[0]
-
-
-def _any(sets: Iterable[Diagram], nothing: Diagram) -> Diagram:
-    found = nothing
-    for one in sets:
-        found = found | one
-    return found
 
 
 def _manager() -> Any:
