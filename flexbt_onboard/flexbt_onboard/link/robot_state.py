@@ -4,46 +4,143 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
-from typing import Final
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Final
 
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Path
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry, Path
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from flexbt_common import names
+from flexbt_common.errors import TransformError
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, LatestMessage, Received, ReceivedMessages
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_common.values.message_fields import path_points
+from flexbt_common.transform_listener import TransformListener, transformed
+from flexbt_common.values.message_fields import path_points, time_message
 from flexbt_msgs.msg import DecisionSubject
 from flexbt_msgs.msg import RobotPlan as RobotPlanMessage
 
+SETTLE_SECONDS: Final = 2.0
+"""Time for the topic of the pose to be found before another source is looked for, s of wall time."""
+OLD_SECONDS: Final = 5.0
+"""Age at which a transform is not the pose of the robot any more, s on the node's clock."""
+
 
 class RobotPose:
-    """The newest message of a PoseStamped topic."""
+    """The pose of the robot, from the first of its sources that somebody publishes: ``topic``, the transform from
+    ``frames[0]`` to ``frames[1]``, the localization (``amcl_pose``), and the odometry. Used on the executor thread.
 
-    def __init__(self, runtime: Runtime, topic: str) -> None:
+    The topic may have the type PoseStamped, PoseWithCovarianceStamped or Odometry. The other sources are heard only
+    when nobody publishes the topic.
+    """
+
+    def __init__(self, runtime: Runtime, topic: str, frames: tuple[str, str] = ('map', 'base_link')) -> None:
+        self._runtime = runtime
         self._node = runtime.node
-        self._topic = runtime.node.resolve_topic_name(topic)
-        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._pose = LatestMessage(runtime.node, PoseStamped, topic, qos)
+        self._main = _PoseTopic(runtime, topic)
+        self._frames = frames
+        self._others = [_PoseTopic(runtime, name) for name in (names.AMCL_POSE, names.ODOM) if name != topic]
+        self._source = self._main.name
+        self._pose: PoseStamped | None = None
+        self._look_at = runtime.steady.now() + SETTLE_SECONDS
 
     def latest(self) -> PoseStamped:
         """Return the newest pose; its frame_id is empty while none has come."""
-        return self._pose.message or PoseStamped()
+        pose = self._main.latest()
+        if self._runtime.steady.now() >= self._look_at and not self._main.is_published():
+            source, other = self._other()
+            if other is not None:
+                if source != self._source:
+                    self._source = source
+                    self._node.get_logger().info(f'nobody publishes {self._main.name}: the pose is that of {source}')
+                self._pose = other
+                return other
+        elif pose is not None:
+            self._source = self._main.name
+        self._pose = pose if pose is not None else self._pose
+        return self._pose or PoseStamped()
+
+    def _other(self) -> tuple[str, PoseStamped | None]:
+        """Return another source and its pose; None if there is none."""
+        pose = self._transform() if self._node.count_publishers(names.TF) > 0 else None
+        if pose is not None:
+            return 'the transform from {} to {}'.format(*self._frames), pose
+        for topic in self._others:
+            if topic.is_published():
+                return topic.name, topic.latest()
+        return '', None
+
+    def _transform(self) -> PoseStamped | None:
+        """Return the pose by tf; None if it is not known, or too old."""
+        buffer = TransformListener.of(self._runtime).buffer
+        world, robot = self._frames
+        try:
+            place, moment = buffer.lookup(world, robot), buffer.latest(world, robot)
+        except TransformError:
+            return None
+        pose = PoseStamped(pose=transformed(Pose(), place))
+        pose.header.frame_id = world
+        if math.isfinite(moment):  # else all of it is static
+            if self._runtime.clock.now() - moment > OLD_SECONDS:
+                return None
+            pose.header.stamp = time_message(max(0.0, moment))
+        return pose
 
     def problem(self, gone: Collection[str] = ()) -> str:
         """Why the newest pose is not known, or may not be the present one; '' when somebody tells it.
 
         Nodes that are ``gone`` tell nothing, though the middleware misses one that was killed only after its lease.
         """
-        is_told = self._node.count_publishers(self._topic) > 0
-        if is_told and gone:
-            publishers = self._node.get_publishers_info_by_topic(self._topic)
-            is_told = any(f'{one.node_namespace.rstrip("/")}/{one.node_name}' not in gone for one in publishers)
-        if self._pose.message is None:
-            return f'nothing came on {self._topic} yet' if is_told else f'nobody publishes {self._topic}'
-        return '' if is_told else f'nobody publishes {self._topic} any more'
+        if self._source != self._main.name and self._other()[1] is not None:
+            return ''
+        is_told = self._main.is_published(gone)
+        if self._pose is None and self._main.latest() is None:
+            return f'nothing came on {self._main.name} yet' if is_told else f'nobody publishes {self._main.name}'
+        return '' if is_told else f'nobody publishes {self._main.name} any more'
+
+
+class _PoseTopic:
+    """A topic with poses, of one of the types of :data:`POSE_TYPES`."""
+
+    def __init__(self, runtime: Runtime, topic: str) -> None:
+        self._node = runtime.node
+        self.name: str = runtime.node.resolve_topic_name(topic)
+        self._newest: LatestMessage | None = None
+
+    def _open(self) -> None:
+        """Listen to the topic, once somebody publishes it: its type is known from then on."""
+        for publisher in self._node.get_publishers_info_by_topic(self.name):
+            message_type = POSE_TYPES.get(publisher.topic_type)
+            if message_type is not None and self._newest is None:
+                # Of best effort and volatile: so every publisher is heard.
+                qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+                self._newest = LatestMessage(self._node, message_type, self.name, qos)
+
+    def is_published(self, gone: Collection[str] = ()) -> bool:
+        """Return whether a node that is not ``gone`` publishes the topic."""
+        if not gone or self._node.count_publishers(self.name) == 0:
+            return bool(self._node.count_publishers(self.name))
+        return any(
+            f'{one.node_namespace.rstrip("/")}/{one.node_name}' not in gone
+            for one in self._node.get_publishers_info_by_topic(self.name)
+        )
+
+    def latest(self) -> PoseStamped | None:
+        """Return the newest pose; None while none has come."""
+        if self._newest is None:
+            self._open()
+        message = None if self._newest is None else self._newest.message
+        if message is None or isinstance(message, PoseStamped):
+            return message
+        return PoseStamped(header=message.header, pose=message.pose.pose)
+
+
+POSE_TYPES: Final[Mapping[str, type[Any]]] = {
+    'geometry_msgs/msg/PoseStamped': PoseStamped,
+    'geometry_msgs/msg/PoseWithCovarianceStamped': PoseWithCovarianceStamped,
+    'nav_msgs/msg/Odometry': Odometry,
+}
+"""Types of topics with the pose of the robot, by name."""
 
 
 # The path that the robot follows: planners publish it once, and a console may come later.
