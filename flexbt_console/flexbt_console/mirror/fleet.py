@@ -104,11 +104,6 @@ class Fleet:
         with self._lock:
             self._listeners.append(listener)
 
-    def mirror(self, name: str) -> Mirror:
-        """Return the mirror of a robot. Raises KeyError when it is not known."""
-        with self._lock:
-            return self._mirrors[name]
-
     @property
     def names(self) -> tuple[str, ...]:
         """The namespaces of the robots, sorted."""

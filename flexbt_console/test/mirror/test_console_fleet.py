@@ -131,9 +131,9 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = SteadyClock()
-    fleet, late = Fleet(), Mirror(clock)
-    fleet.add('/early', Mirror(clock))
-    fleet.mirror('/early').receive_snapshot(RUNS)
+    fleet, early, late = Fleet(), Mirror(clock), Mirror(clock)
+    fleet.add('/early', early)
+    early.receive_snapshot(RUNS)
     fleet.add('/late', late)
     monkeypatch.setattr(line_mode, 'ROBOTS_QUIET_SECONDS', 0.0)
     monkeypatch.setattr(line_mode, 'HEAR_SECONDS', 60.0)
@@ -165,8 +165,9 @@ def test_robots_that_are_not_listed_are_counted_and_those_still_to_be_joined_are
     monkeypatch.setattr(line_mode, 'ROBOTS_QUIET_SECONDS', 0.0)
 
     def join(number: int) -> None:
-        fleet.add(f'/r{number}', Mirror(clock))
-        fleet.mirror(f'/r{number}').receive_snapshot(RUNS)
+        mirror = Mirror(clock)
+        fleet.add(f'/r{number}', mirror)
+        mirror.receive_snapshot(RUNS)
 
     def go_on() -> None:
         join(1)
