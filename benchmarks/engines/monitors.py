@@ -125,9 +125,9 @@ def tick_of_engine(is_on: bool) -> float:
         TreeLibrary([load_xml(text, 'main.xml', registry)]),
         'Main',
         clock=ManualClock(),
-        observers=[StatusLog(log)],
         substitute=None if monitor is None else monitor.watched,
     )
+    tree.observe(StatusLog(log))
     if monitor is not None:
         monitor.begins(tree)
     began = time.thread_time()

@@ -113,7 +113,7 @@ TREE_LAYOUT: Final = Layout(
         Tree: frozenset(
             (
                 *('key', 'blackboard', 'context', 'nodes', 'definitions', 'subtrees', 'callbacks', 'root', '_depth'),
-                *('_after_round', '_entry', '_max_rounds', '_trunk', '_expanded', '_on_expanded', '_on_livelock'),
+                *('_after_round', '_entry', '_max_rounds', '_trunk', '_expanded', '_on_expanded', 'on_livelock'),
             )
         ),
     },
@@ -204,9 +204,9 @@ class TreeSystem(System):
             clock=self.clock,
             services=self._environment,
             substitute=lambda definition, path: monitor.watched(substitute(definition, models(definition)), path),
-            on_livelock=lambda message: None,  # the findings report it
             max_rounds=_ROUNDS,
         )
+        self.tree.on_livelock = lambda message: None  # the findings report it
         self.tree.observe(self._note_status)
         mark_asked_anew(self.tree.nodes)
         self._limiters = [node for node in self.tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]

@@ -239,11 +239,13 @@ class TreeRun(Generic[Client]):
             clock=self._clock,
             services=self._services,
             on_wake=self.wake,
-            observers=() if log is None else [StatusLog(log)],
+            substitute=None if monitor is None else monitor.watched,
+        )
+        tree.on_livelock = self._report_livelock
+        tree.observe(
+            *(() if log is None else (StatusLog(log),)),
             after_round=self._report_round,
             on_expanded=self._report_expansion,
-            on_livelock=self._report_livelock,
-            substitute=None if monitor is None else monitor.watched,
         )
         if monitor is not None:
             monitor.begins(tree)

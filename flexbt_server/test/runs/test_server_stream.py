@@ -55,13 +55,10 @@ class Watched:
         board.set('n', 1)
         self.run: RunStream = stream.open(RunEvents(run_id, 'board'))
         self.heard: Changes = []
-        self.tree: Tree = make(
-            body,
-            blackboard=board,
-            observers=[
-                StatusLog(self.run.log),
-                lambda node, before, after: self.heard.append((node.uid, before, after)),
-            ],
+        self.tree: Tree = make(body, blackboard=board)
+        self.tree.observe(
+            StatusLog(self.run.log),
+            lambda node, before, after: self.heard.append((node.uid, before, after)),
             after_round=lambda: self.run.read(RoundEnded()),
         )
         self.run.read(RunStarted(self.tree))

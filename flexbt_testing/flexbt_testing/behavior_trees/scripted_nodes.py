@@ -175,11 +175,11 @@ class Run:
                 main,
                 blackboard=board,
                 clock=self._clock,
-                observers=self._observers,
                 substitute=None if monitor is None else monitor.watched,
             )
         except BehaviorTreeError as error:
             return {'load_error': str(error), 'steps': []}
+        tree.observe(*self._observers)
         if monitor is not None:
             monitor.begins(tree)
         for node, definition in zip(tree.nodes, tree.definitions, strict=True):

@@ -96,7 +96,8 @@ def run(library: TreeLibrary, scripts: dict[str, str]) -> tuple[set[int], set[in
             succeeded.add(offset)
 
     clock = ManualClock()
-    tree = Tree(library, 'Main', clock=clock, services=scripts, observers=[note], max_rounds=20)
+    tree = Tree(library, 'Main', clock=clock, services=scripts, max_rounds=20)
+    tree.observe(note)
     try:
         for _ in range(TICKS):
             tree.tick_once()

@@ -102,18 +102,16 @@ class LeafNode(TreeNode):
         """End what was begun elsewhere: the thread that ticks the tree does not come back. On another thread."""
 
 
-class SyncAction(LeafNode):
-    """An action that is done within one tick: :meth:`tick` gives SUCCESS, FAILURE or SKIPPED, never RUNNING."""
+class _InstantLeaf(LeafNode):
+    """A leaf that has its result in each tick."""
 
     __slots__ = ()
 
     goes_on = ''
 
-    kind = NodeKind.ACTION
-
     @abstractmethod
     def tick(self) -> NodeStatus:
-        """Do the work."""
+        """Return the result."""
 
     def execute(self) -> NodeStatus:
         self._reason = ''
@@ -132,32 +130,23 @@ class SyncAction(LeafNode):
         return status
 
 
-class Condition(LeafNode):
-    """A test: :meth:`tick` gives SUCCESS when it holds and FAILURE when not."""
+class SyncAction(_InstantLeaf):
+    """An action that is done within one tick: :meth:`tick` gives SUCCESS, FAILURE or SKIPPED, never RUNNING."""
 
     __slots__ = ()
 
-    goes_on = ''
+    kind = NodeKind.ACTION
+
+
+class Condition(_InstantLeaf):
+    """A test: :meth:`tick` gives SUCCESS when it holds and FAILURE when not.
+
+    It must not change anything that other nodes see.
+    """
+
+    __slots__ = ()
 
     kind = NodeKind.CONDITION
-
-    @abstractmethod
-    def tick(self) -> NodeStatus:
-        """Test the condition. It must not change anything that other nodes see."""
-
-    def execute(self) -> NodeStatus:
-        self._reason = ''
-        try:
-            status = self.tick()
-        except NodeExecutionError:
-            raise
-        except BaseException as error:
-            raise self.fault(error) from error
-        if status is SUCCESS or status is FAILURE:
-            self.status = status
-        elif status is not SKIPPED:
-            self.status = self.checked(status)
-        return status
 
 
 class StatefulAction(LeafNode):

@@ -8,17 +8,16 @@ import logging
 import math
 import sys
 import types
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container
 from typing import Any, Final, TypeVar
 
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import (
+    FailureStep,
     FailureTrace,
     NodeExecutionError,
     PortError,
-    trace_error,
-    trace_failure,
 )
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, NodeKind, NodeStatus
 from flexbt_core.clock.clock import Clock, SteadyClock
@@ -36,11 +35,9 @@ _logger = logging.getLogger(__name__)
 class Tree:
     """A tree that can be ticked. One thread at a time may tick or halt it; ``wake`` may be called from any.
 
-    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``observers``,
-    ``after_round`` and ``on_expanded`` are those of :meth:`observe`. ``on_wake()`` is called, from any thread, when a
-    leaf asks for a tick, and when unfinished work ends; ``on_livelock(message)`` when a tick ends because the tree
-    keeps waking itself. ``substitute(definition, path)`` may return another definition for a node, such as a leaf that
-    replaces it in a test.
+    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``on_wake()`` is called,
+    from any thread, when a leaf asks for a tick, and when unfinished work ends. ``substitute(definition, path)`` may
+    return another definition for a node, such as a leaf that replaces it in a test.
     """
 
     def __init__(
@@ -52,11 +49,7 @@ class Tree:
         blackboard: Blackboard | None = None,
         clock: Clock | None = None,
         services: Any = None,
-        observers: Sequence[StatusObserver] = (),
-        after_round: Callable[[], None] | None = None,
-        on_expanded: Callable[[], None] | None = None,
         on_wake: Callable[[], None] | None = None,
-        on_livelock: Callable[[str], None] = _logger.warning,
         max_rounds: int = 10_000,
         substitute: Substitute | None = None,
     ) -> None:
@@ -71,16 +64,16 @@ class Tree:
         self.context = TreeContext(
             clock if clock is not None else SteadyClock(), services, library.documents[key.file].scripts
         )
-        self.context.observers = tuple(observers)
         self._substitute = substitute
         self._trunk = instantiate(library, key, self.blackboard, self.context, substitute)
         self._expanded: dict[ExpandingAction, Instance] = {}
-        self._after_round = after_round
-        self._on_expanded = on_expanded
+        self._after_round: Callable[[], None] | None = None
+        self._on_expanded: Callable[[], None] | None = None
         self.callbacks = TickCallbacks(self.context, lambda: self.nodes)
         self._join()
         self._max_rounds = max_rounds
-        self._on_livelock = on_livelock
+        self.on_livelock: Callable[[str], None] = _logger.warning
+        """Called with a message when a tick ends because the tree keeps waking itself."""
         self._failure: FailureTrace | None = None
         self._status = IDLE
         self.context.on_wake = on_wake
@@ -117,7 +110,7 @@ class Tree:
         rounds = 1
         while status is RUNNING and context.woken and not (context.stopping or context.waited):
             if rounds >= self._max_rounds:
-                self._on_livelock(f'tree [{self.key.id}] woke itself {rounds} times in one tick; it may never end')
+                self.on_livelock(f'tree [{self.key.id}] woke itself {rounds} times in one tick; it may never end')
                 break
             context.woken = False
             status = self._tick()
@@ -407,6 +400,34 @@ def _acts_itself(node: TreeNode) -> bool:
     """Return whether it is a leaf that has not left the work to a tree below it."""
     below = any(child.stored_status is RUNNING for child in node.attached)
     return node.kind in (NodeKind.ACTION, NodeKind.CONDITION) and not below
+
+
+def trace_failure(root: TreeNode) -> FailureTrace:
+    """Why ``root`` has failed in its last tick."""
+    steps: list[FailureStep] = []
+    node: TreeNode | None = root
+    while node is not None:
+        if node.decided_by is not None:
+            steps.append(FailureStep(node.path, f'{node.id}: {node.decided_by}'))
+            break
+        steps.append(FailureStep(node.path, node.failure_reason()))
+        node = node.failure_cause()
+    return FailureTrace(tuple(reversed(steps)))
+
+
+def trace_error(nodes: tuple[TreeNode, ...], uid: int, reason: str) -> FailureTrace:
+    """Return the way from the node ``uid``, which has raised for ``reason``, up to the root of the tree of these
+    nodes."""
+    parents = {child.uid: (node, place) for node in nodes for place, child in enumerate(node.attached, 1)}
+    steps = [FailureStep(nodes[uid - 1].path, reason)]
+    above = parents.get(uid)
+    while above is not None:
+        node, place = above
+        count = len(node.attached)
+        which = f'in child {place} of {count}' if count > 1 else 'in the child'
+        steps.append(FailureStep(node.path, f'{node.id}: {which}'))
+        above = parents.get(node.uid)
+    return FailureTrace(tuple(steps))
 
 
 # Room for the nested calls by which a deep tree is ticked.

@@ -11,9 +11,8 @@ from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefin
 from flexbt_core.behavior_tree.model.errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
 from flexbt_core.behavior_tree.model.ports import STRING, PortDirection, PortValue, is_fixed, pointer_key
 
-from .conditions import Conditions
 from .context import TreeContext
-from .node import NodeConfig, TreeNode, node_path
+from .node import Conditions, NodeConfig, TreeNode, node_path
 from .parents import ControlNode, DecoratorNode
 
 Substitute = Callable[[NodeDefinition, str], NodeDefinition]

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from flexbt_core.values.text import truncate_middle
 
@@ -172,33 +172,6 @@ def _text_of(cause: BaseException | str) -> str:
 MOST_LINES: Final = 100
 
 
-class TracedNode(Protocol):
-    """The part of a node that a trace reads."""
-
-    @property
-    def id(self) -> str: ...
-
-    @property
-    def uid(self) -> int: ...
-
-    @property
-    def path(self) -> str: ...
-
-    @property
-    def attached(self) -> Sequence[Any]:
-        """The children, which are such nodes, too."""
-
-    @property
-    def decided_by(self) -> object:
-        """Object that decided the last result in place of the tick; its text describes it. None: the tick itself."""
-
-    def failure_cause(self) -> Any:
-        """Return the child because of which the node failed just now; None when it failed by itself."""
-
-    def failure_reason(self) -> str:
-        """Why the node failed just now."""
-
-
 class FailureStep(NamedTuple):
     """The path of a node, and its part in what happened."""
 
@@ -239,34 +212,6 @@ class FailureTrace(NamedTuple):
         tail = most - head - 1
         between = f'({len(steps) - head - tail} nodes in between)'
         return [*map(str, steps[:head]), between, *map(str, steps[len(steps) - tail :])]
-
-
-def trace_failure(root: TracedNode) -> FailureTrace:
-    """Why ``root`` has failed in its last tick."""
-    steps: list[FailureStep] = []
-    node: TracedNode | None = root
-    while node is not None:
-        if node.decided_by is not None:
-            steps.append(FailureStep(node.path, f'{node.id}: {node.decided_by}'))
-            break
-        steps.append(FailureStep(node.path, node.failure_reason()))
-        node = node.failure_cause()
-    return FailureTrace(tuple(reversed(steps)))
-
-
-def trace_error(nodes: Sequence[TracedNode], uid: int, reason: str) -> FailureTrace:
-    """Return the way from the node ``uid``, which has raised for ``reason``, up to the root of the tree of these
-    nodes."""
-    parents = {child.uid: (node, place) for node in nodes for place, child in enumerate(node.attached, 1)}
-    steps = [FailureStep(nodes[uid - 1].path, reason)]
-    above = parents.get(uid)
-    while above is not None:
-        node, place = above
-        count = len(node.attached)
-        which = f'in child {place} of {count}' if count > 1 else 'in the child'
-        steps.append(FailureStep(node.path, f'{node.id}: {which}'))
-        above = parents.get(node.uid)
-    return FailureTrace(tuple(steps))
 
 
 # The text that definitions were read from, and where in it something is wrong.

@@ -124,15 +124,8 @@ class Watched:
         self.log: list[int] = []
         self.changes: list[tuple[str, NodeStatus]] = []
         self.expansions = 0
-        self.tree = Tree(
-            library,
-            'Main',
-            blackboard=self.board,
-            clock=self.clock,
-            services=library,
-            observers=[StatusLog(self.log)],
-            on_expanded=self._expanded,
-        )
+        self.tree = Tree(library, 'Main', blackboard=self.board, clock=self.clock, services=library)
+        self.tree.observe(StatusLog(self.log), on_expanded=self._expanded)
         self._read_by()
 
     def _read_by(self) -> None:

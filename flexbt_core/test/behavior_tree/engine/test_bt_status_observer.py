@@ -30,10 +30,10 @@ def transition(uid: int, before: int, after: int) -> tuple[int, int, int]:
 Heard = list[tuple[int, NodeStatus, NodeStatus]]
 
 
-def on_board(body: str, **options: Any) -> Tree:
+def on_board(body: str) -> Tree:
     board = Blackboard()
     board.set('n', 1)
-    return make(body, blackboard=board, max_rounds=50, **options)
+    return make(body, blackboard=board, max_rounds=50)
 
 
 def lives(seeds: range, watch: Callable[[str], tuple[Tree, Callable[[], Heard]]]) -> list[Heard]:
@@ -61,7 +61,8 @@ def observed(body: str) -> tuple[Tree, Callable[[], Heard]]:
 
 def recorded(body: str) -> tuple[Tree, Callable[[], Heard]]:
     log: list[int] = []
-    tree = on_board(body, observers=[StatusLog(log)])
+    tree = on_board(body)
+    tree.observe(StatusLog(log))
     reader = LogReader(tree.nodes, transition)
     return tree, lambda: [(uid, NodeStatus(one), NodeStatus(other)) for uid, one, other in reader.read(log)]
 
@@ -123,7 +124,8 @@ def test_a_node_is_running_at_its_completion_as_its_class_declares() -> None:
             checked.add(declared)
 
     for seed in range(100):
-        tree = on_board(random_body(seed), observers=[check])
+        tree = on_board(random_body(seed))
+        tree.observe(check)
         for node in tree.nodes:
             tree.callbacks.set_pre_tick(node, begin)
         for step in range(25):
@@ -154,7 +156,8 @@ def test_a_tree_can_be_recorded_and_observed_from_any_time_on(make_case: Callabl
 def test_a_tree_in_which_nothing_changes_logs_nothing() -> None:
     body = '<Parallel><Sequence><Inverter><Forever/></Inverter></Sequence><Fallback><Forever/></Fallback></Parallel>'
     log: list[int] = []
-    tree = make(body.replace('<Forever/>', '<Sleep msec="1000000"/>'), observers=[StatusLog(log)])
+    tree = make(body.replace('<Forever/>', '<Sleep msec="1000000"/>'))
+    tree.observe(StatusLog(log))
     assert tree.tick_once() is RUNNING
     assert len(log) == len(tree.nodes)
     for _ in range(5):
@@ -192,7 +195,8 @@ def test_nodes_whose_source_is_not_to_be_had_are_watched_as_well() -> None:
         names,
     )
     log: list[int] = []
-    tree = make('<Inverter><Made/></Inverter>', more=(names['Made'],), observers=[StatusLog(log)])
+    tree = make('<Inverter><Made/></Inverter>', more=(names['Made'],))
+    tree.observe(StatusLog(log))
     reader = LogReader(tree.nodes, transition)
     assert tree.tick_once() is FAILURE
     assert [(uid, after) for uid, _, after in reader.read(log)] == [

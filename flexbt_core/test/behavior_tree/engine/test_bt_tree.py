@@ -477,7 +477,8 @@ def test_an_observer_hears_every_transition_and_can_come_and_go() -> None:
 def test_two_trees_of_one_library_are_apart() -> None:
     shared = library('<Work name="a"/>')
     heard: list[TreeNode] = []
-    first = Tree(shared, 'Main', services={}, observers=[lambda node, before, after: heard.append(node)])
+    first = Tree(shared, 'Main', services={})
+    first.observe(lambda node, before, after: heard.append(node))
     second = Tree(shared, 'Main', services={'a': [SUCCESS]})
     assert second.tick_once() is SUCCESS
     assert heard == []
