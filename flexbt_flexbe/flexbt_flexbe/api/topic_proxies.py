@@ -7,7 +7,6 @@ from __future__ import annotations
 import contextvars
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -24,34 +23,27 @@ from flexbt_onboard.behaviors.run_context import RunContext, current_run
 from .run_proxy import Listeners, RunProxy, callable_on_class, message_class
 
 
-@dataclass(frozen=True)
-class _Topic:
-    message_class: type[Any]
-    publisher: Publisher
-
-
 class _RunPublishers:
     """The publishers of a run, which all its proxies share, as in FlexBE."""
 
     def __init__(self, run: RunContext) -> None:
         self._runtime = run.services.runtime
-        self.topics: dict[str, _Topic] = {}
+        self.topics: dict[str, Publisher] = {}
         run.at_end(self._close)
 
     def create(self, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
         known = self.topics.get(topic)
         if known is None:
-            publisher = self._runtime.call(lambda: self._runtime.node.create_publisher(message, topic, qos))
-            self.topics[topic] = _Topic(message, publisher)
-        elif known.message_class is not message:
-            raise ProxyError(
-                f'topic {topic!r} is published as {known.message_class.__name__} already, not as {message.__name__}'
-            )
+            node = self._runtime.node
+            self.topics[topic] = self._runtime.call(lambda: node.create_publisher(message, topic, qos))
+        elif known.msg_type is not message:
+            used = known.msg_type.__name__
+            raise ProxyError(f'topic {topic!r} is published as {used} already, not as {message.__name__}')
 
     def _close(self) -> None:
         topics, self.topics = self.topics, {}
-        for topic in topics.values():
-            self._runtime.post(partial(self._runtime.node.destroy_publisher, topic.publisher))
+        for publisher in topics.values():
+            self._runtime.post(partial(self._runtime.node.destroy_publisher, publisher))
 
 
 @callable_on_class
@@ -95,20 +87,20 @@ class ProxyPublisher(RunProxy):
         Raises:
             ProxyError: the run does not publish on the topic, or the message is of another type.
         """
-        known = self._topic(topic)
-        if not isinstance(msg, known.message_class):
-            raise ProxyError(f'topic {topic!r}: a message is a {known.message_class.__name__}, not {short_repr(msg)}')
-        known.publisher.publish(msg)
+        publisher = self._topic(topic)
+        if not isinstance(msg, publisher.msg_type):
+            raise ProxyError(f'topic {topic!r}: a message is a {publisher.msg_type.__name__}, not {short_repr(msg)}')
+        publisher.publish(msg)
 
     def number_of_subscribers(self, topic: str) -> int:
         """Return how many subscriptions match the publisher, as far as discovery knows."""
-        return int(self._topic(topic).publisher.get_subscription_count())
+        return int(self._topic(topic).get_subscription_count())
 
     def wait_for_any(self, topic: str, timeout: float = 5.0) -> bool:
         """Return whether there is a subscriber now; ``timeout`` is not waited for."""
         return self.number_of_subscribers(topic) > 0
 
-    def _topic(self, topic: str) -> _Topic:
+    def _topic(self, topic: str) -> Publisher:
         known = self._publishers.topics.get(topic)
         if known is None:
             raise ProxyError(f'nothing is published on topic {topic!r}; call createPublisher first')

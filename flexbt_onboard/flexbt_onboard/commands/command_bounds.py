@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final
+from collections.abc import Mapping
+from typing import Final
 
 from flexbt_msgs.msg import ExecutiveCommand
 
@@ -38,26 +38,17 @@ messages (:mod:`flexbt_common.values.limits`)."""
 
 def excess_of_command(command: ExecutiveCommand) -> str:
     """Return what of a command is too large; '' for nothing."""
-    return next(_excesses_of_command(command), '')
-
-
-def _excesses_of_command(command: ExecutiveCommand) -> Iterator[str]:
-    yield from _too_long(command, COMMAND_LENGTHS)
-    yield from _too_many('arguments', command.arguments, ARGUMENTS)
-    for argument in command.arguments:
-        yield from _too_long(argument, ARGUMENT_LENGTHS, 'arguments: ')
-    yield from _too_many('inputs', command.inputs, INPUTS)
-    for entry in command.inputs:
-        yield from _too_long(entry, INPUT_LENGTHS, 'inputs: ')
-
-
-def _too_long(message: Any, lengths: Mapping[str, int], where: str = '') -> Iterator[str]:
-    for field, limit in lengths.items():
-        if (length := len(getattr(message, field))) > limit:
-            unit = 'bytes' if field == 'data' else 'characters'
-            yield f'{where}{field} has at most {limit} {unit}, not {length}'
-
-
-def _too_many(what: str, entries: Iterable[Any], limit: int) -> Iterator[str]:
-    if (count := len(list(entries))) > limit:
-        yield f'{what} has at most {limit} entries, not {count}'
+    for name, limit in (('arguments', ARGUMENTS), ('inputs', INPUTS)):
+        if (count := len(getattr(command, name))) > limit:
+            return f'{name} has at most {limit} entries, not {count}'
+    parts = [
+        (command, COMMAND_LENGTHS, ''),
+        *((argument, ARGUMENT_LENGTHS, 'arguments: ') for argument in command.arguments),
+        *((entry, INPUT_LENGTHS, 'inputs: ') for entry in command.inputs),
+    ]
+    for message, lengths, where in parts:
+        for field, limit in lengths.items():
+            if (length := len(getattr(message, field))) > limit:
+                unit = 'bytes' if field == 'data' else 'characters'
+                return f'{where}{field} has at most {limit} {unit}, not {length}'
+    return ''

@@ -7,8 +7,6 @@ import itertools
 from dataclasses import dataclass
 from typing import Any, Final
 
-from builtin_interfaces.msg import Time
-
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime.node_runtime import Runtime
@@ -34,12 +32,7 @@ SUBJECT_BYTES: Final = 128_000
 
 @dataclass
 class _InputRequest:
-    id: str
-    prompt: str
-    type: str
-    choices: list[str]
-    asker: str
-    since: Time
+    decision: PendingDecision
     goal: ServedGoal
     subject: DecisionSubject | None
 
@@ -70,20 +63,7 @@ class InputRequests:
 
     def decisions(self) -> list[PendingDecision]:
         """Return the open requests, oldest first."""
-        return [
-            PendingDecision(
-                id=request.id,
-                kind=PendingDecision.INPUT,
-                path=request.asker,
-                required_autonomy=-1,
-                prompt=request.prompt,
-                input_type=request.type,
-                input_choices=request.choices,
-                since=request.since,
-                **subject_fields(request.subject),
-            )
-            for request in self._open.values()
-        ]
+        return [request.decision for request in self._open.values()]
 
     def subjects(self) -> list[DecisionSubject]:
         """Return what the open requests are about."""
@@ -100,7 +80,7 @@ class InputRequests:
             CommandRefusedError: the request does not exist, or the value does not fit.
         """
         request = self._find(request_id)
-        checked = _checked_answer(request, value)
+        checked = _checked_answer(request.decision, value)
         self._close(request, OperatorInput.Result.SUCCESS, '', operator_id, checked)
 
     def decline(self, request_id: str, operator_id: str, reason: str) -> None:
@@ -133,7 +113,7 @@ class InputRequests:
         operator_id: str = '',
         value: BlackboardEntry | None = None,
     ) -> None:
-        del self._open[request.id]
+        del self._open[request.decision.id]
         result = OperatorInput.Result(
             code=code, message=message, operator_id=operator_id, value=value or BlackboardEntry()
         )
@@ -143,7 +123,7 @@ class InputRequests:
             request.goal.canceled(result)
         else:
             request.goal.abort(result)
-        self._report.event('decided', run=self._report.run_id, decision=request.id)
+        self._report.event('decided', run=self._report.run_id, decision=request.decision.id)
         self._status.changed()
 
     def _ask(self, goal: ServedGoal) -> None:
@@ -158,27 +138,28 @@ class InputRequests:
         except FlexbtError as error:
             goal.abort(_refused(str(error)))
             return
-        request = _InputRequest(
+        decision = PendingDecision(
             id=id,
+            kind=PendingDecision.INPUT,
+            path=wanted.asker,
+            required_autonomy=-1,
             prompt=wanted.prompt,
-            type=type,
-            choices=list(wanted.choices),
-            asker=wanted.asker,
+            input_type=type,
+            input_choices=wanted.choices,
             since=self._runtime.clock.stamp(),
-            goal=goal,
-            subject=subject,
+            **subject_fields(subject),
         )
-        self._open[request.id] = request
+        self._open[id] = _InputRequest(decision, goal, subject)
         self._report.event(
             'waiting',
             run=self._report.run_id,
-            decision=request.id,
-            path=request.asker,
+            decision=id,
+            path=wanted.asker,
             kind='input',
             outcome='',
             outcomes=[],
             required=-1,
-            prompt=request.prompt,
+            prompt=wanted.prompt,
         )
         self._status.changed()
         goal.publish_feedback(OperatorInput.Feedback(shown=True))
@@ -210,15 +191,16 @@ def _checked_subject(id: str, given: DecisionSubject) -> DecisionSubject | None:
     return given if given.entries or given.notes else None
 
 
-def _checked_answer(request: _InputRequest, answer: BlackboardEntry) -> BlackboardEntry:
+def _checked_answer(asked: PendingDecision, answer: BlackboardEntry) -> BlackboardEntry:
+    wanted, choices = asked.input_type, asked.input_choices
     try:
-        given = resolve_type(answer.type).name if answer.type else request.type
-        if given != request.type:
-            raise CommandRefusedError(f'the request asks for a {request.type}, not for a {given}')
-        value = from_entry(BlackboardEntry(type=request.type, text=answer.text, data=answer.data))
-        if request.choices and value not in [text_to_value(text, request.type) for text in request.choices]:
-            raise CommandRefusedError(f'{answer.text!r} is none of the choices: {", ".join(request.choices)}')
-        return to_entry('', value, request.type)
+        given = resolve_type(answer.type).name if answer.type else wanted
+        if given != wanted:
+            raise CommandRefusedError(f'the request asks for a {wanted}, not for a {given}')
+        value = from_entry(BlackboardEntry(type=wanted, text=answer.text, data=answer.data))
+        if choices and value not in [text_to_value(text, wanted) for text in choices]:
+            raise CommandRefusedError(f'{answer.text!r} is none of the choices: {", ".join(choices)}')
+        return to_entry('', value, wanted)
     except CommandRefusedError:
         raise
     except FlexbtError as error:

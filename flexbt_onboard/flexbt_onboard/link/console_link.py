@@ -69,8 +69,7 @@ class ConsoleLink:
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.transient_local_qos(names.LOG_DEPTH))
         # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
         self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.best_effort_qos())
-        self._ping_rates = SenderRates(PING_RATE, PING_BURST, runtime.steady.now)
-        self._pings = ReceivedMessages(
+        ReceivedMessages(
             node,
             Header,
             names.EXECUTIVE_PING,
@@ -78,12 +77,10 @@ class ConsoleLink:
             self._on_ping,
             PING_BYTES,
             on_ignored=functools.partial(self.log, ExecutiveLog.WARN),
+            rates=SenderRates(PING_RATE, PING_BURST, runtime.steady.now),
         )
 
     def _on_ping(self, ping: Received) -> None:
-        if not self._ping_rates.allows(ping.process):
-            self._pings.blame(ping)
-            return
         try:
             self._echo.publish(ping.unpack(Header))
         except ValueError as error:

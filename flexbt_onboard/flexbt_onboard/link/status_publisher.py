@@ -10,6 +10,7 @@ from rclpy.clock import Clock, ClockType
 
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
+from flexbt_core.clock.rates import TokenBucket
 
 MAXIMUM_RATE: Final = 20.0
 """Maximum average rate of messages, 1/s."""
@@ -30,8 +31,7 @@ class StatusPublisher:
         self._lock = threading.Lock()
         self._is_due = False
         self._delay: Timer | None = None
-        self._credit = float(BURST)
-        self._credit_time = runtime.steady.now()
+        self._allowance = TokenBucket(MAXIMUM_RATE, BURST, runtime.steady.now)
         # Wall time: the heartbeat goes on while simulated time stands still or has not begun.
         self._heartbeat = runtime.node.create_timer(
             period, self._send_now, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -57,7 +57,7 @@ class StatusPublisher:
     def _send_when_allowed(self) -> None:
         if not self._is_due:
             return
-        wait = (1.0 - self._refilled()) / MAXIMUM_RATE
+        wait = (1.0 - self._allowance.left) / MAXIMUM_RATE
         if wait <= 0.0:
             self._send_now()
         elif self._delay is None:
@@ -73,12 +73,6 @@ class StatusPublisher:
             self._delay = None
         with self._lock:
             self._is_due = False  # before sending: what changes from here on is another message
-        self._credit = max(0.0, self._refilled() - 1.0)
+        self._allowance.take(min(1.0, self._allowance.left))
         self._heartbeat.reset()
         self.send()
-
-    def _refilled(self) -> float:
-        now = self._runtime.steady.now()
-        self._credit = min(float(BURST), self._credit + (now - self._credit_time) * MAXIMUM_RATE)
-        self._credit_time = now
-        return self._credit
