@@ -26,6 +26,7 @@ GENERATED: Final = (
     'make_bt_nodes.py',
     'make_commands.py',
     'make_console.py',
+    'make_llms.py',
     'make_parameters.py',
     'make_states.py',
     'make_world_files.py',

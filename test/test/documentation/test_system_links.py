@@ -114,10 +114,13 @@ def test_what_is_included_exists_and_its_links_lead_to_pages_of_the_site_as_well
                 assert is_moved or (page.parent / path).exists(), f'{name}: {link}: there is no {page.parent / path}'
 
 
-def test_the_page_of_the_architecture_is_what_its_program_writes(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / 'make_architecture.py', tmp_path / 'page.md'], check=True)
-    page = (ROOT / 'docs' / 'explanation' / 'architecture.md').read_text(encoding='utf-8')
-    assert page == (tmp_path / 'page.md').read_text(encoding='utf-8'), 'run docs/tools/make_architecture.py'
+@pytest.mark.parametrize(
+    ('program', 'page'), [('make_architecture.py', 'docs/explanation/architecture.md'), ('make_llms.py', 'llms.txt')]
+)
+def test_a_generated_page_is_what_its_program_writes(tmp_path: Path, program: str, page: str) -> None:
+    subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / program, tmp_path / 'page.md'], check=True)
+    written = (tmp_path / 'page.md').read_text(encoding='utf-8')
+    assert (ROOT / page).read_text(encoding='utf-8') == written, f'run docs/tools/{program}'
 
 
 def test_sentences_are_short_and_no_table_cell_holds_a_paragraph() -> None:
