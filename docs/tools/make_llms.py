@@ -21,7 +21,8 @@ HEAD: Final = """\
 # FlexBT
 
 > Supervised robot missions on ROS 2: behavior trees (XML of BehaviorTree.CPP and Nav2) below a hierarchical state
-> machine (FlexBE's), with an operator console. Trees and machines are checked, run with mocks and proved without a robot.
+> machine (FlexBE's), with an operator console. Trees and machines are checked, run with mocks and proved without a
+> robot.
 
 Before you write a tree or a behavior, read "The nodes of a behavior tree" and "The states". After each change run
 `bt_tool check FILE.xml` or `behavior_tool check NAME` (`--json` for programs), and `bt_tool run FILE.xml`.
