@@ -3,22 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final
 
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
 from flexbt_core.behavior_tree.engine.parents import DecoratorNode
+from flexbt_core.behavior_tree.model.definition import RunnableScript
 from flexbt_core.behavior_tree.model.errors import ScriptError
 from flexbt_core.behavior_tree.model.outcomes import Example, OneOf
 from flexbt_core.behavior_tree.model.ports import NODE_STATUS, STRING, input_port
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, SKIPPED, SUCCESS, NodeKind, NodeStatus
 from flexbt_core.behavior_tree.script.interpreter import CONDITION, SCRIPT
-
-
-class _Runnable(Protocol):
-    @property
-    def run(self) -> Callable[[], bool | None]: ...
 
 
 class _PointedScript:
@@ -46,13 +41,13 @@ class _PointedScript:
         return self._bound.run()
 
 
-def _script_of(node: TreeNode, config: NodeConfig, port: str) -> _Runnable:
+def _script_of(node: TreeNode, config: NodeConfig, port: str) -> RunnableScript:
     """Return the script that a port holds, whose literals are of type SCRIPT or CONDITION."""
     given = config.values[port]
     condition = node.ports[port].literal is CONDITION
     if given.key is not None:
         return _PointedScript(node, port, condition)
-    bound: _Runnable = given.literal.bind(config.blackboard, condition=condition)
+    bound: RunnableScript = given.literal.bind(config.blackboard, condition=condition)
     return bound
 
 

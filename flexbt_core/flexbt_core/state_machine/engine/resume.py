@@ -4,9 +4,9 @@ run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from typing import Any, Final, get_args, get_origin, get_type_hints
 
 from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
 from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
@@ -64,12 +64,12 @@ class RunPosition:
         Raises:
             StateMachineError: that is not a position; the text says what is missing, left over, or of another type.
         """
-        names = {field.name for field in fields(cls)}
-        if plain.keys() != names:
-            wrong = ', '.join(sorted(map(str, plain.keys() ^ names)))
+        kinds = get_type_hints(cls)
+        if plain.keys() != kinds.keys():
+            wrong = ', '.join(sorted(map(str, plain.keys() ^ kinds.keys())))
             raise StateMachineError(f'this is no position of a run: missing or left over: {wrong}')
         for name, value in plain.items():
-            if not _CHECKS[name](value):
+            if not _is_of(value, kinds[name]) or (name == 'decision_count' and value < 0):
                 raise StateMachineError(f'this is no position of a run: {name} cannot be {short_repr(value)}')
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()
@@ -83,39 +83,14 @@ def _plain(value: Any) -> Any:
     return dict(value) if isinstance(value, Mapping) else value
 
 
-def _texts(value: Any) -> bool:
-    return isinstance(value, list | tuple) and all(isinstance(one, str) for one in value)
-
-
-def _text_by_path(value: Any) -> bool:
-    return isinstance(value, Mapping) and _texts([*value.keys(), *value.values()])
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-_CHECKS: dict[str, Callable[[Any], bool]] = {
-    'active': _texts,
-    'coming': _texts,
-    'wanted': _text_by_path,
-    'approved': _texts,
-    'leaving': _text_by_path,
-    'ended': _text_by_path,
-    'userdata': lambda value: (
-        isinstance(value, Mapping)
-        and _texts([*value.keys()])
-        and all(isinstance(one, Mapping) and _texts([*one.keys()]) for one in value.values())
-    ),
-    'levels': lambda value: (
-        isinstance(value, Mapping) and _texts([*value.keys()]) and all(map(_is_number, value.values()))
-    ),
-    'locked': _texts,
-    'breakpoints': _texts,
-    'is_paused': lambda value: isinstance(value, bool),
-    'decisions': lambda value: isinstance(value, list | tuple) and all(map(_text_by_path, value)),
-    'decision_count': lambda value: _is_number(value) and value >= 0,
-}
+def _is_of(value: Any, kind: Any) -> bool:
+    """Return whether plain data is of the type of a field: a text, a number, or a list or mapping of such."""
+    of = get_args(kind)
+    if get_origin(kind) is tuple:
+        return isinstance(value, list | tuple) and all(_is_of(one, of[0]) for one in value)
+    if get_origin(kind) is Mapping:
+        return isinstance(value, Mapping) and all(_is_of(one, of[0]) and _is_of(value[one], of[1]) for one in value)
+    return kind is Any or (isinstance(value, kind) and isinstance(value, bool) is (kind is bool))
 
 
 # Taking the position of a run, and going on there in another one.
