@@ -14,6 +14,7 @@ from flexbt_core.values.text import escape_lines
 from flexbt_formal.proofs.counterexamples import draw_diagram
 from flexbt_formal.proofs.sequence_picture import Arrow, Note, SequenceDiagram
 from flexbt_formal.requests.synthesis import (
+    MAX_BYTES,
     StateInterfaces,
     SynthesisFiles,
     explanation_lines,
@@ -33,7 +34,7 @@ from flexbt_formal.synthesis.translation import Liveness, Options
 from flexbt_onboard.behaviors.machine_behavior import state_modules
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
-from flexbt_tools.files import write_text_file
+from flexbt_tools.files import read_text_file, write_text_file
 
 _DEFAULT_LIMIT = 60.0
 _FORMS = ('yaml', 'python', 'flexbe')
@@ -110,7 +111,8 @@ def _answered(options: argparse.Namespace) -> ExitCode:
         name=request.name or Path(options.file or options.spec or '').stem,
     )
     how = Options(Liveness(options.liveness), _retries(options.retries), options.pending, options.parsed)
-    files = SynthesisFiles(options.file, options.mappings, options.spec)
+    capabilities = (read_text_file(options.file, MAX_BYTES), options.file) if options.file else None
+    files = SynthesisFiles(capabilities, options.mappings, options.spec)
     problem = read_problem(files, request, interfaces, how)
     if options.specification:
         print('\n'.join(as_structured_slugs(problem.specification)))
@@ -178,7 +180,7 @@ def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explan
         print(line)
     if options.step and explanation.play is not None:
         print()
-        step_through(explanation.play, answer.problem, input, print)
+        step_through(explanation.play, answer.problem)
     return ExitCode.NEGATIVE
 
 

@@ -78,9 +78,8 @@ def searched(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
 def _answered(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
     directories = [Path(one).expanduser() for one in asked['directories']]
     files = SynthesisFiles(
-        None,
+        _capabilities(asked, directories),
         specification=str(_file(asked['specification'], directories)) if asked['specification'] else None,
-        text=_capabilities(asked, directories),
     )
     request = MachineRequest(
         initial_conditions=tuple(asked['initial_conditions']),

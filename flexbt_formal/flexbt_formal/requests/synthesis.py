@@ -38,15 +38,12 @@ T = TypeVar('T')
 
 @dataclass(frozen=True, slots=True)
 class SynthesisFiles:
-    """Names of files: capabilities, mappings (later ones count where several have an entry), specification.
+    """The text of capabilities and how it is called, and names of files: of mappings (later ones count where several
+    have an entry), and of a specification."""
 
-    ``text`` are capabilities that are at hand, and how they are called; in place of a file of them.
-    """
-
-    capabilities: str | None
+    capabilities: tuple[str, str] | None
     mappings: Sequence[str] = ()
     specification: str | None = None
-    text: tuple[str, str] | None = None
 
 
 def read_problem(
@@ -59,16 +56,11 @@ def read_problem(
         UsageError: a file cannot be read, or there is none.
     """
     given = None if files.specification is None else read(files.specification, read_specification)
-    if files.capabilities is None and files.text is None:
+    if files.capabilities is None:
         if given is None:
             raise UsageError('name a capability file, or a whole specification by --spec')
         return hand_written(given, request)
-    mappings = _mappings(files.mappings)
-    capabilities = (
-        read(files.capabilities, lambda text, source: read_capabilities(text, source, mappings))
-        if files.capabilities is not None
-        else read_capabilities(*(files.text or ('', '')), mappings)
-    )
+    capabilities = read_capabilities(*files.capabilities, _mappings(files.mappings))
     if given is not None and is_whole(given, capabilities):
         return hand_written(given, request, capabilities, interfaces)
     return translated(capabilities, interfaces, request, given, options)
@@ -185,25 +177,23 @@ def happening(step: PlayStep) -> str:
     return f'{step.doing} goes on' if step.doing.partition(' ')[0] not in ('nothing', 'the') else 'at the start'
 
 
-def step_through(
-    play: CounterPlay, problem: SynthesisProblem, ask: Callable[[str], str], tell: Callable[[str], None]
-) -> None:
-    """Let the user play the machine against a world that prevents the goal. ``ask`` raises EOFError at the end."""
-    tell('You are the machine; the world prevents the goal. Type the number of an answer, or q.')
+def step_through(play: CounterPlay, problem: SynthesisProblem) -> None:
+    """Let the user play the machine against a world that prevents the goal, on the terminal."""
+    print('You are the machine; the world prevents the goal. Type the number of an answer, or q.')
     if play.state is None and len(play.answers) == 1:
         play.answer(0)
     while True:
-        tell(f'\n{state_text(play.state, problem)}: {world_text(play, problem)}')
+        print(f'\n{state_text(play.state, problem)}: {world_text(play, problem)}')
         if not play.answers:
-            tell('Nothing is allowed now:')
+            print('Nothing is allowed now:')
             for one in play.why_none():
-                tell(f'  - {one}')
+                print(f'  - {one}')
             return
         for number, choice in enumerate(answers_text(play, problem), 1):
-            tell(f'  {number}. {choice}')
+            print(f'  {number}. {choice}')
         while True:
             try:
-                word = ask(f'1-{len(play.answers)}, q> ').strip().lower()
+                word = input(f'1-{len(play.answers)}, q> ').strip().lower()
             except EOFError:
                 return
             if word in ('q', 'quit', 'exit'):
@@ -211,7 +201,7 @@ def step_through(
             if word.isascii() and word.isdigit() and len(word) < 5 and 1 <= int(word) <= len(play.answers):
                 play.answer(int(word) - 1)
                 break
-            tell(f'  there is no answer {short_repr(word)}')
+            print(f'  there is no answer {short_repr(word)}')
 
 
 # Machines as messages of FlexBE, where the package ``flexbe_msgs`` is installed.

@@ -89,23 +89,9 @@ _GRAMMAR: Final = Grammar(
     deepest=150,
 )
 _ESCAPES: Final = {'n': '\n', 't': '\t', 'r': '\r', 'b': '\b', 'f': '\f', '0': '\0'}
-_FUNCTIONS: Final = {
-    'abs': 1,
-    'ceil': 1,
-    'cos': 1,
-    'exp': 1,
-    'floor': 1,
-    'log': 1,
-    'max': 0,
-    'min': 0,
-    'pow': 2,
-    'random': -1,
-    'round': 1,
-    'sin': 1,
-    'sqrt': 1,
-    'tan': 1,
-    'trunc': 1,
-}
+_REAL: Final = ('cos', 'exp', 'log', 'sin', 'sqrt', 'tan')
+_WHOLE: Final = ('ceil', 'floor', 'trunc')
+_FUNCTIONS: Final = dict.fromkeys((*_REAL, *_WHOLE, 'abs', 'round'), 1) | {'max': 0, 'min': 0, 'pow': 2, 'random': -1}
 """Functions of ``Math`` with their number of operands; 0: one or more; -1: none."""
 
 
@@ -216,23 +202,9 @@ def _same(left: Any, right: Any) -> bool:
     return bool(left == right)
 
 
-_SCOPE: Final[dict[str, Any]] = {
-    '__builtins__': {},
-    'Record': Record,
-    'abs': abs,
-    'bool': bool,
-    'element': element,
-    'element_or_0': _element_or_0,
-    'int': int,
-    'length': length,
-    'math': math,
-    'max': max,
-    'member': member,
-    'min': min,
-    'power': _power,
-    'remainder': _remainder,
-    'same': _same,
-}
+_CALLED: Final = (Record, abs, bool, element, _element_or_0, int, length, max, member, min, _power, _remainder, _same)
+_SCOPE: Final[dict[str, Any]] = {'__builtins__': {}, 'math': math}
+_SCOPE.update((function.__name__.removeprefix('_'), function) for function in _CALLED)
 _BINARY: Final = {
     '||': '({} or {})',
     '&&': '({} and {})',
@@ -253,8 +225,8 @@ _UNARY: Final = {
     'abs': 'abs({})',
     'below by lot': 'b[1].below({})',
     'round': 'int(math.floor({} + 0.5))',
-    **{name: f'int(math.{name}({{}}))' for name in ('floor', 'ceil', 'trunc')},
-    **{name: f'math.{name}({{}})' for name in ('cos', 'exp', 'log', 'sin', 'sqrt', 'tan')},
+    **{name: f'int(math.{name}({{}}))' for name in _WHOLE},
+    **{name: f'math.{name}({{}})' for name in _REAL},
 }
 
 

@@ -152,7 +152,7 @@ class _Building:
         return _Place(tuple(self._part(name, node) for name in self._words.active_in(node.values)))
 
     def _part(self, name: str, node: StrategyNode) -> MachinePart:
-        capability, interface = self._problem.capabilities[name], self._problem.interfaces[name]
+        capability, interface = self._problem.file.capabilities[name], self._problem.interfaces[name]
         reads, writes = capability.userdata_in, capability.userdata_out
         return MachinePart(
             name,
@@ -191,7 +191,7 @@ class _Building:
         """Return a parameter; ``@variable`` is what the strategy has chosen."""
         if isinstance(value, str) and value.startswith('@') and value[1:] in values:
             number = values[value[1:]]
-            return self._problem.labels.get(value[1:], {}).get(number, number)
+            return self._problem.file.labels.get(value[1:], {}).get(number, number)
         return value
 
     def _output(self, place: _Place) -> Hashable:
@@ -373,7 +373,7 @@ class _Building:
         values = self._nodes[self._strategy.start[0]].values
         outputs = {name.name for name in self._problem.specification.names(inputs=False)}
         notes = []
-        for name, labels in self._problem.labels.items():
+        for name, labels in self._problem.file.labels.items():
             if name not in outputs or self._words.is_own(name):
                 continue
             others = [_valuation(values | {name: number}) for number in labels if number != values[name]]
@@ -383,7 +383,7 @@ class _Building:
         return notes
 
     def _autonomy(self, capability: str, outcome: str) -> int:
-        one = self._problem.capabilities[capability]
+        one = self._problem.file.capabilities[capability]
         return one.autonomy.get(outcome, one.default_autonomy)
 
     def _asking(self, begins: list[int], of_block: Mapping[int, list[int]], names: Mapping[int, str]) -> MachineState:

@@ -10,7 +10,7 @@ may be active at once whose resources are known.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import combinations
@@ -23,7 +23,6 @@ from .capabilities import (
     Capability,
     CapabilityFile,
     Interfaces,
-    Mappings,
     StateInterface,
     UnknownParameterError,
     concurrent_pairs,
@@ -152,9 +151,7 @@ class SynthesisProblem:
     specification: Specification
     vocabulary: Vocabulary
     interfaces: Mapping[str, StateInterface]
-    capabilities: Mapping[str, Capability]
-    mappings: Mappings
-    labels: Mapping[str, Mapping[int, str]]
+    file: CapabilityFile
     request: MachineRequest
     options: Options
     notes: tuple[str, ...] = ()
@@ -162,11 +159,11 @@ class SynthesisProblem:
     @property
     def hoped(self) -> str:
         """The normalized outcome that is hoped for."""
-        return self.mappings.transition_outcomes[0]
+        return self.file.mappings.transition_outcomes[0]
 
     def normalized(self, outcome: str) -> str:
         """Return what an outcome of a state counts as."""
-        return self.mappings.state_outcomes[outcome]
+        return self.file.mappings.state_outcomes[outcome]
 
     def formula(self, text: str) -> Formula:
         """Return a formula over the variables. Raises FormulaError."""
@@ -177,7 +174,7 @@ class SynthesisProblem:
         labels."""
         found = []
         for name, value in values.items():
-            label = self.labels.get(name, {}).get(value)
+            label = self.file.labels.get(name, {}).get(value)
             if label is not None:
                 found.append(f'{name}={label}')
             elif value and not self.vocabulary.is_own(name):
@@ -216,6 +213,7 @@ class Translation:
         self._notes: list[str] = []
         self._texts: list[tuple[Section, str, str | None, str, str]] = []  # text, origin, place, rule
         self._rule = ''
+        self._hoped = file.mappings.transition_outcomes[0]
         self._interfaces = self._found(interfaces)
         self._variables: dict[str, GameVariable] = {}
         self._setters: dict[str, list[str]] = {}
@@ -228,16 +226,10 @@ class Translation:
         self._begin()
         self._rules()
         self._objective()
-        for section, entries in self._given.formulas.items():
+        for section in self._given.formulas:
             if not section.value.endswith('_INIT'):
-                for text, line in entries:
-                    place = f'{self._given.source}:{line}'
-                    self._add(
-                        section,
-                        self._expanded(text, False),
-                        f"{section.value} '{truncate_middle(text)}' ({place})",
-                        place,
-                    )
+                for _, formula, origin, place in self._given_in(section):
+                    self._add(section, formula, origin, place)
         if not any(section is Section.SYS_LIVENESS for section, *_ in self._texts):
             self._problem(None, 'nothing is asked for: give a goal, or SYS_LIVENESS in a specification')
         live, last_resort, hopes = self._promises()
@@ -257,9 +249,7 @@ class Translation:
             specification,
             self._vocabulary,
             self._interfaces,
-            self._file.capabilities,
-            self._file.mappings,
-            self._file.labels,
+            self._file,
             self._request,
             self._options,
             tuple(self._notes),
@@ -433,29 +423,30 @@ class Translation:
 
     def _failing(self) -> list[str]:
         """Return the capabilities that have an outcome beside the one that is hoped for."""
-        hoped = self._file.mappings.transition_outcomes[0]
-        return [name for name, outcomes in self._vocabulary.outcomes.items() if set(outcomes) - {hoped}]
+        return [name for name, outcomes in self._vocabulary.outcomes.items() if set(outcomes) - {self._hoped}]
+
+    def _fails(self, name: str) -> str:
+        """Return the proposition that such a capability ends otherwise than is hoped for."""
+        words = self._vocabulary
+        return ' | '.join(words.arrives(name, one) for one in words.outcomes[name] if one != self._hoped)
 
     def _begin(self) -> None:
         """Add the initial conditions. A condition about a variable replaces its default; a request about one variable
         replaces what the specification says of that variable alone."""
-        asked: list[tuple[str, str, str]] = []
-        for text in self._request.initial_conditions:
-            asked.append(
-                (self._expanded(text, False), f"initial condition '{truncate_middle(text)}' (request)", 'request')
-            )
+        asked = [
+            (self._expanded(text, False), f"initial condition '{truncate_middle(text)}' (request)", 'request')
+            for text in self._request.initial_conditions
+        ]
         alone = {names[0] for text, _, _ in asked if len(names := list(self._names(text))) == 1}
         for section in (Section.ENV_INIT, Section.SYS_INIT):
-            for text, line in self._given.formulas.get(section, ()):
-                place = f'{self._given.source}:{line}'
-                formula = self._expanded(text, False)
+            for text, formula, origin, place in self._given_in(section):
                 if self._names(formula) <= alone and len(self._names(formula)) == 1:
                     if formula not in [one for one, _, _ in asked]:
                         self._notes.append(
                             f"{place}: the request says otherwise than '{truncate_middle(text)}'; the request counts"
                         )
                     continue
-                asked.append((formula, f"{section.value} '{truncate_middle(text)}' ({place})", place))
+                asked.append((formula, origin, place))
         mentioned: set[str] = set()
         for formula, origin, place in asked:
             about = self._names(formula)
@@ -465,6 +456,12 @@ class Translation:
                 self._notes.append(f'{origin} is about inputs and outputs: the system has to see to it')
             self._add(Section.ENV_INIT if known and all(known) else Section.SYS_INIT, formula, origin, place)
         self._begin_otherwise(mentioned)
+
+    def _given_in(self, section: Section) -> Iterator[tuple[str, str, str, str]]:
+        """Yield what the specification has in a section: the text, and the formula with its origin and place."""
+        for text, line in self._given.formulas.get(section, ()):
+            place = f'{self._given.source}:{line}'
+            yield text, self._expanded(text, False), f"{section.value} '{truncate_middle(text)}' ({place})", place
 
     def _begin_otherwise(self, mentioned: set[str]) -> None:
         self._rule = 'what is not said otherwise is off at the start'
@@ -648,8 +645,7 @@ class Translation:
                 add(Section.SYS_TRANS, f'(!{self._later(goal)} & !{target}) -> !{target_next}', origin, 'request')
             add(Section.SYS_TRANS, f'({reached}) -> {target_next}')
             if final:
-                hoped = self._file.mappings.transition_outcomes[0]
-                add(Section.SYS_TRANS, f"(!{words.arrives(final, hoped)} & !{success}) -> !{success}'")
+                add(Section.SYS_TRANS, f"(!{words.arrives(final, self._hoped)} & !{success}) -> !{success}'")
         self._strive(goals, success)
 
     def _strive(self, goals: list[tuple[str, str]], success: str | None) -> None:
@@ -657,9 +653,8 @@ class Translation:
         words, add = self._vocabulary, self._add
         excused = ''.join(f' | {end}' for end in words.ends.values() if end != success)
         if self._options.liveness is Liveness.ADVERSARIAL and self._options.retries is None:
-            hoped = self._file.mappings.transition_outcomes[0]
             for name in self._failing():
-                excused += f' | !({words.active(name)} -> {self._completes(name, hoped)})'
+                excused += f' | !({words.active(name)} -> {self._completes(name)})'
         if success:
             add(
                 Section.SYS_LIVENESS,
@@ -675,8 +670,9 @@ class Translation:
         if self._options.liveness is Liveness.FAIR_OUTCOMES or self._options.pending:
             self._owed()
 
-    def _completes(self, name: str, hoped: str) -> str:
-        return self._vocabulary.arrives(name, hoped) if hoped in self._vocabulary.outcomes[name] else 'FALSE'
+    def _completes(self, name: str) -> str:
+        words = self._vocabulary
+        return words.arrives(name, self._hoped) if self._hoped in words.outcomes[name] else 'FALSE'
 
     def _later(self, goal: str) -> str:
         return f'({goal})' if self._is_about_steps(goal) else f'next({goal})'
@@ -688,25 +684,20 @@ class Translation:
     def _limits(self) -> None:
         """Require that a capability that has failed is not tried again: its state has tried as often as it may."""
         self._rule = 'a capability that was given up is not tried again'
-        hoped = self._file.mappings.transition_outcomes[0]
         for name in self._failing():
-            words = self._vocabulary
-            fails = ' | '.join(words.arrives(name, one) for one in words.outcomes[name] if one != hoped)
-            self._add(Section.SYS_TRANS, f"{name}_x' <-> ({name}_x | {fails})")
-            self._add(Section.SYS_TRANS, f"{name}_x' -> !{words.active(name, primed=True)}")
+            self._add(Section.SYS_TRANS, f"{name}_x' <-> ({name}_x | {self._fails(name)})")
+            self._add(Section.SYS_TRANS, f"{name}_x' -> !{self._vocabulary.active(name, primed=True)}")
 
     def _owed(self) -> None:
         """Track what was started and did not complete: upstream's assumptions, with or without pending flags."""
         self._rule = 'what was started is owed until it completes'
         words = self._vocabulary
-        hoped = self._file.mappings.transition_outcomes[0]
         for name in self._failing():
             active, active_next = words.active(name), words.active(name, primed=True)
-            completes = self._completes(name, hoped)
+            completes = self._completes(name)
             if self._options.pending:
-                fails = ' | '.join(words.arrives(name, one) for one in words.outcomes[name] if one != hoped)
                 self._add(Section.SYS_TRANS, f"{active_next} -> {name}_p'")
-                self._add(Section.SYS_TRANS, f"({active} & ({fails})) -> {name}_p'")
+                self._add(Section.SYS_TRANS, f"({active} & ({self._fails(name)})) -> {name}_p'")
                 self._add(Section.SYS_TRANS, f"(!{active_next} & {active} & {completes}) -> !{name}_p'")
                 self._add(Section.SYS_TRANS, f"!({active} | {active_next}) -> ({name}_p' <-> {name}_p)")
             if self._options.liveness is Liveness.FAIR_OUTCOMES:
@@ -718,11 +709,10 @@ class Translation:
         if self._options.liveness is not Liveness.FAIR and self._options.retries is None:
             return [], [], []
         words = self._vocabulary
-        hoped = self._file.mappings.transition_outcomes[0]
         live = [
-            (words.active(name), self._completes(name, hoped))
+            (words.active(name), self._completes(name))
             for name in self._failing()
-            if self._options.retries is None and hoped in words.outcomes[name]
+            if self._options.retries is None and self._hoped in words.outcomes[name]
         ]
         gives_up = [f"{end}'" for name, end in words.ends.items() if name in FAILURE_OUTCOMES]
         return live, [' | '.join(gives_up)] if gives_up and self._hopes else [], self._hopes if gives_up else []
@@ -789,15 +779,10 @@ class Translation:
         return lines
 
     def _formula(self, text: str) -> Formula:
-        return parse_formula(text, self._ranges(), self._file.labels, self._shown_names())
-
-    def _shown_names(self) -> list[str]:
-        """Return what users know: the capabilities, and the variables without those of the translation."""
+        ranges = {name: variable.bounds for name, variable in self._variables.items()}
+        # Users know the capabilities, and the variables without those of the translation.
         own = [name.removesuffix('_m') for name in self._variables if not self._vocabulary.is_own(name)]
-        return list(dict.fromkeys([*self._file.capabilities, *own]))
-
-    def _ranges(self) -> dict[str, tuple[int, int] | None]:
-        return {name: variable.bounds for name, variable in self._variables.items()}
+        return parse_formula(text, ranges, self._file.labels, list(dict.fromkeys([*self._file.capabilities, *own])))
 
     def _problem(self, line: int | None, text: str) -> None:
         self._problems.append(f'{self._file.source}:{line}: {text}' if line is not None else f'request: {text}')

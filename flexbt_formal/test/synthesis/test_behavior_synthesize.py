@@ -97,7 +97,11 @@ def test_why_there_is_none_is_told_in_the_words_of_the_files(
     [
         (('--goal', 'brewn'), 3, "request: goal 'brewn': there is no variable 'brewn'; did you mean 'brew'?"),
         (('--goal', 'brew', '--mappings', '/nowhere'), 2, '/nowhere: cannot be read: No such file'),
-        (('--goal', 'brew', '--states', 'nowhere'), 2, "--states nowhere: the states of module 'nowhere' cannot be had: ModuleNotFoundError"),
+        (
+            ('--goal', 'brew', '--states', 'nowhere'),
+            2,
+            "module 'nowhere' cannot be had: ModuleNotFoundError",
+        ),
         (('--goal', 'brew', '--retries', '-1'), 2, '--retries -1: write a number from 0 to 1000'),
         (('--goal', 'brew', '--time-limit', 'nan'), 2, "argument --time-limit: 'nan' is not a number above 0"),
         (('--goal', 'brew', '--time-limit', '1e-9'), 5, 'no answer within 1e-09 s'),
@@ -174,7 +178,9 @@ def test_for_flexbe_they_are_its_messages_where_these_are(coffee: str) -> None:
     pytest.importorskip('flexbe_msgs')
     request = MachineRequest(goals=('brew',))
     machine = synthesize(
-        read_problem(SynthesisFiles(coffee), request, StateInterfaces(['flexbt_states']), Options())
+        read_problem(
+            SynthesisFiles((Path(coffee).read_text(), coffee)), request, StateInterfaces(['flexbt_states']), Options()
+        )
     ).machine
     assert machine is not None
     grind = next(one for one in flexbe_messages(machine) if one.state_path == '/grind')
