@@ -32,7 +32,7 @@ from flexbt_core.behavior_tree.model.ports import STRING, UINT16, UNSIGNED, Port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.clock.clock import Clock, Timer
 
-from .leaf_services import EndingGoal, LeafServices
+from .leaf_services import EndingGoal, ServerNode
 
 SERVER_PORTS: Final[dict[str, Port]] = {
     'server_name': input_port(STRING, optional=True, description="name of the server, if not the node's default"),
@@ -142,7 +142,7 @@ def error_name_of(result: Any) -> str:
     return next((name for name in dir(result) if code and name.isupper() and getattr(result, name) == code), '')
 
 
-class ActionLeaf(StatefulAction):
+class ActionLeaf(ServerNode, StatefulAction):
     """Base of leaves that send a goal. A subclass says which action, and how ports and goal correspond.
 
     ``action_type`` is the type of the action, ``default_server`` its name when the port ``server_name`` is not given.
@@ -198,12 +198,6 @@ class ActionLeaf(StatefulAction):
         return None
 
     # -- mechanics ---------------------------------------------------------------------------------------------------
-
-    @property
-    def host(self) -> LeafServices:
-        """Services of the BT server."""
-        services: LeafServices = self.services
-        return services
 
     @property
     def action_name(self) -> str:

@@ -28,7 +28,7 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_core.values.yaml_data import YamlError, load_yaml
 
 from .action_leaf import ACTION_PORTS, BASE, ActionLeaf
-from .leaf_services import LeafServices
+from .leaf_services import ServerNode
 from .message_ports import MessageLeaf, Part, expression_type
 from .service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf
 from .topic_cache import SubscribedTopic, TopicCache
@@ -194,7 +194,7 @@ class _SharedPublisher:
             raise ValueError(f'no topic can be called {topic!r}: {error}') from error
 
 
-class _TimedLeaf(StatefulAction):
+class _TimedLeaf(ServerNode, StatefulAction):
     """An action that may wait, s of wall time. The wait goes on while the tree is paused."""
 
     __slots__ = ('_timer', '_until')
@@ -205,12 +205,6 @@ class _TimedLeaf(StatefulAction):
         super().__init__(config)
         self._timer: Timer | None = None
         self._until = 0.0
-
-    @property
-    def host(self) -> LeafServices:
-        """Services of the BT server."""
-        services: LeafServices = self.services
-        return services
 
     def seconds(self, port: str, default: float) -> float:
         """Return the value of a port in ms, s."""

@@ -22,6 +22,7 @@ from flexbt_common.errors import TransformError
 from flexbt_common.lifecycle.liveliness import STARTED
 from flexbt_common.runtime.node_runtime import CALL_SECONDS, Runtime
 from flexbt_common.transform_listener import TransformListener
+from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.clock.clock import Timer
 from flexbt_server.trees.tree_store import TreeStore
 
@@ -75,6 +76,18 @@ class LeafServices:
         if message not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(message)
             self.runtime.node.get_logger().warning(message)
+
+
+class ServerNode(TreeNode):
+    """A node that uses the services of the BT server."""
+
+    __slots__ = ()
+
+    @property
+    def host(self) -> LeafServices:
+        """Services of the BT server."""
+        services: LeafServices = self.services
+        return services
 
 
 # Where the robot is, and poses in other frames, for the leaves of a server.

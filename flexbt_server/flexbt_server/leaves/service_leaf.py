@@ -21,7 +21,7 @@ from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.skills.skill import Skill
 
-from .leaf_services import LeafServices
+from .leaf_services import ServerNode
 
 SERVICE_PORTS: Final[dict[str, Port]] = {
     'service_name': input_port(STRING, optional=True, description="name of the service, if not the node's default"),
@@ -37,7 +37,7 @@ period of its loop; services in Python take longer on a busy machine.
 """
 
 
-class ServiceNode(LeafNode):
+class ServiceNode(ServerNode, LeafNode):
     """The base of leaves that call a service, of type ``service_type``.
 
     ``ports`` of a subclass has to contain :data:`SERVICE_PORTS`.
@@ -62,12 +62,6 @@ class ServiceNode(LeafNode):
     def on_response(self, response: Any) -> NodeStatus:
         """There is a response: write the output ports."""
         return NodeStatus.SUCCESS
-
-    @property
-    def host(self) -> LeafServices:
-        """Services of the BT server."""
-        services: LeafServices = self.services
-        return services
 
     @property
     def service_name(self) -> str:

@@ -17,11 +17,11 @@ from flexbt_core.behavior_tree.model.errors import PortError
 from flexbt_core.behavior_tree.model.ports import STRING, Port, input_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 
-from .leaf_services import LeafServices, RobotFrames
+from .leaf_services import RobotFrames, ServerNode
 from .topic_cache import SubscribedTopic, TopicCache
 
 
-class TopicCondition(Condition):
+class TopicCondition(ServerNode, Condition):
     """Base of conditions on the last message of a topic. A new message ticks the tree.
 
     ``message_type`` is the class of the messages; the topic is that of the port ``topic_port``, or ``default_topic``.
@@ -56,9 +56,8 @@ class TopicCondition(Condition):
 
     def tick(self) -> NodeStatus:
         if self._cache is None:
-            services: LeafServices = self.services
             (topic,) = self.subscribes_to()
-            self._cache = services.topics.cache(topic.of(self))
+            self._cache = self.host.topics.cache(topic.of(self))
             self._cache.on_message(self.context)
         message = self._cache.latest
         if self.holds(message):
@@ -71,7 +70,7 @@ class TopicCondition(Condition):
 # The common base of leaves about poses, paths and goals: an unknown value is not an error, they fail with the reason.
 
 
-class PoseLeaf(LeafNode):
+class PoseLeaf(ServerNode, LeafNode):
     """A leaf that fails while an input is not on the blackboard, and while a transform is not known.
 
     To be named before the base SyncAction or Condition.
@@ -100,8 +99,7 @@ class PoseLeaf(LeafNode):
     @property
     def frames(self) -> RobotFrames:
         """Frames of the robot: its pose, and poses in other frames."""
-        services: LeafServices = self.services
-        return services.frames
+        return self.host.frames
 
     def robot_pose(self, frame: str | None = None) -> PoseStamped:
         """Return where the robot is, by the ports ``robot_base_frame`` and, unless a frame is given, ``global_frame``.

@@ -21,14 +21,14 @@ from flexbt_core.behavior_tree.model.ports import input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.nav2 import controls as nav2_pause
 from flexbt_core.behavior_tree.nodes.nav2 import decorators as nav2_motion
-from flexbt_server.leaves.leaf_services import LeafServices
+from flexbt_server.leaves.leaf_services import ServerNode
 from flexbt_server.leaves.topic_cache import SubscribedTopic, TopicCache
 from flexbt_server.trees.ros_ports import POSE_STAMPED, POSES
 
 from .path_tracking import position_of
 
 
-class DistanceController(nav2_motion.DistanceController):
+class DistanceController(ServerNode, nav2_motion.DistanceController):
     __doc__ = nav2_motion.DistanceController.__doc__
     __slots__ = ()
     example = Example(
@@ -40,9 +40,8 @@ class DistanceController(nav2_motion.DistanceController):
     )
 
     def position(self) -> nav2_motion.Position | None:
-        services: LeafServices = self.services
         try:
-            pose = services.frames.robot_pose(
+            pose = self.host.frames.robot_pose(
                 self.get_input_or('global_frame', ''), self.get_input_or('robot_base_frame', '')
             )
         except TransformError:
@@ -50,7 +49,7 @@ class DistanceController(nav2_motion.DistanceController):
         return position_of(pose)
 
 
-class SpeedController(nav2_motion.SpeedController):
+class SpeedController(ServerNode, nav2_motion.SpeedController):
     __doc__ = nav2_motion.SpeedController.__doc__
     __slots__ = ('_cache',)
 
@@ -78,8 +77,7 @@ class SpeedController(nav2_motion.SpeedController):
 
     def speed(self) -> float:
         if self._cache is None:
-            services: LeafServices = self.services
-            self._cache = services.topics.cache(self.odometry)
+            self._cache = self.host.topics.cache(self.odometry)
         odometry = self._cache.latest
         if odometry is None:
             return 0.0
@@ -87,7 +85,7 @@ class SpeedController(nav2_motion.SpeedController):
         return math.hypot(velocity.x, velocity.y)
 
 
-class GoalUpdater(Decorator):
+class GoalUpdater(ServerNode, Decorator):
     """Ticks the child with the goal that was last published on ``goal_update`` when that is newer than ``input_goal``.
 
     Newer: by the stamps of the two; a published goal without a stamp is never newer. Goals to pass are handed on.
@@ -134,8 +132,7 @@ class GoalUpdater(Decorator):
 
     def subscribe(self, topic: SubscribedTopic) -> TopicCache:
         """Return the messages of a topic, which tick the tree."""
-        services: LeafServices = self.services
-        cache = services.topics.cache(topic)
+        cache = self.host.topics.cache(topic)
         cache.on_message(self.context)
         return cache
 
@@ -189,7 +186,7 @@ def _stamp(stamped: Any) -> tuple[int, int]:
     return stamped.header.stamp.sec, stamped.header.stamp.nanosec
 
 
-class PauseResumeController(nav2_pause.PauseResumeController):
+class PauseResumeController(ServerNode, nav2_pause.PauseResumeController):
     __doc__ = nav2_pause.PauseResumeController.__doc__
     __slots__ = ('__weakref__', '_offered')
 
@@ -209,11 +206,10 @@ class PauseResumeController(nav2_pause.PauseResumeController):
     def tick(self) -> NodeStatus:
         if not self._offered:
             self._offered = True
-            services: LeafServices = self.services
             for port, request in (('pause_service_name', self.pause), ('resume_service_name', self.resume)):
                 name = self.get_input_or(port, '')
                 if name:
-                    services.triggers.offer(name, request)
+                    self.host.triggers.offer(name, request)
         return super().tick()
 
 

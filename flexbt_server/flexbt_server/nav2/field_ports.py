@@ -16,12 +16,13 @@ from flexbt_core.behavior_tree.engine.leaf import LeafNode
 from flexbt_core.behavior_tree.model.ports import DOUBLE, FLOAT, NO_DEFAULT
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_server.leaves.action_leaf import ACTION_PORTS, ActionLeaf
+from flexbt_server.leaves.leaf_services import ServerNode
 from flexbt_server.leaves.service_leaf import SERVICE_PORTS, ServiceNode
 
 _OF_ALL: Final = frozenset((*ACTION_PORTS, *SERVICE_PORTS))
 
 
-class FieldPorts(LeafNode):
+class FieldPorts(ServerNode, LeafNode):
     """A leaf whose ports have the names of fields, unless ``renamed`` has another one; '' there is for no field.
 
     A field that the installed interfaces lack is left out: those of Nav2's branches differ.
@@ -62,7 +63,7 @@ class FieldPorts(LeafNode):
             return True
         given = self.port_text(port)
         if given is not None and given != self.ports[port].default:
-            self.services.warn_once(
+            self.host.warn_once(
                 f'{self.id}: the port [{port}] has no effect: {message_type_name(type(message))}, as it is installed, '
                 f'has no field of this name'
             )

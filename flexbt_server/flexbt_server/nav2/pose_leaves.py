@@ -99,7 +99,7 @@ class GoalReached(PoseLeaf, Condition):
     def evaluate(self) -> NodeStatus:
         goal = self.get_input('goal')
         distance = math.dist(position_of(goal), position_of(self.robot_pose(goal.header.frame_id)))
-        if distance <= self.services.goal_reached_tol:
+        if distance <= self.host.goal_reached_tol:
             return NodeStatus.SUCCESS
         return self.fail(f'the robot is {distance:.2f} m away')
 

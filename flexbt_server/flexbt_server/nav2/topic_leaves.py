@@ -21,7 +21,7 @@ from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, STRING, UNSIGNED
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.skills.skill import Skill
-from flexbt_server.leaves.leaf_services import LeafServices
+from flexbt_server.leaves.leaf_services import ServerNode
 from flexbt_server.leaves.topic_cache import SubscribedTopic, TopicCache
 from flexbt_server.leaves.topic_leaf import TopicCondition
 
@@ -72,7 +72,7 @@ class IsBatteryCharging(_BatteryCondition):
         return message is not None and message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
 
 
-class CheckStopStatus(StatefulAction):
+class CheckStopStatus(ServerNode, StatefulAction):
     """SUCCESS when the robot has stood still for ``duration_stopped``; FAILURE when it moves.
 
     RUNNING in between. The time counts from the stamp of the odometry that first says so, or else from when it is read.
@@ -102,8 +102,7 @@ class CheckStopStatus(StatefulAction):
 
     def on_start(self) -> NodeStatus:
         if self._cache is None:
-            services: LeafServices = self.services
-            self._cache = services.topics.cache(self.odometry)
+            self._cache = self.host.topics.cache(self.odometry)
             self._cache.on_message(self.context)
         self._since = None
         return self.on_running()
@@ -160,7 +159,7 @@ class _Acceleration:
         self._before = now, speed
 
 
-class IsStuck(Condition):
+class IsStuck(ServerNode, Condition):
     """SUCCESS when the robot has bumped into something: it brakes by more than 10 m/s^2, as its odometry says."""
 
     __slots__ = ('_acceleration',)
@@ -174,14 +173,13 @@ class IsStuck(Condition):
 
     def tick(self) -> NodeStatus:
         if self._acceleration is None:
-            services: LeafServices = self.services
-            runtime = services.runtime
+            runtime = self.host.runtime
             self._acceleration = runtime.call(lambda: runtime.once('acceleration of the robot', _Acceleration))
         value = self._acceleration.value
         return NodeStatus.SUCCESS if value < BRAKE_LIMIT else self.fail(f'the robot is free ({value:.1f} m/s^2)')
 
 
-class _Selector(SyncAction):
+class _Selector(ServerNode, SyncAction):
     """Writes the name that was last published on a latched topic, or the default."""
 
     __slots__ = ('_cache',)
@@ -201,9 +199,8 @@ class _Selector(SyncAction):
 
     def tick(self) -> NodeStatus:
         if self._cache is None:
-            services: LeafServices = self.services
             (topic,) = self.subscribes_to()
-            self._cache = services.topics.cache(topic.of(self))
+            self._cache = self.host.topics.cache(topic.of(self))
             self._cache.on_message(self.context)
         message = self._cache.latest
         name = (message.data if message is not None else '') or str(self.get_input_or(self.default, ''))

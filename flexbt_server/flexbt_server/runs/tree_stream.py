@@ -31,7 +31,7 @@ from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.observers import LogReader
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.status import NodeKind
-from flexbt_core.clock.clock import Clock, Timer
+from flexbt_core.clock.clock import Timer
 from flexbt_msgs import msg
 
 from .run_events import RoundEnded, RunEnded, RunEvent, RunEvents, RunPaused, RunReader, RunStarted, TreeExpanded
@@ -62,19 +62,15 @@ class TreeStream:
     """
 
     def __init__(self, runtime: Runtime) -> None:
-        self._runtime = runtime
+        self.runtime = runtime
         self._open: dict[RunStream, None] = {}
         self._lock = threading.Lock()
-        self._structures = self._publisher(msg.TreeStructure, names.TREE_STRUCTURE, RunStream.show_structure)
-        self._statuses = self._publisher(msg.TreeStatus, names.TREE_STATUS, RunStream.show_statuses)
+        self.structures = self._publisher(msg.TreeStructure, names.TREE_STRUCTURE, RunStream.show_structure)
+        self.statuses = self._publisher(msg.TreeStatus, names.TREE_STATUS, RunStream.show_statuses)
 
     def open(self, events: RunEvents) -> RunStream:
         """Return the reader that publishes the events of one run."""
-        return RunStream(self, self._runtime.steady, events)
-
-    def now(self) -> Time:
-        """Time of the node."""
-        return Time.from_msg(self._runtime.clock.stamp())
+        return RunStream(self, events)
 
     def begin(self, run: RunStream) -> None:
         """Show a run to newcomers from now on."""
@@ -86,18 +82,6 @@ class TreeStream:
         with self._lock:
             self._open.pop(run, None)
 
-    def publish_structure(self, message: msg.TreeStructure) -> None:
-        """Send the structure of a run."""
-        self._structures.publish(message)
-
-    def publish_status(self, message: bytes) -> None:
-        """Send a serialized TreeStatus."""
-        self._statuses.publish(message)
-
-    def report(self, error: Exception) -> None:
-        """Report that a message could not be sent."""
-        self._runtime.report_fault(error, 'the monitoring of a tree')
-
     def _publisher(self, message_type: type[Any], topic: str, show: Callable[[RunStream], None]) -> Any:
         def matched(event: Any) -> None:
             if event.current_count_change > 0:
@@ -106,7 +90,7 @@ class TreeStream:
                 for run in runs:
                     show(run)
 
-        return self._runtime.node.create_publisher(
+        return self.runtime.node.create_publisher(
             message_type,
             topic,
             names.transient_local_qos(MESSAGES_KEPT),
@@ -117,10 +101,10 @@ class TreeStream:
 class RunStream(RunReader):
     """A publisher of the events of one run."""
 
-    def __init__(self, stream: TreeStream, clock: Clock, events: RunEvents) -> None:
+    def __init__(self, stream: TreeStream, events: RunEvents) -> None:
         self.log: list[int] = []
         self._stream = stream
-        self._clock = clock
+        self._runtime = stream.runtime
         self._run_id = events.run_id
         self._blackboard = events.blackboard
         self._sequence = 0
@@ -159,12 +143,15 @@ class RunStream(RunReader):
                 self._number += 1
                 self._reader = RoundReader(tree.nodes)
                 self._statuses = bytearray(self._reader.statuses)
-                self._structure = tree_structure(tree, self._run_id, self._number, self._blackboard, self._stream.now())
+                self._structure = tree_structure(tree, self._run_id, self._number, self._blackboard, self._now())
             self.show_structure()
         except Exception as error:
             self._stop(error)
             return False
         return True
+
+    def _now(self) -> Time:
+        return Time.from_msg(self._runtime.clock.stamp())
 
     def _end_round(self) -> None:
         log = self.log
@@ -177,11 +164,11 @@ class RunStream(RunReader):
             self._flush()
         elif self._timer is None:
             with self._lock:  # it may be due before it is known here
-                self._timer = self._clock.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
+                self._timer = self._runtime.steady.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
 
     def show_structure(self) -> None:
         """Send the structure; again, to late joiners."""
-        self._stream.publish_structure(self._structure)
+        self._stream.structures.publish(self._structure)
 
     def show_statuses(self) -> None:
         """Send the statuses, to late joiners."""
@@ -211,7 +198,7 @@ class RunStream(RunReader):
         """Stop publishing, since a message could not be sent. The tree runs on."""
         self._open = False
         self._stream.end(self)
-        self._stream.report(error)
+        self._runtime.report_fault(error, 'the monitoring of a tree')
 
     def _batches(self) -> Iterator[tuple[int, list[bytes], bool]]:
         """Yield what was logged, in encoded batches: the number of changes of each, and whether it is the last.
@@ -221,7 +208,7 @@ class RunStream(RunReader):
         length = len(self.log)  # the tree may go on meanwhile
         marks = self.log[:length]
         del self.log[:length]
-        now = self._stream.now().nanoseconds
+        now = self._now().nanoseconds
         to_node_time = now - time.monotonic_ns()
         count = 0
         changes: list[bytes] = []
@@ -244,7 +231,7 @@ class RunStream(RunReader):
     def _send(self, count: int, changes: list[bytes], finished: bool) -> None:
         self._sequence += 1
         message = msg.TreeStatus(
-            stamp=self._stream.now().to_msg(),
+            stamp=self._runtime.clock.stamp(),
             run_id=self._run_id,
             sequence=self._sequence,
             structure=self._number,
@@ -252,7 +239,7 @@ class RunStream(RunReader):
             paused=self._paused and not finished,
             statuses=array('B', self._statuses),
         )
-        self._stream.publish_status(serialized(message, count, changes))
+        self._stream.statuses.publish(serialized(message, count, changes))
 
 
 def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:

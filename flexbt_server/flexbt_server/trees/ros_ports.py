@@ -70,7 +70,10 @@ _PATH_HEADER_FIELDS: Final = 2
 def message_type(message: type[Any], from_pieces: Callable[[list[str]], Any] | None = None) -> PortType:
     """Port type of a message class. ``from_pieces`` reads the fields of a ``;`` text."""
     name = message_type_name(message)
+    return PortType(name, message, 'object', _reader(name, from_pieces))
 
+
+def _reader(name: str, from_pieces: Callable[[list[str]], Any] | None) -> Callable[[str], Any]:
     def from_text(text: str) -> Any:
         if text.startswith('json:'):
             try:
@@ -86,7 +89,7 @@ def message_type(message: type[Any], from_pieces: Callable[[list[str]], Any] | N
         except ValueError as error:
             raise ConversionError(f'{short_repr(text)} is not a {name}: {error}') from error
 
-    return PortType(name, message, 'object', from_text)
+    return from_text
 
 
 def _pose(pieces: list[str]) -> PoseStamped:
@@ -102,6 +105,8 @@ def _pose(pieces: list[str]) -> PoseStamped:
 
 
 def _poses(pieces: list[str]) -> list[PoseStamped]:
+    if pieces == ['']:
+        return []
     if len(pieces) % _POSE_FIELDS:
         raise ValueError(f'{len(pieces)} fields; expected nine for each pose')
     return [_pose(pieces[start : start + _POSE_FIELDS]) for start in range(0, len(pieces), _POSE_FIELDS)]
@@ -114,22 +119,11 @@ def _path(pieces: list[str]) -> Path:
     return path
 
 
-def _poses_from_text(text: str) -> list[PoseStamped]:
-    if text.startswith('json:'):
-        try:
-            return list(text_to_value(text.removeprefix('json:'), 'geometry_msgs/msg/PoseStamped[]'))
-        except FlexbtError as error:
-            raise ConversionError(str(error)) from error
-    try:
-        return _poses(text.split(';')) if text else []
-    except ValueError as error:
-        raise ConversionError(f'{short_repr(text)} is not a list of poses: {error}') from error
-
-
 POSE_STAMPED: Final = message_type(PoseStamped, _pose)
 PATH: Final = message_type(Path, _path)
 DURATION: Final = message_type(Duration)
-POSES: Final = PortType('geometry_msgs/msg/PoseStamped[]', list, 'object', _poses_from_text)
+_POSES: Final = f'{POSE_STAMPED.name}[]'
+POSES: Final = PortType(_POSES, list, 'object', _reader(_POSES, _poses))
 ROUTE: Final = message_type(Route)
 TRACKING_FEEDBACK: Final = PortType('nav2_msgs/msg/TrackingFeedback', TrackingFeedback)
 WAYPOINT_STATUSES: Final = PortType('nav2_msgs/msg/WaypointStatus[]', list)

@@ -361,20 +361,20 @@ def test_a_round_that_ends_while_its_first_marks_are_sent_is_stamped_in_order(
     """The thread that sends is stopped for a moment between the marks it takes and its look at the clock."""
     stream, subscriber = TreeStream(server), Subscriber(monitor)
     watched = Watched(stream, 'run', '<Sequence><AlwaysSuccess/><AlwaysSuccess/></Sequence>')
-    now, taken = stream.now, threading.Event()
+    stamp, taken = server.clock.stamp, threading.Event()
 
-    def late() -> Time:
+    def late() -> Any:
         if not taken.is_set():
             taken.set()
             wait_until(lambda: any(mark < 0 for mark in watched.run.log), 'the end of the round')
-        return now()
+        return stamp()
 
     def send(*_: object) -> None:
         if not sender.ident:
             sender.start()
             assert taken.wait(DEADLINE)
 
-    monkeypatch.setattr(stream, 'now', late)
+    monkeypatch.setattr(server.clock, 'stamp', late)
     sender = threading.Thread(target=watched.run._flush)
     log, hear = watched.tree.observers
     watched.tree.observe(log, hear, send, after_round=lambda: watched.run.read(RoundEnded()))
