@@ -97,16 +97,12 @@ class ControlNode(TreeNode):
         return failed[-1] if failed else None
 
 
-class Control(ControlNode):
-    """The base of your own controls: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
+class _UserParent(TreeNode):
+    """What the bases of your own controls and decorators have in common."""
 
     __slots__ = ()
 
-    running_at_completion = None
-
-    @abstractmethod
-    def tick(self) -> NodeStatus:
-        """One tick; ticks children by :meth:`tick_child`."""
+    running_at_completion: ClassVar[bool | None] = None
 
     def on_halt(self) -> None:
         """Clean up when the node is halted while it is RUNNING, before its children are.
@@ -114,6 +110,26 @@ class Control(ControlNode):
         What a halt has to drop from any node, also from one that is IDLE, is for :meth:`halt`: at the end of each run
         a tree halts all of its nodes, as in BehaviorTree.CPP.
         """
+
+    @property
+    def active(self) -> bool:
+        """True if the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
+        return self.stored_status is not IDLE
+
+    def halt(self) -> None:
+        if self.stored_status is RUNNING:
+            self.stop_by(self.on_halt)
+        super().halt()
+
+
+class Control(_UserParent, ControlNode):
+    """The base of your own controls: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def tick(self) -> NodeStatus:
+        """One tick; ticks children by :meth:`tick_child`."""
 
     def tick_child(self, index: int) -> NodeStatus:
         status = self._ticks[index]()
@@ -123,11 +139,6 @@ class Control(ControlNode):
 
     def halt_child(self, index: int) -> None:
         halt_child(self.children[index])
-
-    @property
-    def active(self) -> bool:
-        """True if the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
-        return self.stored_status is not IDLE
 
     def execute(self) -> NodeStatus:
         if self.stored_status is not RUNNING:
@@ -141,11 +152,6 @@ class Control(ControlNode):
         if status is not SKIPPED and not (status is RUNNING and self.stored_status is RUNNING):
             self.status = self.checked(status)
         return status
-
-    def halt(self) -> None:
-        if self.stored_status is RUNNING:
-            self.stop_by(self.on_halt)
-        super().halt()
 
 
 # Nodes with one child, and the base of your own decorators.
@@ -188,12 +194,10 @@ class DecoratorNode(TreeNode):
         return super().failure_reason() if self.failure_cause() is None else f'{self.id}: the child failed'
 
 
-class Decorator(DecoratorNode):
+class Decorator(_UserParent, DecoratorNode):
     """The base of your own decorators: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
 
     __slots__ = ('_child_failed',)
-
-    running_at_completion = None
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -203,9 +207,6 @@ class Decorator(DecoratorNode):
     def tick(self) -> NodeStatus:
         """One tick; ticks the child by :meth:`tick_child` or not."""
 
-    def on_halt(self) -> None:
-        """Clean up when the node is halted while it is RUNNING, before its child is; see :meth:`Control.on_halt`."""
-
     def tick_child(self) -> NodeStatus:
         status = self._tick()
         self._child_failed = status is FAILURE
@@ -213,11 +214,6 @@ class Decorator(DecoratorNode):
 
     def halt_child(self) -> None:
         halt_child(self.child)
-
-    @property
-    def active(self) -> bool:
-        """True if the node has been ticked since it was last set to IDLE. False in the first tick of a run."""
-        return self.stored_status is not IDLE
 
     def failure_cause(self) -> TreeNode | None:
         return self.child if self._child_failed else None
@@ -236,8 +232,3 @@ class Decorator(DecoratorNode):
         if child.stored_status is SUCCESS or child.stored_status is FAILURE:
             child.status = IDLE
         return status
-
-    def halt(self) -> None:
-        if self.stored_status is RUNNING:
-            self.stop_by(self.on_halt)
-        super().halt()

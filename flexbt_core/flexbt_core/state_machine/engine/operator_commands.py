@@ -113,51 +113,44 @@ def lock(run: MachineRun, path: str) -> str | None:
     The outcome that it wants is kept until then, a forced one too. A stop is not blocked, and neither is
     :func:`repeat` of the locked one itself. What is not active yet is locked in when it is entered.
     """
-    refusal = _mark(run, run.controls.locked, path, 'is locked')
-    if refusal is None:
-        run.tell(LockSet(path, True))
-    return refusal
+    return _mark(run, run.controls.locked, LockSet, path, 'is locked')
 
 
 def unlock(run: MachineRun, path: str) -> str | None:
     """Undo :func:`lock`: what was blocked happens, if nothing else prevents it."""
-    refusal = _unmark(run.controls.locked, path, 'is locked')
-    if refusal is None:
-        run.tell(LockSet(path, False))
-    return refusal
+    return _unmark(run, run.controls.locked, LockSet, path, 'is locked')
 
 
 def set_breakpoint(run: MachineRun, path: str) -> str | None:
     """Make each transition out of a state or machine wait for the operator, at every level of autonomy."""
-    refusal = _mark(run, run.controls.breakpoints, path, 'has a breakpoint')
-    if refusal is None:
-        run.tell(BreakpointSet(path, True))
-    return refusal
+    return _mark(run, run.controls.breakpoints, BreakpointSet, path, 'has a breakpoint')
 
 
 def clear_breakpoint(run: MachineRun, path: str) -> str | None:
     """Undo :func:`set_breakpoint`; the autonomy decides again, also of what waits."""
-    refusal = _unmark(run.controls.breakpoints, path, 'has a breakpoint')
-    if refusal is None:
-        run.tell(BreakpointSet(path, False))
-    return refusal
+    return _unmark(run, run.controls.breakpoints, BreakpointSet, path, 'has a breakpoint')
 
 
-def _mark(run: MachineRun, marked: set[str], path: str, what: str) -> str | None:
-    """Put a state or machine among the ``marked`` ones, which is ``what`` it has then."""
+_Marked = type[LockSet] | type[BreakpointSet]
+
+
+def _mark(run: MachineRun, marked: set[str], event: _Marked, path: str, what: str) -> str | None:
+    """Put a state or machine among the ``marked`` ones, which is ``what`` it has then, and tell of it."""
     if path not in run.controls:
         return f'there is no state {path!r}'
     if path in marked:
         return f'{path} {what} already'
     marked.add(path)
+    run.tell(event(path, True))
     return None
 
 
-def _unmark(marked: set[str], path: str, what: str) -> str | None:
-    """Take a state or machine from the marked ones."""
+def _unmark(run: MachineRun, marked: set[str], event: _Marked, path: str, what: str) -> str | None:
+    """Take a state or machine from the marked ones, and tell of it."""
     if path not in marked:
         return f'{path!r} is not one that {what} ({", ".join(sorted(marked)) or "none"})'
     marked.remove(path)
+    run.tell(event(path, False))
     return None
 
 
