@@ -22,7 +22,7 @@ from flexbt_formal.exploration.machine_system import MachineBounds, MachineSyste
 from flexbt_formal.exploration.model import EnvironmentChoices
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_onboard.behaviors.run_context import RunGoals
-from flexbt_onboard.link.executive_status import status_of
+from flexbt_onboard.node.executive_status import status_of
 from flexbt_onboard.runs.run_events import RunMoved
 from flexbt_onboard.runs.run_snapshot import RunStatus
 from flexbt_onboard.runs.run_supervisor import LastRun

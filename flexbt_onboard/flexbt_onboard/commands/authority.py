@@ -27,8 +27,8 @@ from flexbt_core.clock.clock import Timer
 from flexbt_msgs.msg import ExecutiveLog
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.console_link import ConsoleLink
+from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.link.status_publisher import StatusPublisher
-from flexbt_onboard.persistence.reporter import Reporter
 
 REQUESTS: Final = 16
 """Maximum number of operators that may request the authority at a time: every status lists them."""

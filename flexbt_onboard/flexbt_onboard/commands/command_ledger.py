@@ -23,9 +23,9 @@ from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent, Ru
 from flexbt_core.values.text import one_line, sanitize_for_message
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.link.status_publisher import StatusPublisher
 from flexbt_onboard.persistence.journal import REMEMBERED_COMMANDS
-from flexbt_onboard.persistence.reporter import Reporter
 from flexbt_onboard.persistence.run_journal import REASON_LENGTH, RunJournal
 from flexbt_onboard.runs.run_events import RunBuilt, RunRefused
 

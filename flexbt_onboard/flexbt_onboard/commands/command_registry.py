@@ -20,7 +20,7 @@ from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import RunRequest, checked_autonomy, run_request
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.persistence.run_journal import InterruptedRun
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.run_snapshot import RunPhase

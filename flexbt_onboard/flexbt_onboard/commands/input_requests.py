@@ -17,8 +17,8 @@ from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, DecisionSubject, PendingDecision
 from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.link.status_publisher import StatusPublisher
-from flexbt_onboard.persistence.reporter import Reporter
 
 from .command_bounds import OPEN_REQUESTS
 

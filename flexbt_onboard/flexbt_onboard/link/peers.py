@@ -16,7 +16,7 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import ExecutiveLog, PeerStatus
-from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.link.reporter import Reporter
 
 LATE_SECONDS: Final = 2.0
 """Time for which a node may be late before it is reported, s. On a busy computer all are late for a moment; the status

@@ -37,12 +37,12 @@ from flexbt_onboard.commands.input_requests import InputRequests
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.link.event_stream import EventStream
-from flexbt_onboard.link.executive_status import ShownStatus, StatusSources
 from flexbt_onboard.link.peers import PeersWatch
+from flexbt_onboard.link.reporter import Reporter, StorageProblems
 from flexbt_onboard.link.robot_state import RobotPlan, RobotPose
+from flexbt_onboard.node.executive_status import ShownStatus, StatusSources
 from flexbt_onboard.persistence.event_log import EventLog
 from flexbt_onboard.persistence.journal import await_closed
-from flexbt_onboard.persistence.reporter import Reporter, StorageProblems
 from flexbt_onboard.persistence.run_journal import RunJournal
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.motion_stop import MotionStop

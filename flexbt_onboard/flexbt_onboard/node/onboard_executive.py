@@ -12,9 +12,9 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_msgs.msg import ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.commands.command_ledger import CommandHandling, CommandLedger
 from flexbt_onboard.link.console_link import ConsoleLink
+from flexbt_onboard.link.reporter import Reporter, StorageProblems
 from flexbt_onboard.link.status_publisher import StatusPublisher
 from flexbt_onboard.persistence.event_log import EventLog
-from flexbt_onboard.persistence.reporter import Reporter, StorageProblems
 from flexbt_onboard.persistence.run_journal import RunJournal
 
 from .executive import Executive, open_executive

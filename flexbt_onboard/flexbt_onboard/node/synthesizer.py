@@ -23,7 +23,7 @@ from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.machine_behavior import MACHINE_LENGTH, MachineStore, check_name, machine_entry
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError, OnboardError
 from flexbt_onboard.link.console_link import ConsoleLink
-from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 SEARCH_GROUP: Final = 'flexbt.synthesis'

@@ -32,7 +32,7 @@ from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_msgs.msg import BehaviorStructure
 from flexbt_onboard.behaviors.behavior import OperatorGone
 from flexbt_onboard.behaviors.run_building import RunRequest
-from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.persistence.run_journal import RunJournal
 
 

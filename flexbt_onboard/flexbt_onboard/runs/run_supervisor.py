@@ -21,7 +21,7 @@ from flexbt_onboard.behaviors.behavior import OperatorGone
 from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.behaviors.run_context import StateServices
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.persistence.run_journal import InterruptedRun, RunJournal
 
 from .behavior_run import BehaviorRun

@@ -14,7 +14,7 @@ from typing import Final
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_msgs.msg import ExecutiveLog
-from flexbt_onboard.persistence.reporter import Reporter
+from flexbt_onboard.link.reporter import Reporter
 
 from .behavior_run import BehaviorRun
 from .motion_stop import MotionStop

@@ -19,8 +19,8 @@ from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS
 from flexbt_onboard.commands.command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandHandling, CommandLedger
 from flexbt_onboard.commands.command_registry import CommandRegistry, command_fields
 from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.persistence.event_log import EventLog
-from flexbt_onboard.persistence.reporter import Reporter
 from flexbt_onboard.persistence.run_journal import RunJournal
 
 STOP, START = ExecutiveCommand.STOP, ExecutiveCommand.START
