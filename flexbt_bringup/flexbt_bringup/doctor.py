@@ -403,10 +403,11 @@ class RobotCheck:
                 )
         for name in NEEDED:
             if self._name(name) not in actions:
-                near = did_you_mean(self._name(name), actions, '')
+                others = [one for one in actions if one.endswith(f'/{name}')]
+                there = f'; there is {", ".join(others)}' if others else ''
                 yield warning(
                     'servers',
-                    f'there is no action {self._name(name)}: trees that drive fail{near}',
+                    f'there is no action {self._name(name)}: trees that drive fail{there}',
                     "start Nav2's servers, or use names of your own (flexbt manifest --from-graph)",
                 )
         if served:
