@@ -391,7 +391,7 @@ def test_stamps_are_in_order_while_the_clock_stands_still_and_follow_it_when_it_
     """As simulated time does: between two messages of /clock, and when the simulation begins again."""
     stream, subscriber = TreeStream(server), Subscriber(monitor)
     for seconds in (9, 4):
-        monkeypatch.setattr(stream, 'now', lambda: Time(seconds=seconds))  # noqa: B023
+        monkeypatch.setattr(server.clock, 'stamp', lambda: Time(seconds=seconds).to_msg())  # noqa: B023
         if seconds == 9:
             watched = Watched(stream, 'run', '<Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence>')
         for _ in range(10):
@@ -416,12 +416,12 @@ def test_stamps_are_in_order_while_the_clock_stands_still_and_follow_it_when_it_
 def test_a_tree_runs_on_when_its_statuses_cannot_be_sent(server: NodeRuntime) -> None:
     stream = TreeStream(server)
     watched = Watched(stream, 'run', '<Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence>')
-    server.call(lambda: server.node.destroy_publisher(stream._statuses))
+    server.call(lambda: server.node.destroy_publisher(stream.statuses))
     for _ in range(MAX_MARKS):
         assert watched.tree.tick_once() is NodeStatus.FAILURE
     assert len(watched.run.log) < MAX_MARKS + 10
     watched.end()
-    server.call(lambda: server.node.destroy_publisher(stream._structures))
+    server.call(lambda: server.node.destroy_publisher(stream.structures))
     another = Watched(stream, 'another', '<AlwaysSuccess/>')
     assert another.tree.tick_once() is NodeStatus.SUCCESS
     another.end()
