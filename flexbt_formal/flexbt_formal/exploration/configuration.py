@@ -135,6 +135,16 @@ def _slots_of(kind: type[Any]) -> tuple[str, ...]:
     return (slots,) if isinstance(slots, str) else tuple(slots)
 
 
+_Part = tuple[Any, Any, Any]
+_Fragments = list[dict[tuple[int, ...], tuple[_Part, bytes]]]
+"""Fragments of each root, by the contents of its slots: the data that restores it, and its text, if both are the same
+in all configurations."""
+_MOST_FRAGMENTS: Final = 1000
+"""Maximum number of fragments of a root."""
+_QUIET: Final = b''
+"""The text of what has no part in the key."""
+
+
 class StateSnapshotter:
     """A snapshotter that saves and restores the configurations of the objects that can be reached from ``roots``.
 
@@ -153,16 +163,35 @@ class StateSnapshotter:
         self._roots = tuple({id(root): root for root in roots}.values())
         self._unread = frozenset(map(id, unread))
         self._clock = clock
-        self._layout = layout
         packages = frozenset(map(_package, (*map(type, self._roots), *classes)))
         self._kind_of: Callable[..., _Kind] = cache(partial(_Kind, layout, packages))
-        self._numbers = {id(root): number for number, root in enumerate(self._roots)}
+        self._root_numbers = {id(root): number for number, root in enumerate(self._roots)}
         self._fragments: _Fragments = [{} for _ in self._roots]
 
     def capture(self) -> Configuration:
         """Return what everything holds now."""
-        walk = _Walk(self._kind_of, self._roots, self._numbers, self._clock.now(), self._fragments, self._unread)
-        return walk.configuration()
+        self._begin_walk()
+        ahead, parts, text = self._ahead, self._parts, self._text
+        for place, fragments in enumerate(self._fragments):
+            one = ahead[place]
+            if fragments:  # most objects hold what they have held before
+                known = fragments.get(tuple(map(id, self._kind_of(type(one)).values(one))))
+                if known is not None:
+                    parts.append(known[0])
+                    text.append(known[1])
+                    continue
+            self._visit_any(one)
+        place = len(self._roots)
+        while place < len(ahead):
+            self._visit_any(ahead[place])
+            place += 1
+        # Of points in time: past, now, or the place among those to come.
+        now = self._clock.now()
+        to_come = sorted({when for _, when in self._instants if when > now})
+        ranks = {when: rank + 1 for rank, when in enumerate(to_come)}
+        for at, when in self._instants:
+            self._text[at] = ranks.get(when, 0 if when == now else -1)
+        return Configuration(tuple(self._parts), _digest(self._text))
 
     @staticmethod
     def restore(configuration: Configuration) -> None:
@@ -179,59 +208,13 @@ class StateSnapshotter:
                 one.clear()
                 one.update(held)
 
-
-_Part = tuple[Any, Any, Any]
-_Fragments = list[dict[tuple[int, ...], tuple[_Part, bytes]]]
-"""Fragments of each root, by the contents of its slots: the data that restores it, and its text, if both are the same
-in all configurations."""
-_MOST_FRAGMENTS: Final = 1000
-"""Maximum number of fragments of a root."""
-_QUIET: Final = b''
-"""The text of what has no part in the key."""
-
-
-class _Walk:
-    def __init__(
-        self,
-        kind_of: Callable[..., _Kind],
-        roots: tuple[Any, ...],
-        numbers: dict[int, int],
-        now: float,
-        fragments: _Fragments,
-        unread: frozenset[int],
-    ) -> None:
-        self._kind_of = kind_of
-        self._roots = len(roots)
-        self._fragments = fragments
-        self._now = now
-        self._numbers = numbers.copy()
-        self._ahead = list(roots)
-        self._quiet: set[int] = set(unread)  # with what was reached only by what has no part in the key
+    def _begin_walk(self) -> None:
+        self._numbers = self._root_numbers.copy()
+        self._ahead = list(self._roots)
+        self._quiet = set(self._unread)  # with what was reached only by what has no part in the key
         self._instants: list[tuple[int, float]] = []
         self._text: list[Any] = []
-        self._parts: list[tuple[Any, Any, Any]] = []
-
-    def configuration(self) -> Configuration:
-        ahead, parts, text = self._ahead, self._parts, self._text
-        for place, fragments in enumerate(self._fragments):
-            one = ahead[place]
-            if fragments:  # most objects hold what they have held before
-                known = fragments.get(tuple(map(id, self._kind_of(type(one)).values(one))))
-                if known is not None:
-                    parts.append(known[0])
-                    text.append(known[1])
-                    continue
-            self._visit_any(one)
-        place = self._roots
-        while place < len(ahead):
-            self._visit_any(ahead[place])
-            place += 1
-        # Of points in time: past, now, or the place among those to come.
-        to_come = sorted({when for _, when in self._instants if when > self._now})
-        ranks = {when: rank + 1 for rank, when in enumerate(to_come)}
-        for at, when in self._instants:
-            self._text[at] = ranks.get(when, 0 if when == self._now else -1)
-        return Configuration(tuple(self._parts), _digest(self._text))
+        self._parts: list[_Part] = []
 
     def _reach(self, one: Any) -> int:
         number = self._numbers.get(id(one))
@@ -296,7 +279,7 @@ class _Walk:
         # What is the same in all configurations is kept.
         number = self._numbers[id(one)]
         is_lasting = (
-            number < self._roots
+            number < len(self._roots)
             and not kind.views
             and len(self._instants) == instants
             and len(self._ahead) == reached
@@ -315,7 +298,7 @@ class _Walk:
         if type(value) in _PLAIN or isinstance(value, Enum):
             return True
         number = self._numbers.get(id(value))
-        return self._kind_of(type(value)).is_fixed if number is None else number < self._roots
+        return self._kind_of(type(value)).is_fixed if number is None else number < len(self._roots)
 
     def _attribute(self, one: Any, kind: _Kind, name: str, value: Any) -> None:
         view = kind.views.get(name)
