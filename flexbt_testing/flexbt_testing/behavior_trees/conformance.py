@@ -87,7 +87,7 @@ def main() -> None:
 
 
 def judge(profile: str, first: int, count: int, show: int) -> int:
-    """Compare the trees of these seeds, prints what is found, and gives the number of those that differ."""
+    """Compare the trees of these seeds, print what is found, and return the number of those that differ."""
     events = differing = crashed = errors = 0
     for start in range(first, first + count, 1000):
         seeds = range(start, min(start + 1000, first + count))

@@ -423,7 +423,8 @@ NEW = ('u', 'v', 'w')
 
 
 class _ScriptGenerator(_Generator):
-    """Trees with scripts of every kind, of which some fail when they run, and with entries that are missing.
+    """Trees with scripts of every kind, of which some fail when they run, and with entries that are missing. New nodes
+    are added here, since the corpus stays as it is.
 
     The scripts mean the same in 4.8.2 as in 4.10, whose grammar the engine has: every operator has its parentheses, and
     ``true`` stands only where it does not matter whether it is an integer or a double. Left out is what the engine does
