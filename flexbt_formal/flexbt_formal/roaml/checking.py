@@ -16,8 +16,8 @@ from flexbt_formal.exploration.explorer import OnProgress, unreported
 from .automaton import ManyValuesError
 from .model import RoamlModel
 from .probabilities import BAD, GOOD, GraphChoices, bounds_of, looks, reach
-from .properties import ModelProperty, judge_of
-from .rounds import SATISFIED, EndlessError, Flow, Made, Order, Outcomes, OverError, Path, Rounds, Watch
+from .properties import ModelProperty
+from .rounds import SATISFIED, EndlessError, Flow, Made, ModelPath, Order, Outcomes, OverError, Rounds, Watch
 from .system import NANOSECONDS, GlobalState, one_of
 
 _CHAIN: Final = 2_000
@@ -108,15 +108,12 @@ def check(
         raise ValueError('all orders can only be followed by the method exact; or take the order random')
     begin = time.process_time()
     generator = random.Random(limits.seed)
-    system, watched = model.system(asked, generator.random)
-    left, right = (judge_of(one, model.events, watched) for one in (asked.left, asked.right))
-    path = Path(system, left, right, asked, order)
+    path = model.along(asked, order, generator.random)
     notes: list[str] = []
     watch = Watch(on_progress, begin + limits.seconds)
     followed = 0
-    rounds = (
-        Rounds(path, limits.states) if order is not Order.ANY and not path.is_bounded and system.has_timers else None
-    )
+    has_rounds = order is not Order.ANY and not path.is_bounded and path.system.has_timers
+    rounds = Rounds(path, limits.states) if has_rounds else None
     if method is not Method.STATISTICAL and not model.is_random:
         has_to_be_exact = method is Method.EXACT or order is Order.ANY
         first = Watch(on_progress, begin + limits.seconds * (1.0 if has_to_be_exact else 0.5))
@@ -147,18 +144,18 @@ def check(
             return _sampled(path, limits, begin, watch, notes, _RoundRuns(path, rounds, generator))
         except (EndlessError, ManyValuesError):
             generator.seed(limits.seed)
-    system.draws = True
+    path.system.draws = True
     return _sampled(path, limits, begin, watch, notes, _StepRuns(path, generator))
 
 
-def _flowed(path: Path, flow: Flow, rounds: int, begin: float) -> Result:
+def _flowed(path: ModelPath, flow: Flow, rounds: int, begin: float) -> Result:
     # What is left of 1 or 0 is the rounding of sums.
     low, high = (round(value, 12) for value in (flow.good, flow.good if flow.is_complete else 1.0 - flow.bad))
     how = f'exact: {flow.size} states, {rounds} without their time, automata {_ORDERS[path.order]}'
     return _exact(path, flow, (low, high), how, begin)
 
 
-def _exact(path: Path, found: Flow | _Explorer, values: tuple[float, float], how: str, begin: float) -> Result:
+def _exact(path: ModelPath, found: Flow | _Explorer, values: tuple[float, float], how: str, begin: float) -> Result:
     """Return the result of what follows states, by the least and greatest probability that it gives."""
     asked = path.asked
     low, high = (1.0 - values[1], 1.0 - values[0]) if asked.is_negated else values
@@ -175,7 +172,7 @@ def _exact(path: Path, found: Flow | _Explorer, values: tuple[float, float], how
 class _Explorer:
     """The graph of what can follow, by breadth: states 0 and 1 are where the property has failed, or is satisfied."""
 
-    def __init__(self, path: Path, most: int, watch: Watch) -> None:
+    def __init__(self, path: ModelPath, most: int, watch: Watch) -> None:
         self._path = path
         self._most = most
         self._watch = watch
@@ -336,7 +333,7 @@ class _Explorer:
 
 
 def _sampled(
-    path: Path, limits: CheckLimits, begin: float, watch: Watch, notes: list[str], runs: _RoundRuns | _StepRuns
+    path: ModelPath, limits: CheckLimits, begin: float, watch: Watch, notes: list[str], runs: _RoundRuns | _StepRuns
 ) -> Result:
     """Random runs until there are enough for the error that is asked, or the time is over."""
     looks_at = limits.looks
@@ -387,7 +384,7 @@ def _sampled(
 class _RoundRuns:
     """Random runs from round to round, each of which is played once. ``made``: what the last run consists of."""
 
-    def __init__(self, path: Path, rounds: Rounds, generator: random.Random) -> None:
+    def __init__(self, path: ModelPath, rounds: Rounds, generator: random.Random) -> None:
         self._path = path
         self._rounds = rounds
         self._random = generator
@@ -425,7 +422,7 @@ class _RoundRuns:
 class _StepRuns:
     """Random runs from step to step. ``made``: the steps of the last run."""
 
-    def __init__(self, path: Path, generator: random.Random) -> None:
+    def __init__(self, path: ModelPath, generator: random.Random) -> None:
         self._path = path
         self._random = generator
         self.made: list[Made] = []

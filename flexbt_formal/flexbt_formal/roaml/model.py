@@ -16,7 +16,8 @@ from .ascxml import Ascxml, Timer, period_of, ports_of
 from .data_types import DataTypes
 from .dialect import SET, Events, bt_event
 from .handlers import handlers
-from .properties import ModelProperty, PropertyError, event_of, judge_of, read_properties
+from .properties import Judge, ModelProperty, PropertyError, event_of, judge_of, read_properties
+from .rounds import ModelPath, Order
 from .source_text import ModelError, SourceElement, read_text, read_xml
 from .system import ModelSystem
 from .tree import TreePlayer
@@ -141,8 +142,8 @@ class RoamlModel:
             if file.name in names:
                 raise ModelError([LoadError(self.path, 1, 1, '', f'two automata have the name {file.name!r}')])
             names.add(file.name)
-        self._handlers = handlers([one for file in whole for one in file.communications], events)
-        for handler in self._handlers:
+        between = handlers([one for file in whole for one in file.communications], events)
+        for handler in between:
             handler.declare()
         events.send(_CLOCK, ('ros_fields__sec', 'ros_fields__nanosec'))
         if self.tree is not None:
@@ -156,17 +157,17 @@ class RoamlModel:
                     events.send(bt_event(child, 'halt_response_told'))
             for key in self.tree.keys:
                 events.send(SET + key, ('value',))
-        self._automata = [one for file in files for one in file.automata()]
-        self._of_tree = [one for file in self._plugins for one in file.automata()]
-        received = {event for automaton in self._of_tree for event in automaton.received}
+        of_nodes = [one for file in files for one in file.automata()]
+        of_tree = [one for file in self._plugins for one in file.automata()]
+        received = {event for automaton in of_tree for event in automaton.received}
         for instance in self.tree.instances if self.tree is not None else ():
             if self.tree is not None and events.number(bt_event(instance.uid, 'tick')) not in received:
                 plugins[self.tree.plugin(instance.uid)].fail('no state of this plugin has <bt_tick>: it never answers')
-        self._between = [handler.automaton() for handler in self._handlers]
+        self._automata = [*of_nodes, *of_tree, *(handler.automaton() for handler in between)]
         return whole
 
-    def _watched(self, one: ModelProperty) -> list[int]:
-        """Return the events that a property speaks of. Raises ModelError."""
+    def _watched(self, one: ModelProperty) -> tuple[list[int], Judge, Judge]:
+        """Return the events that a property speaks of, and the judges of its two sides. Raises ModelError."""
         found: list[int] = []
         try:
             for name in one.names:
@@ -176,21 +177,19 @@ class RoamlModel:
                     raise PropertyError(f'there is no event {event!r} in this model')
                 if number not in found:
                     found.append(number)
-            judge_of(one.left, self.events, found)
-            judge_of(one.right, self.events, found)
+            return found, judge_of(one.left, self.events, found), judge_of(one.right, self.events, found)
         except PropertyError as error:
             raise ModelError([LoadError(self.path, 1, 1, '', f'the property {one.name!r}: {error}')]) from error
-        return found
 
-    def system(self, one: ModelProperty, draw: Callable[[], float]) -> tuple[ModelSystem, list[int]]:
-        """Return the model, with what a property speaks of in view. ``draw`` gives numbers from 0 to below 1."""
-        watched = self._watched(one)
+    def along(self, one: ModelProperty, order: Order, draw: Callable[[], float]) -> ModelPath:
+        """Return a property along the steps of the model. ``draw`` gives numbers from 0 to below 1."""
+        watched, left, right = self._watched(one)
         timers = [timer for file in self._nodes for timer in file.timers]
         if self.tree is not None:
             timers.append(Timer('the tick of the tree', period_of(self._rate), None))
         timers += [timer for file in self._plugins for timer in file.timers]
         system = ModelSystem(
-            [*self._automata, *self._of_tree, *self._between],
+            self._automata,
             None if self.tree is None else self._player(),
             timers,
             self.events,
@@ -200,4 +199,4 @@ class RoamlModel:
             watched=watched,
             draw=draw,
         )
-        return system, watched
+        return ModelPath(system, left, right, one, order)

@@ -26,7 +26,7 @@ class Order(Enum):
     """All orders: the least or greatest probability of all is asked. Some may starve others."""
 
 
-class Path:
+class ModelPath:
     """A path property: ``left`` until ``right``, along the steps of a model."""
 
     def __init__(self, system: ModelSystem, left: Judge, right: Judge, asked: ModelProperty, order: Order) -> None:
@@ -113,7 +113,7 @@ class Rounds:
     time cannot go on; ``is_cut``, whether the time was over in a round that had taken most of it.
     """
 
-    def __init__(self, path: Path, most: int) -> None:
+    def __init__(self, path: ModelPath, most: int) -> None:
         self._path = path
         self._most = most
         self._made = 0
@@ -232,7 +232,7 @@ class Flow:
     Attributes: ``good`` and ``bad``, what has come there; ``size``, the number of states.
     """
 
-    def __init__(self, rounds: Rounds, path: Path, most: int, watch: Watch) -> None:
+    def __init__(self, rounds: Rounds, path: ModelPath, most: int, watch: Watch) -> None:
         self._rounds = rounds
         self._path = path
         self._most = most

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from .formulas import Formula, Valuation, VariableName, names_in, value_of
+from .formulas import Formula, Valuation, VariableName, names_in, valuation, value_of
 from .specification import GameVariable, Section, Specification
 
 
@@ -32,7 +32,7 @@ class _Check:
         self._nodes: list[Mapping[str, Any]] = certificate['nodes']
         self._start: list[int] = certificate['start']
         self._inputs = specification.names(inputs=True)
-        self._next = [VariableName(name.name, True) for name in self._inputs]
+        self._next = specification.names(inputs=True, primed=True)
         self._guarantees: list[Formula | None] = [*specification.of(Section.SYS_LIVENESS)] or [None]
         self._assumptions: list[Formula | None] = [*specification.of(Section.ENV_LIVENESS)] or [None]
 
@@ -63,7 +63,7 @@ class _Check:
         section, variables = self._specification.of, self._specification.variables
         begun = [self._nodes[number] for number in self._start]
         for node in begun:
-            here = {VariableName(name): value for name, value in node['values'].items()}
+            here = valuation(node['values'])
             if not all(value_of(one, here) for one in section(Section.SYS_INIT)):
                 yield 'a node at the start contradicts SYS_INIT'
         inputs = [{name: node['values'][name.name] for name in self._inputs} for node in begun]
@@ -72,11 +72,8 @@ class _Check:
                 yield f'the world may start with {_text(expected)}, and no node does'
 
     def _of_node(self, node: Mapping[str, Any]) -> Iterator[str]:
-        here = {VariableName(name): value for name, value in node['values'].items()}
-        moves = [
-            ({VariableName(name, True): value for name, value in move['inputs'].items()}, move['to'])
-            for move in node['moves']
-        ]
+        here = valuation(node['values'])
+        moves = [(valuation(move['inputs'], primed=True), move['to']) for move in node['moves']]
         allowed = list(
             valuations(self._next, self._specification.of(Section.ENV_TRANS), here, self._specification.variables)
         )
@@ -90,7 +87,7 @@ class _Check:
                 yield f'an answer to {_text(inputs)}, which the world may not do'
                 continue
             then = self._nodes[to]['values']
-            after = {**here, **{VariableName(name, True): value for name, value in then.items()}}
+            after = {**here, **valuation(then, primed=True)}
             if any(after[name] != value for name, value in inputs.items()):
                 yield f'the move {_text(inputs)} leads to a node with other inputs'
             for formula in self._specification.of(Section.SYS_TRANS):

@@ -15,7 +15,7 @@ from itertools import combinations, islice
 from typing import Any, Final, NamedTuple
 
 from .encoding import Diagram
-from .formulas import Join, Not, VariableName, names_in
+from .formulas import Join, Not, VariableName, names_in, valuation
 from .solver import Game, Removal, Solution, Watch
 from .specification import Section, Specification
 from .translation import OBJECTIVE, ONE_ACTIVE, SynthesisProblem
@@ -68,7 +68,7 @@ class CounterPlay:
 
     def _move(self) -> None:
         game, of = self._game, self._of
-        here = self._named(self.state or {})
+        here = valuation(self.state or {})
         removal = self._removal()
         key = tuple((self.state or {}).values())
         self._visits[key] = self._visits.get(key, 0) + 1
@@ -98,12 +98,12 @@ class CounterPlay:
         return moves
 
     def _removal(self) -> Removal:
-        here = self._named(self.state or {})
+        here = valuation(self.state or {})
         of = self._of
         return next(one for one in self._solution.removals if of.has(here, one.kept) and not of.has(here, one.reached))
 
     def _count_assumption(self, before: Values, after: Values) -> None:
-        step = {**self._named(before), **{VariableName(name, True): value for name, value in after.items()}}
+        step = {**valuation(before), **valuation(after, primed=True)}
         if self._of.has(step, self._game.assumptions[self._assumption]):
             self._assumption = (self._assumption + 1) % len(self._game.assumptions)
 
@@ -115,7 +115,7 @@ class CounterPlay:
     @property
     def is_hopeless(self) -> bool:
         """True if the goal is out of reach from here, even if the world helps from now on."""
-        return self.state is not None and not self._of.has(self._named(self.state), self._game.hopeful)
+        return self.state is not None and not self._of.has(valuation(self.state), self._game.hopeful)
 
     def nearest_answer(self) -> int:
         """Return the number of the answer from which least luck is needed."""
@@ -125,7 +125,7 @@ class CounterPlay:
             meets = game.guarantees[0] & of.primed(game.hopeful)
             while (wider := game.with_luck(meets | of.primed(self._near[-1]))) != self._near[-1]:
                 self._near.append(wider)
-        states = [self._named({**self.inputs, **answer}) for answer in self.answers]
+        states = [valuation({**self.inputs, **answer}) for answer in self.answers]
         far = len(self._near)
         distances = [next((n for n, near in enumerate(self._near) if of.has(one, near)), far) for one in states]
         return distances.index(min(distances))
@@ -134,8 +134,8 @@ class CounterPlay:
         """Return where there is no answer: the formulas that exclude all of them, none of which could be left out."""
         game, of = self._game, self._of
         section = Section.SYS_INIT if self.state is None else Section.SYS_TRANS
-        known = {VariableName(name, self.state is not None): value for name, value in self.inputs.items()}
-        known |= self._named(self.state or {})
+        known = valuation(self.inputs, primed=self.state is not None)
+        known |= valuation(self.state or {})
         lines = [line for line in game.specification.lines if line.section is section]
         lines.sort(key=lambda line: line.origin is not None)  # what the user wrote is left out last
         needed = list(lines)
@@ -144,9 +144,6 @@ class CounterPlay:
             if of.given(known, of.all_of(one.formula for one in without) & of.in_range(game.outputs_next)) == of.false:
                 needed = without
         return list(dict.fromkeys(line.meaning for line in needed))
-
-    def _named(self, values: Values) -> dict[VariableName, int]:
-        return {VariableName(name): value for name, value in values.items()}
 
 
 # Plays in the words of capabilities.
@@ -193,7 +190,8 @@ def state_text(state: Mapping[str, int] | None, problem: SynthesisProblem) -> st
         return 'the start'
     words = problem.vocabulary
     doing = ' and '.join((*words.active_in(state), *words.ends_in(state))) or 'nothing'
-    return f'{doing}{_holding(state, problem)}'
+    held = problem.holding(state)
+    return f'{doing} (holds {", ".join(held)})' if held else doing
 
 
 def world_text(play: CounterPlay, problem: SynthesisProblem) -> str:
@@ -217,11 +215,6 @@ def answers_text(play: CounterPlay, problem: SynthesisProblem) -> tuple[str, ...
         text if texts.count(text) == 1 else f'{text} ({texts[:index].count(text) + 1})'
         for index, text in enumerate(texts)
     )
-
-
-def _holding(state: Mapping[str, int], problem: SynthesisProblem) -> str:
-    held = problem.holding(state)
-    return f' (holds {", ".join(held)})' if held else ''
 
 
 SEARCH_TIME: Final = 10.0

@@ -99,6 +99,12 @@ class Join:
 Formula = Truth | VariableName | Compare | Not | Join
 Valuation = Mapping[VariableName, int]
 
+
+def valuation(values: Mapping[str, int], *, primed: bool = False) -> dict[VariableName, int]:
+    """Return values of variables, by their names, as those of this step or of the next one."""
+    return {VariableName(name, primed): value for name, value in values.items()}
+
+
 TRUE: Final = Truth(True)
 FALSE: Final = Truth(False)
 

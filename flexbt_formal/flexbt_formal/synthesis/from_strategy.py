@@ -13,7 +13,7 @@ from itertools import combinations, product
 from typing import Any, Final
 
 from .errors import SynthesisError
-from .formulas import VariableName, names_in, value_of
+from .formulas import names_in, valuation, value_of
 from .request_files import FAILURE_OUTCOMES
 from .specification import Section
 from .strategy import Strategy, StrategyNode
@@ -89,10 +89,6 @@ class _Place:
 
     def __str__(self) -> str:
         return self.end or ' and '.join(part.capability for part in self.parts)
-
-
-def _valuation(values: Mapping[str, int]) -> dict[VariableName, int]:
-    return {VariableName(name): value for name, value in values.items()}
 
 
 def machine_of(problem: SynthesisProblem, strategy: Strategy) -> SynthesizedMachine:
@@ -376,7 +372,7 @@ class _Building:
         for name, labels in self._problem.file.labels.items():
             if name not in outputs or self._words.is_own(name):
                 continue
-            others = [_valuation(values | {name: number}) for number in labels if number != values[name]]
+            others = [valuation(values | {name: number}) for number in labels if number != values[name]]
             if any(all(value_of(formula, other) is not False for formula in asked) for other in others):
                 taken = f'{name}={labels.get(values[name], values[name])}'
                 notes.append(f"the initial conditions leave '{name}' open, so {taken} is taken; say which it is")
