@@ -42,10 +42,6 @@ def prepare_navigation(
         planner_for(corridor, steering).plan(Pose(0.8, 1.0, 0.0), Pose(0.8, 1.0, math.pi))
 
 
-# ``python3 -m flexbt_navigation.preparation`` has numba compile all loops, and keep them for the processes that come.
-#
-# The set-up of the workspace runs it. Without it the first processes compile them, each for itself.
-
 if __name__ == '__main__':
     prepare_world()
     prepare_navigation()

@@ -16,9 +16,6 @@ from typing import Final, NamedTuple
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_sim.world.plane.geometry import Pose, drive
 
-# Motions: what drives the robot, step by step, and how collisions are seen coming. Pure; a motion is asked for a
-# velocity whenever a new pose is known.
-
 LOOK_AHEAD: Final = 2.0
 """Time for which collisions are looked for ahead, s."""
 

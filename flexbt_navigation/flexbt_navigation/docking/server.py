@@ -2,8 +2,6 @@
 """The actions dock_robot and undock_robot, the service that reloads the database of docks, and the parameters of both
 with Nav2's names.
 
-battery_state reports that the robot is charged; detected_dock_pose where a dock is seen, when that is used.
-
 The charge of the robot is reported by battery_state; where a dock is seen, when that is used, by detected_dock_pose.
 """
 

@@ -25,21 +25,16 @@ CELLS_AT_A_TIME: Final = 1_000_000
 """Number of cells at a time; more take as long, and more memory."""
 
 
-def line_costs(costmap: Costmap, start: Point, end: Point) -> tuple[NDArray[numpy.uint8], bool]:
-    """Costs of the cells on a line, as far as they are on the map (at least one: 0), and whether all of them are."""
-    world = costmap.world
-    ends = numpy.array([world.grid_position(*start), world.grid_position(*end)])
-    count = max(1, math.ceil(2.0 * float(numpy.hypot(*(ends[1] - ends[0])))))
-    rows, columns = numpy.floor(numpy.linspace(ends[0], ends[1], count + 1)).astype(int).T
-    inside = (rows >= 0) & (rows < world.height) & (columns >= 0) & (columns < world.width)
-    costs = costmap.costs[rows[inside], columns[inside]]
-    return (costs if costs.size else numpy.zeros(1, numpy.uint8)), bool(inside.all())
+def greatest_cost(costmap: Costmap, start: Point, end: Point) -> tuple[float, bool]:
+    """Return the greatest cost on a line, as far as it is on the map, and whether all of it is."""
+    greatest, is_on_map = greatest_costs(costmap, numpy.array([start]), numpy.array([end]))
+    return float(greatest[0]), bool(is_on_map[0])
 
 
 def greatest_costs(
     costmap: Costmap, starts: NDArray[numpy.float64], ends: NDArray[numpy.float64]
 ) -> tuple[NDArray[numpy.float64], NDArray[numpy.bool_]]:
-    """Return the greatest cost of each of many lines, N x 2, m (:func:`line_costs`), and whether it is on the map."""
+    """Return the greatest cost of each of many lines, N x 2, m, and whether it is on the map."""
     world = costmap.world
     begin, end = (numpy.stack(world.grid_position(*points.T), axis=1) for points in (starts, ends))
     counts = numpy.maximum(1, numpy.ceil(2.0 * numpy.hypot(*(end - begin).T))).astype(int)

@@ -19,7 +19,7 @@ from flexbt_navigation.costmaps.costmap import INSCRIBED, Costmap
 from flexbt_navigation.errors import NavigationError
 from flexbt_sim.world.plane.geometry import Point, Pose
 
-from .edge_scorers import RouteRequest, Scorer, closest_point, cosine, line_costs
+from .edge_scorers import RouteRequest, Scorer, closest_point, cosine, greatest_cost
 from .graph import Operation, RouteEdge, RouteGraph, RouteNode
 
 
@@ -262,8 +262,8 @@ def nearest_node(graph: RouteGraph, pose: Pose, costmap: Costmap | None) -> Rout
     nodes = graph.nearest(pose, NEAREST_NODES)
     if costmap is None:
         return nodes[0]
-    costs, is_on_map = line_costs(costmap, pose[:2], nodes[0].point)
-    if not is_on_map or costs.max() < INSCRIBED:
+    cost, is_on_map = greatest_cost(costmap, pose[:2], nodes[0].point)
+    if not is_on_map or cost < INSCRIBED:
         return nodes[0]
     world = costmap.world
     wanted = {world.cell(*node.point): node for node in reversed(nodes)}
@@ -413,8 +413,8 @@ def blocked_edge(tracker: RouteTracker, pose: Pose, costmap: Costmap, distance: 
         if length > distance:
             part = distance / length
             end = here[0] + (end[0] - here[0]) * part, here[1] + (end[1] - here[1]) * part
-        costs, is_on_map = line_costs(costmap, here, end)
-        if costs.max() >= INSCRIBED:
+        cost, is_on_map = greatest_cost(costmap, here, end)
+        if cost >= INSCRIBED:
             return each
         distance -= length
         if distance <= 0.0 or not is_on_map:

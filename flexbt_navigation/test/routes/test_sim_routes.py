@@ -12,6 +12,7 @@ import numpy
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from route_graphs import graph, graphs
 
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
@@ -22,8 +23,8 @@ from flexbt_navigation.routes.edge_scorers import (
     RouteRequest,
     Scorer,
     edge_scorer,
+    greatest_cost,
     greatest_costs,
-    line_costs,
 )
 from flexbt_navigation.routes.graph import RouteEdge, RouteGraph, RouteNode, speed_limit
 from flexbt_navigation.routes.route import (
@@ -214,6 +215,16 @@ def test_an_edge_through_an_obstacle_or_beside_the_map_is_none_for_the_costmap_s
 coordinates = st.floats(-2.0, 8.0)
 
 
+def costs_on_line(start: tuple[float, float], end: tuple[float, float]) -> tuple[NDArray[numpy.uint8], bool]:
+    """Return the costs of the cells on one line, as far as they are on the map, and whether all of them are."""
+    world = WALL.world
+    ends = numpy.array([world.grid_position(*start), world.grid_position(*end)])
+    count = max(1, math.ceil(2.0 * math.dist(*ends)))
+    rows, columns = numpy.floor(numpy.linspace(ends[0], ends[1], count + 1)).astype(int).T
+    inside = (rows >= 0) & (rows < world.height) & (columns >= 0) & (columns < world.width)
+    return WALL.costs[rows[inside], columns[inside]], bool(inside.all())
+
+
 @settings(deadline=None, max_examples=100)
 @given(st.lists(st.tuples(coordinates, coordinates, coordinates, coordinates), min_size=1, max_size=20), st.booleans())
 def test_costs_of_many_lines_are_those_of_each(lines: list[tuple[float, ...]], many: bool) -> None:
@@ -221,8 +232,11 @@ def test_costs_of_many_lines_are_those_of_each(lines: list[tuple[float, ...]], m
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr('flexbt_navigation.routes.edge_scorers.CELLS_AT_A_TIME', 10**6 if many else 100)
         greatest, is_on_map = greatest_costs(WALL, starts, ends)
-    each = [line_costs(WALL, (a, b), (c, d)) for a, b, c, d in lines]
-    assert greatest.tolist() == [costs.max() for costs, _ in each]
+    each = [costs_on_line((a, b), (c, d)) for a, b, c, d in lines]
+    assert [greatest_cost(WALL, (a, b), (c, d)) for a, b, c, d in lines] == list(
+        zip(greatest.tolist(), is_on_map.tolist(), strict=True)
+    )
+    assert greatest.tolist() == [costs.max(initial=0) for costs, _ in each]
     assert is_on_map.tolist() == [inside for _, inside in each]
 
 
