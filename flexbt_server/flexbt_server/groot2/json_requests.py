@@ -78,24 +78,20 @@ def signed_32(value: Any) -> int:
 
 
 def boolean(value: Any) -> bool:
-    """Raise RequestError."""
-    if not isinstance(value, bool):
-        raise _type_error('boolean', value)
-    return value
+    """Return true or false. Raises RequestError."""
+    return bool(_typed(value, bool, 'boolean'))
 
 
 def string(value: Any) -> str:
-    """Raise RequestError."""
-    if not isinstance(value, str):
-        raise _type_error('string', value)
-    return value
+    """Return a text. Raises RequestError."""
+    return str(_typed(value, str, 'string'))
 
 
 def _number(value: Any) -> int:
-    if not isinstance(value, int | float):
-        raise _type_error('number', value)
-    return int(value)
+    return int(_typed(value, int | float, 'number'))
 
 
-def _type_error(wanted: str, value: Any) -> RequestError:
-    return RequestError(f'[json.exception.type_error.302] type must be {wanted}, but is {_NAMES[type(value)]}')
+def _typed(value: Any, kind: Any, wanted: str) -> Any:
+    if not isinstance(value, kind):
+        raise RequestError(f'[json.exception.type_error.302] type must be {wanted}, but is {_NAMES[type(value)]}')
+    return value

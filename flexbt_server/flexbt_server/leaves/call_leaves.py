@@ -324,10 +324,9 @@ class ReadTopic(MessageLeaf, _TimedLeaf):
     def on_start(self) -> NodeStatus:
         try:
             (topic,) = self.subscribes_to()
-            self._cache = self.host.topics.cache(topic.of(self))
+            self._cache = self.subscribe(topic)
         except (PortError, ValueError) as error:
             return self.fail(str(error))
-        self._cache.on_message(self.context)
         self._before = self._cache.latest if self.get_input('new') else None
         self._until = self.host.runtime.steady.now() + self.seconds('timeout', 1.0)
         return self.on_running()

@@ -26,7 +26,7 @@ from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.clock.clock import Timer
 from flexbt_server.trees.tree_store import TreeStore
 
-from .topic_cache import TopicCache, TopicCaches
+from .topic_cache import SubscribedTopic, TopicCache, TopicCaches
 
 MOST_TOLD: Final = 1_000
 """Maximum number of things that are reported only once: trees may have any names."""
@@ -88,6 +88,12 @@ class ServerNode(TreeNode):
         """Services of the BT server."""
         services: LeafServices = self.services
         return services
+
+    def subscribe(self, topic: SubscribedTopic) -> TopicCache:
+        """Return the messages of a topic, by its port, which tick the tree."""
+        cache = self.host.topics.cache(topic.of(self))
+        cache.on_message(self.context)
+        return cache
 
 
 # Where the robot is, and poses in other frames, for the leaves of a server.

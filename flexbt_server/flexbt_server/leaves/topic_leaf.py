@@ -57,8 +57,7 @@ class TopicCondition(ServerNode, Condition):
     def tick(self) -> NodeStatus:
         if self._cache is None:
             (topic,) = self.subscribes_to()
-            self._cache = self.host.topics.cache(topic.of(self))
-            self._cache.on_message(self.context)
+            self._cache = self.subscribe(topic)
         message = self._cache.latest
         if self.holds(message):
             return NodeStatus.SUCCESS

@@ -130,12 +130,6 @@ class GoalUpdater(ServerNode, Decorator):
             self.set_output('output_goals', goals)
         return self.tick_child()
 
-    def subscribe(self, topic: SubscribedTopic) -> TopicCache:
-        """Return the messages of a topic, which tick the tree."""
-        cache = self.host.topics.cache(topic)
-        cache.on_message(self.context)
-        return cache
-
     def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
         """Return whether a goal of the one stamp (s, ns) takes the place of one of the other."""
         return published > given

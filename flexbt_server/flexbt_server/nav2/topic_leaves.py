@@ -102,8 +102,7 @@ class CheckStopStatus(ServerNode, StatefulAction):
 
     def on_start(self) -> NodeStatus:
         if self._cache is None:
-            self._cache = self.host.topics.cache(self.odometry)
-            self._cache.on_message(self.context)
+            self._cache = self.subscribe(self.odometry)
         self._since = None
         return self.on_running()
 
@@ -200,8 +199,7 @@ class _Selector(ServerNode, SyncAction):
     def tick(self) -> NodeStatus:
         if self._cache is None:
             (topic,) = self.subscribes_to()
-            self._cache = self.host.topics.cache(topic.of(self))
-            self._cache.on_message(self.context)
+            self._cache = self.subscribe(topic)
         message = self._cache.latest
         name = (message.data if message is not None else '') or str(self.get_input_or(self.default, ''))
         if not name:
