@@ -67,7 +67,11 @@ AREAS: Final = {
     'model': Area('flexbt_core', tuple(f'{engine}/model' for engine in _ENGINES), _TESTS_OF_ENGINES),
     'engine': Area('flexbt_core', tuple(f'{engine}/engine' for engine in _ENGINES), _TESTS_OF_ENGINES),
     'nodes': Area('flexbt_core', ('behavior_tree/nodes',), _TESTS_OF_ENGINES),
-    'commands': Area('flexbt_onboard', ('commands',), ('flexbt_onboard/test/commands',)),
+    'commands': Area(
+        'flexbt_onboard',
+        ('commands',),
+        ('flexbt_onboard/test/commands', 'flexbt_states/test/test_states_operator_input.py'),
+    ),
     'stop': Area(
         'flexbt_onboard',
         ('runs/stop_enforcer.py', 'runs/motion_stop.py'),
