@@ -23,6 +23,7 @@ from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.authoring.wrappers import with_retry
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_formal.exploration.explorer import ExplorationLimits
 from flexbt_formal.exploration.machine_system import MachineBounds
 from flexbt_formal.exploration.model import Report
 from flexbt_formal.proofs.behavior_proof import prove_behavior
@@ -56,7 +57,7 @@ def main() -> int:
             continue
         begin = time.process_time()
         used = used_trees(machine, (), registry)
-        proof = prove_behavior(name, machine, used, MachineBounds(), seconds=options.seconds, configurations=1_000_000)
+        proof = prove_behavior(name, machine, used, MachineBounds(), ExplorationLimits(options.seconds, 1_000_000))
         seconds = time.process_time() - begin
         situations = sum(one.configurations for one in proof.reports)
         steps = sum(one.steps for one in proof.reports)

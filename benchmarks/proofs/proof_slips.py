@@ -490,16 +490,15 @@ class OfMachine:
     def _proved(self, machine: MachineDefinition) -> list[str]:
         used = used_trees(machine, (), _registry())
         proof = prove_behavior(
-            self.name, machine, used, MachineBounds(), seconds=2 * SECONDS, configurations=1_000_000,
+            self.name, machine, used, MachineBounds(), ExplorationLimits(2 * SECONDS, 1_000_000),
             required=self._required, cache=self._cache,
         )  # fmt: skip
         return [found.violation.text for report in proof.reports for found in report.counterexamples]
 
     def _is_alike(self, machine: MachineDefinition) -> bool:
         before, now = (Version(one, used_trees(one, (), _registry())) for one in (self._machine, machine))
-        return compare_behaviors(self.name, before, now, MachineBounds(), seconds=SECONDS, configurations=10_000)[
-            -1
-        ].is_same
+        limits = ExplorationLimits(SECONDS, 10_000)
+        return compare_behaviors(self.name, before, now, MachineBounds(), limits)[-1].is_same
 
 
 def _required(name: str) -> tuple[StatedRequirement, ...]:

@@ -577,8 +577,8 @@ class OfMachine:
             return 'check'
         try:
             proof = prove_behavior(
-                self.mission.name, machine, used_trees(machine, (), _registry()), MachineBounds(), seconds=SECONDS,
-                configurations=100_000, required=self._required,
+                self.mission.name, machine, used_trees(machine, (), _registry()), MachineBounds(),
+                ExplorationLimits(SECONDS, 100_000), required=self._required,
             )  # fmt: skip
         except (TreeLoadError, RefusedError, UnfitError):
             return 'refused'
@@ -589,9 +589,7 @@ class OfMachine:
         before, now = (
             Version(one, used_trees(one, (), _registry())) for one in (self._sound, read_machine(text, STATES))
         )
-        found = compare_behaviors(
-            self.mission.name, before, now, MachineBounds(), seconds=SECONDS, configurations=20_000
-        )  # fmt: skip
+        found = compare_behaviors(self.mission.name, before, now, MachineBounds(), ExplorationLimits(SECONDS, 20_000))
         return all(one.is_same and one.comparison.is_complete for one in found)
 
     def _warnings(self, machine: MachineDefinition) -> Iterator[tuple[str, str]]:

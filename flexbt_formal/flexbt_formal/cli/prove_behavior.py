@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from flexbt_core.monitors.requirement_text import StatedRequirement
 from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy
 from flexbt_core.state_machine.model.definition import MachineDefinition
+from flexbt_formal.exploration.explorer import ExplorationLimits
 from flexbt_formal.exploration.machine_system import MachineBounds, Operator
 from flexbt_formal.proofs.behavior_proof import (
     BehaviorProof,
@@ -74,8 +75,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             behavior.machine,
             used,
             bounds,
-            seconds=options.seconds,
-            configurations=options.situations,
+            ExplorationLimits(options.seconds, options.situations),
             required=required,
             required_of_trees=by_name,
             given=options.given,
@@ -113,8 +113,7 @@ def _compared(
         before,
         Version(machine, used),
         bounds,
-        seconds=options.seconds,
-        configurations=options.situations,
+        ExplorationLimits(options.seconds, options.situations),
         given=options.given,
         on_progress=lambda name, *counts: progress.show(f'{name}, against before', *counts),
     )

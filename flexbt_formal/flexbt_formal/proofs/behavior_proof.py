@@ -172,17 +172,16 @@ def prove_behavior(
     machine: MachineDefinition,
     used: UsedTrees,
     bounds: MachineBounds,
+    limits: ExplorationLimits,
     *,
-    seconds: float,
-    configurations: int,
     required: Sequence[StatedRequirement] = (),
     required_of_trees: Mapping[str, Sequence[StatedRequirement]] = MappingProxyType({}),
     given: Collection[str] = (),
     on_progress: Callable[[str, int, int], None] = unreported,
     cache: ProofCache | None = None,
 ) -> BehaviorProof:
-    """Explore a behavior within ``seconds`` of processor time in all. What a tree does not use of its time, those after
-    it may.
+    """Explore a behavior within the seconds of ``limits`` in all. What a tree does not use of its time, those after it
+    may.
 
     ``required`` is what holds of its machine beside what holds for all, ``required_of_trees`` of trees, by their IDs.
     ``given`` are keys of blackboards that are there before. Of the trees, what is in ``cache`` is not explored again.
@@ -192,19 +191,18 @@ def prove_behavior(
     if problems := problems_with(required, machine_vocabulary(machine), name):
         raise UnfitError('\n'.join(problems))
     requirements = [one.requirement for one in required]
-    end = time.process_time() + seconds
+    end = time.process_time() + limits.seconds
     boards = Blackboards.of(used, given)
     trees: dict[TreeKey, Report] = {}
     ahead = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
-    for most in (_FIRST_SECONDS, seconds):  # most trees are small: what they do not need is for the others
+    for most in (_FIRST_SECONDS, limits.seconds):  # most trees are small: what they do not need is for the others
         for number, key in enumerate(ahead):
             share = _SHARE_OF_TREES * (end - time.process_time()) / (len(ahead) - number)
-            limits = ExplorationLimits(min(most, share), configurations)
             trees[key] = prove_tree(
                 used.library,
                 key,
                 given=given,
-                limits=limits,
+                limits=replace(limits, seconds=min(most, share)),
                 faults=bounds.faults,
                 required=required_of_trees.get(key.id, ()),
                 observed=boards.observed,
@@ -219,7 +217,7 @@ def prove_behavior(
         lambda: MachineSystem(machine, models, bounds, requirements),
         f'machine of {name}',
         f'{bounds}{unknown if without else ""}{requirements_text(required)}',
-        ExplorationLimits(max(0.0, end - time.process_time()), configurations),
+        replace(limits, seconds=max(0.0, end - time.process_time())),
         partial(on_progress, 'the machine'),
         faults=bounds.faults,
     )
@@ -297,13 +295,12 @@ def compare_behaviors(
     before: Version,
     now: Version,
     bounds: MachineBounds,
+    limits: ExplorationLimits,
     *,
-    seconds: float,
-    configurations: int,
     given: Collection[str] = (),
     on_progress: Callable[[str, int, int], None] = unreported,
 ) -> list[Compared]:
-    """Compare the trees that the same states run, and the machines, within ``seconds`` of processor time in all.
+    """Compare the trees that the same states run, and the machines, within the seconds of ``limits`` in all.
 
     Raises TreeLoadError and RefusedError as compare_trees does.
     """
@@ -313,23 +310,23 @@ def compare_behaviors(
         for use in reversed(now.used.uses)
         if use.key is not None and old.get(use.path) is not None
     }
-    end = time.process_time() + seconds
+    end = time.process_time() + limits.seconds
     found: list[Compared] = []
 
-    def limits() -> ExplorationLimits:  # what one does not use of its time, those after it may
+    def share() -> ExplorationLimits:  # what one does not use of its time, those after it may
         left = max(end - time.process_time(), 0.0)
-        return ExplorationLimits(left / (len(pairs) + 1 - len(found)), configurations, seconds)
+        return replace(limits, seconds=left / (len(pairs) + 1 - len(found)), whole=limits.seconds)
 
     for (earlier, key), path in reversed(pairs.items()):
         assert earlier is not None
         called = f'tree {key.id}' if earlier.id == key.id else f'tree {key.id} (before: {earlier.id}) of {path}'
         versions = ((before.used.library, earlier), (now.used.library, key))
         report = partial(on_progress, called)
-        found.append(compare_trees(*versions, given=given, limits=limits(), on_progress=report, name=called))
+        found.append(compare_trees(*versions, given=given, limits=share(), on_progress=report, name=called))
 
     def make(version: Version) -> MachineSystem:
         models = state_models(version.used, {}, Blackboards.of(version.used, given))
         return MachineSystem(version.machine, models, bounds, reduces=False)
 
     report = partial(on_progress, 'the machine')
-    return [*found, Compared(f'machine of {name}', compare(lambda: make(before), lambda: make(now), limits(), report))]
+    return [*found, Compared(f'machine of {name}', compare(lambda: make(before), lambda: make(now), share(), report))]

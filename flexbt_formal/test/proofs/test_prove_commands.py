@@ -18,6 +18,7 @@ from flexbt_console.mirror.trees import MirroredStatus
 from flexbt_console.recording.player import RunPlayer
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
+from flexbt_formal.exploration.explorer import ExplorationLimits
 from flexbt_formal.exploration.machine_system import MachineBounds
 from flexbt_formal.proofs.behavior_proof import prove_behavior
 from flexbt_formal.proofs.proof_report import ProgressLine
@@ -181,7 +182,7 @@ def test_trees_that_write_the_same_side_by_side_are_told(tmp_path: Path, board: 
         add('Drive', BtExecuteState(bt_file='Drive'), {'done': 'finished', 'canceled': 'failed', 'failed': 'failed'})
     made = define(machine)
     used = used_trees(made, (), OpenRegistry(node_registry(lambda source, error: None)))
-    proof = prove_behavior('race', made, used, MachineBounds(), seconds=60, configurations=1000)
+    proof = prove_behavior('race', made, used, MachineBounds(), ExplorationLimits(60, 1000))
     assert [found.violation.where for report in proof.reports for found in report.counterexamples] == wrong
 
 
