@@ -368,20 +368,19 @@ class Ascxml:
 
     def _transitions(self, node: SourceElement, scope: _Scope) -> Iterator[Transition]:
         if node.tag == 'ros_action_handle_goal_response':
-            for attribute, what in (('accept', 'accept'), ('reject', 'reject')):
+            for what in ('accept', 'reject'):
                 name = f'action_{{0}}_goal_{what}_client_{{1}}'
                 answer = self._events.number(self._interface_event(node, 'ros_action_client', name))
-                yield Transition(answer, None, [Target(1.0, _state_name(node, attribute, scope), [])], node.place)
+                yield Transition(answer, None, [Target(1.0, _state_name(node, what, scope), [])], node.place)
             return
         for event, roots, condition in self._triggers(node, scope):
             number = None if event is None else self._events.number(event)
             inner = scope._replace(event=number, roots=roots)
-            asked: Expression | None = condition
             text = node.get('cond')
             if text is not None:
                 own = self._parsed(text, node, 'cond')
-                asked = own if asked is None else Call('&&', (asked, own))
-            function = None if asked is None else self._compiled(asked, node, inner, 'cond')
+                condition = own if condition is None else Call('&&', (condition, own))
+            function = None if condition is None else self._compiled(condition, node, inner, 'cond')
             yield Transition(number, function, self._targets(node, inner), node.place)
 
     def _triggers(
@@ -458,13 +457,10 @@ class Ascxml:
         elif node.tag in BT_CHILD_TRIGGERS and not node.need('id').strip().isdigit():
             # A variable says which child it is.
             chosen = self._parsed(node.need('id'), node, 'id')
-            sends = [self._send(node, event, values, scope) for event, values in self._sent(node, scope.thread)]
-            conditions = [
-                self._compiled(Call('==', (chosen, Literal(place))), node, scope, 'id') for place in range(len(sends))
-            ]
-            branches: list[tuple[Evaluated, list[Action]]] = [
-                (condition, [send]) for condition, send in zip(conditions, sends, strict=True)
-            ]
+            branches: list[tuple[Evaluated, list[Action]]] = []
+            for place, (event, values) in enumerate(self._sent(node, scope.thread)):
+                condition = self._compiled(Call('==', (chosen, Literal(place))), node, scope, 'id')
+                branches.append((condition, [self._send(node, event, values, scope)]))
             yield If(branches, [], node.place)
         else:
             for event, values in self._sent(node, scope.thread):
@@ -497,10 +493,9 @@ class Ascxml:
 
     def _if(self, node: SourceElement, scope: _Scope) -> If:
         """<elseif> and <else> stand between the actions, and are empty."""
-        branches: list[tuple[Evaluated, list[Action]]] = []
         otherwise: list[Action] | None = None
         body: list[Action] = []
-        branches.append((self._condition(node, scope), body))
+        branches = [(self._condition(node, scope), body)]
         for child in node.children:
             if child.tag in ('elseif', 'else'):
                 if otherwise is not None:

@@ -203,6 +203,9 @@ class Around(NamedTuple):
 
 
 _Code = Assign | Send | Write | _Jump | _Unless | _Enter
+_Row = tuple[Evaluated | None, list[tuple[float, int]], str]
+"""A transition: its condition, its targets by probability and address, and its place."""
+
 Branches = list[tuple[float, LocalState]]
 
 
@@ -227,12 +230,12 @@ class Automaton:
         self.states = tuple(state.name for state in states)
         self._numbers = {state.name: number for number, state in enumerate(states)}
         self._code: list[_Code] = []
-        self._free: list[list[tuple[Evaluated | None, list[tuple[float, int]], str]]] = []
-        self._by_event: list[dict[int, list[tuple[Evaluated | None, list[tuple[float, int]], str]]]] = []
+        self._free: list[list[_Row]] = []
+        self._by_event: list[dict[int, list[_Row]]] = []
         by_name = {state.name: state for state in states}
         for state in states:
-            free: list[Any] = []
-            handlers: dict[int, list[Any]] = {}
+            free: list[_Row] = []
+            handlers: dict[int, list[_Row]] = {}
             for transition in state.transitions:
                 targets = [
                     (
@@ -290,10 +293,10 @@ class Automaton:
     def take(self, local: LocalState, event: int, values: tuple[Any, ...], around: Around) -> Branches:
         """Return what follows when it is given an event in the state in which it rests; it stays there when it takes no
         transition. Raises ModelFault."""
-        for condition, targets, place in self._by_event[-1 - local.at].get(event, ()):
-            if condition is None or self._value(condition, local.data, values, around, place):
-                return self._run([(p, LocalState(address, local.data, values)) for p, address in targets], around)
-        return [(1.0, local)]
+        targets = self._chosen(self._by_event[-1 - local.at].get(event, ()), local.data, values, around)
+        if targets is None:
+            return [(1.0, local)]
+        return self._run([(p, LocalState(address, local.data, values)) for p, address in targets], around)
 
     def go_on(self, local: LocalState, around: Around) -> Branches:
         """Return what follows when what is due was done. Raises ModelFault."""
@@ -331,7 +334,7 @@ class Automaton:
                 else:
                     state = action.state  # type: ignore[union-attr]
                     event = ()
-                    targets = self._next(state, data, around)
+                    targets = self._chosen(self._free[state], data, (), around)
                     if targets is None:
                         found.append((probability, LocalState(-1 - state, data, ())))
                         break
@@ -341,9 +344,12 @@ class Automaton:
                     at = targets[0][1]
         return found
 
-    def _next(self, state: int, data: tuple[Any, ...], around: Around) -> list[tuple[float, int]] | None:
-        for condition, targets, place in self._free[state]:
-            if condition is None or self._value(condition, data, (), around, place):
+    def _chosen(
+        self, rows: Sequence[_Row], data: tuple[Any, ...], event: tuple[Any, ...], around: Around
+    ) -> list[tuple[float, int]] | None:
+        """Return the targets of the first transition whose condition holds."""
+        for condition, targets, place in rows:
+            if condition is None or self._value(condition, data, event, around, place):
                 return targets
         return None
 

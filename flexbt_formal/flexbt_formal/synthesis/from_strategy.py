@@ -444,36 +444,28 @@ def merged(outputs: Sequence[Hashable], edges: Sequence[Mapping[str, int]]) -> l
     """For each state the number of the one that it is merged with, so that no outcome has two targets."""
     root = list(range(len(outputs)))
     for one, other in combinations(range(len(outputs)), 2):
-        if _find(root, one) != _find(root, other) and outputs[one] == outputs[other]:
+        if root[one] != root[other] and outputs[one] == outputs[other]:
             root = _joined(root, one, other, outputs, edges) or root
-    return [_find(root, state) for state in range(len(outputs))]
+    return root
 
 
 def _joined(
-    root: Sequence[int], one: int, other: int, outputs: Sequence[Hashable], edges: Sequence[Mapping[str, int]]
+    root: list[int], one: int, other: int, outputs: Sequence[Hashable], edges: Sequence[Mapping[str, int]]
 ) -> list[int] | None:
     """Return the classes when two blocks are one, with all that follows; None when that contradicts what they do."""
-    tried = list(root)
     waiting = [(one, other)]
     while waiting:
-        a, b = (_find(tried, block) for block in waiting.pop())
+        a, b = sorted(root[block] for block in waiting.pop())
         if a == b:
             continue
         if outputs[a] != outputs[b]:
             return None
-        tried[max(a, b)] = min(a, b)
+        root = [a if block == b else block for block in root]
         targets: dict[str, int] = {}
-        for block in range(len(outputs)):
-            if _find(tried, block) == min(a, b):
-                for outcome, to in edges[block].items():
-                    waiting.append((targets.setdefault(outcome, to), to))
-    return tried
-
-
-def _find(root: Sequence[int], block: int) -> int:
-    while root[block] != block:
-        block = root[block]
-    return block
+        for block, of in enumerate(edges):
+            if root[block] == a:
+                waiting += ((targets.setdefault(outcome, to), to) for outcome, to in of.items())
+    return root
 
 
 def _numbered(keys: Sequence[Hashable]) -> list[int]:
