@@ -86,10 +86,6 @@ class MachineMonitor(RunReader):
             RunEnded: self._ended,
         }
 
-    def _report(self, wrong: Violation | None) -> None:
-        if wrong is not None:
-            self._found(wrong)
-
     def _started(self, event: RunStarted) -> None:
         if event.is_resumed:
             self._visits.resume(event.active)
@@ -100,7 +96,8 @@ class MachineMonitor(RunReader):
 
     def _entered(self, event: StateEntered) -> None:
         path = event.path
-        self._report(self._visits.entered(path))
+        if (wrong := self._visits.entered(path)) is not None:
+            self._found(wrong)
         if self._is_ending:
             self._found(Violation(Property.STOP_STOPS, path, f'{path} was entered although the run ends'))
         if path in self._resources:
@@ -110,7 +107,8 @@ class MachineMonitor(RunReader):
 
     def _left(self, event: StateLeft) -> None:
         path, target = event.path, event.target
-        self._report(self._visits.passed_on(path))
+        if (wrong := self._visits.passed_on(path)) is not None:
+            self._found(wrong)
         self._holders.discard(path)
         if self._has_requirements and event.outcome:
             left = f'{path} > {event.outcome}'
@@ -120,17 +118,20 @@ class MachineMonitor(RunReader):
                 self.requirements.event(target)  # states are entered by themselves
 
     def _exited(self, event: StateExited) -> None:
-        self._report(self._visits.exited(event.path))
+        if (wrong := self._visits.exited(event.path)) is not None:
+            self._found(wrong)
 
     def _outcome_taken(self, event: OutcomeTaken) -> None:
         may_pass = self._run.controls.may_pass(event.path, event.required)
-        self._report(self._approvals.leaves(event.path, event.outcome, may_pass))
+        if (wrong := self._approvals.leaves(event.path, event.outcome, may_pass)) is not None:
+            self._found(wrong)
 
     def _asked(self, event: DecisionAsked) -> None:
         self._approvals.asked(event.decision)
 
     def _confirmed(self, event: DecisionTaken) -> None:
-        self._report(self._approvals.confirmed(event.decision_id))
+        if (wrong := self._approvals.confirmed(event.decision_id)) is not None:
+            self._found(wrong)
 
     def _forced(self, event: OutcomeForced) -> None:
         self._approvals.forced(event.path, event.outcome)
