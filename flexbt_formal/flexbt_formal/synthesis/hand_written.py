@@ -130,5 +130,5 @@ class _HandWritten(Translation):
         if success is None:
             super()._strive(goals, success)
 
-    def _promises(self) -> tuple[list[tuple[str, str]], list[str], list[str]]:
-        return [], [], []
+    def _promises(self) -> tuple[list[tuple[str, str]], str | None, list[str]]:
+        return [], None, []

@@ -236,29 +236,18 @@ class Translation:
         lines = self._parsed_lines()
         if self._problems:
             raise SynthesisError(dict.fromkeys(self._problems))
-        parsed = [self._formula(one) for one in (*last_resort, *hopes)]
+        # What may be concurrent and is not needed stays inactive.
+        pairs = () if self._options.parsed else concurrent_pairs(self._file, self._interfaces)
         specification = Specification(
             self._variables,
             tuple(lines),
             tuple((self._formula(a), self._formula(o)) for a, o in live),
-            parsed[0] if last_resort else None,
-            tuple(parsed[len(last_resort) :]),
-            self._idle(),
+            None if last_resort is None else self._formula(last_resort),
+            tuple(map(self._formula, hopes)),
+            frozenset(f'{name}_a' for pair in pairs for name in pair),
         )
-        return SynthesisProblem(
-            specification,
-            self._vocabulary,
-            self._interfaces,
-            self._file,
-            self._request,
-            self._options,
-            tuple(self._notes),
-        )
-
-    def _idle(self) -> frozenset[str]:
-        """Return the activations of what may be concurrent: what is not needed stays inactive."""
-        pairs = () if self._options.parsed else concurrent_pairs(self._file, self._interfaces)
-        return frozenset(f'{name}_a' for pair in pairs for name in pair)
+        words, notes = self._vocabulary, tuple(self._notes)
+        return SynthesisProblem(specification, words, self._interfaces, self._file, self._request, self._options, notes)
 
     # -- names -------------------------------------------------------------------------------------------------------
 
@@ -292,37 +281,31 @@ class Translation:
         return value
 
     def _check_interface(self, one: Capability, interface: StateInterface) -> None:
+        def problem(text: str) -> None:
+            self._problem(one.line, f'capability {one.name}: {text}')
+
         mappings = self._file.mappings
+        normal = ', '.join(mappings.transition_outcomes)
         for outcome in interface.outcomes:
             normalized = mappings.state_outcomes.get(outcome)
             if normalized is None:
-                self._problem(
-                    one.line,
-                    f"capability {one.name}: its outcome '{outcome}' counts as nothing; add "
-                    f"'{outcome}: {mappings.transition_outcomes[0]}', or another one of "
-                    f'{", ".join(mappings.transition_outcomes)}, to state_outcome_mappings',
+                problem(
+                    f"its outcome '{outcome}' counts as nothing; add '{outcome}: {self._hoped}', or another one of "
+                    f'{normal}, to state_outcome_mappings'
                 )
             elif normalized not in mappings.transition_outcomes:
-                self._problem(
-                    one.line,
-                    f"capability {one.name}: its outcome '{outcome}' is mapped to '{normalized}', which is none of "
-                    f'transition_outcomes ({", ".join(mappings.transition_outcomes)})',
-                )
+                what = f"its outcome '{outcome}' is mapped to '{normalized}'"
+                problem(f'{what}, which is none of transition_outcomes ({normal})')
         for outcome in one.autonomy:
             if outcome not in interface.outcomes:
-                self._problem(
-                    one.line,
-                    f"capability {one.name}: autonomy for '{outcome}'{did_you_mean(outcome, interface.outcomes)}",
-                )
+                problem(f"autonomy for '{outcome}'{did_you_mean(outcome, interface.outcomes)}")
         for kind, given, known in (
             ('userdata_in', one.userdata_in, interface.input_keys),
             ('userdata_out', one.userdata_out, interface.output_keys),
         ):
-            for key in given if known is not None else ():
-                if key not in (known or ()):
-                    self._problem(
-                        one.line, f"capability {one.name}: {kind} has '{key}'{did_you_mean(key, known or ())}"
-                    )
+            for key in given:
+                if known is not None and key not in known:
+                    problem(f"{kind} has '{key}'{did_you_mean(key, known)}")
 
     def _named(self) -> Vocabulary:
         mappings = self._file.mappings
@@ -704,10 +687,10 @@ class Translation:
                 owed = f'{name}_p' if self._options.pending else active
                 self._add(Section.ENV_LIVENESS, f'!{owed} | {completes}')
 
-    def _promises(self) -> tuple[list[tuple[str, str]], list[str], list[str]]:
-        """Live outcomes, what gives up, and what is hoped for until then."""
+    def _promises(self) -> tuple[list[tuple[str, str]], str | None, list[str]]:
+        """Return live outcomes, what gives up, and what is hoped for until then."""
         if self._options.liveness is not Liveness.FAIR and self._options.retries is None:
-            return [], [], []
+            return [], None, []
         words = self._vocabulary
         live = [
             (words.active(name), self._completes(name))
@@ -715,7 +698,9 @@ class Translation:
             if self._options.retries is None and self._hoped in words.outcomes[name]
         ]
         gives_up = [f"{end}'" for name, end in words.ends.items() if name in FAILURE_OUTCOMES]
-        return live, [' | '.join(gives_up)] if gives_up and self._hopes else [], self._hopes if gives_up else []
+        if not gives_up or not self._hopes:
+            return live, None, []
+        return live, ' | '.join(gives_up), self._hopes
 
     # -- texts -------------------------------------------------------------------------------------------------------
 
