@@ -70,33 +70,27 @@ _NUMBER: Final = r'(\d{1,9}(?:\.\d{1,9})?)'
 _FORMS: Final[tuple[tuple[str, Callable[..., Requirement]], ...]] = (
     (r'never (.+)', Never),
     (
-        rf'(.+) at most (\d{{1,9}}) times? in {_NUMBER} (ms|s|min)',
-        lambda event, times, number, unit: AtMost(event, int(times), float(number) * _SECONDS[unit]),
+        rf'(.+) at most (\d{{1,9}}) times?(?: in {_NUMBER} (ms|s|min))?',
+        lambda event, times, number, unit: AtMost(event, int(times), _seconds(number, unit)),
     ),
-    (r'(.+) at most (\d{1,9}) times?', lambda event, times: AtMost(event, int(times))),
     (r'(.+) only with (.+) written', lambda event, keys: Written(event, tuple(_parts(keys, 'and')))),
     (
-        r'(.+) only after (.+), (\d{1,9}) times?, each time anew',
-        lambda event, needs, times: Before(event, needs, True, int(times)),
+        r'(.+) only after (.+?)(?:, (\d{1,9}) times?)?(, each time anew)?',
+        lambda event, needs, times, again: Before(event, needs, bool(again), int(times or 1)),
     ),
     (
-        r'(.+) only after (.+), (\d{1,9}) times?',
-        lambda event, needs, times: Before(event, needs, times=int(times)),
+        r'after (.+), (.+?) before the end(?:, up to (\d{1,9}) times?)?',
+        lambda event, then, times: Within(event, then, times=int(times) if times else None),
     ),
-    (r'(.+) only after (.+), each time anew', lambda event, needs: Before(event, needs, True)),
-    (r'(.+) only after (.+)', Before),
-    (
-        r'after (.+), (.+) before the end, up to (\d{1,9}) times?',
-        lambda event, then, times: Within(event, then, times=int(times)),
-    ),
-    (r'after (.+), (.+) before the end', Within),
     (
         rf'after (.+), (.+) within {_NUMBER} (ms|s|min)',
-        lambda event, then, number, unit: Within(event, then, float(number) * _SECONDS[unit]),
+        lambda event, then, number, unit: Within(event, then, _seconds(number, unit)),
     ),
     (r'after (.+) comes (.+)', lambda event, allowed: After(event, tuple(_parts(allowed, 'or')))),
-    (r'(.+) works only while (.+) holds', While),
-    (r'(.+) works only while (.+) fails', lambda works, condition: While(works, condition, holds=False)),
+    (
+        r'(.+) works only while (.+) (holds|fails)',
+        lambda works, condition, how: While(works, condition, how == 'holds'),
+    ),
     (r'(.+) never while (.+)', Apart),
     (r'(.+) is always still possible', Possible),
 )
@@ -135,7 +129,7 @@ def parse_requirement(text: str, place: str) -> StatedRequirement:
     for form, make in _FORMS:
         match = re.fullmatch(form, told)
         if match is not None:
-            made = make(*map(_event, match.groups()))
+            made = make(*map(_event, match.groups('')))
             problem = _unfit(made)
             if problem:
                 raise RequirementError([f'{place}: "{told}": {problem}'])
@@ -164,6 +158,10 @@ def read_requirements(text: str, source: str) -> dict[str, tuple[StatedRequireme
     if parts.problems:
         raise RequirementError(parts.problems)
     return found
+
+
+def _seconds(number: str, unit: str) -> float | None:
+    return float(number) * _SECONDS[unit] if number else None
 
 
 def _parts(text: str, word: str) -> list[str]:

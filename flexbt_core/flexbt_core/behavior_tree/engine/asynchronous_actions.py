@@ -31,6 +31,16 @@ class Future(Protocol[T]):
     def add_done_callback(self, callback: Callable[[Any], object], /) -> object: ...
 
 
+def _completed(leaf: LeafNode, result: object) -> NodeStatus:
+    """Store what ``run`` of a leaf has returned."""
+    status = leaf.checked(result)
+    if status is RUNNING:
+        raise leaf.fault('run has to return when the work is done; RUNNING is no result')
+    if status is not SKIPPED:
+        leaf.status = status
+    return status
+
+
 class CoroutineAction(LeafNode):
     """An action whose :meth:`run` is a coroutine. It is RUNNING until that returns, and each tick advances it.
 
@@ -112,12 +122,7 @@ class CoroutineAction(LeafNode):
             self.status = RUNNING
             return self.checked(RUNNING)
         self.cancel_wake()
-        status = self.checked(result)
-        if status is RUNNING:
-            raise self.fault('run has to return when the work is done; RUNNING is no result')
-        if status is not SKIPPED:
-            self.status = status
-        return status
+        return _completed(self, result)
 
     def _advance(self, step: Callable[[Any], object], value: object) -> object:
         """Let the coroutine run on. Gives its result, or _WAITS, and only then keeps it; raises what it raises."""
@@ -249,12 +254,7 @@ class ThreadedAction(LeafNode):
         self._call = None
         if call.error is not None:
             raise call.error
-        status = self.checked(call.result)
-        if status is RUNNING:
-            raise self.fault('run has to return when the work is done; RUNNING is no result')
-        if status is not SKIPPED:
-            self.status = status
-        return status
+        return _completed(self, call.result)
 
     def halt(self) -> None:
         call = self._call
