@@ -172,19 +172,14 @@ def _shown(way: Sequence[str]) -> Sequence[str]:
 
 def result_as_json(result: Result) -> dict[str, Any]:
     """Return a property for programs."""
+    own = ('value', 'low', 'high', 'how', 'size', 'notes', 'way')
     return {
         'name': result.asked.name,
         'text': result.asked.text,
-        'demand': None if result.asked.demand is None else list(result.asked.demand),
+        'demand': result.asked.demand,
         'holds': result.holds,
-        'value': result.value,
-        'low': result.low,
-        'high': result.high,
-        'how': result.how,
         'exact': result.is_exact,
         'complete': result.is_complete,
-        'size': result.size,
         'seconds': round(result.seconds, 3),
-        'notes': list(result.notes),
-        'way': list(result.way),
+        **{name: getattr(result, name) for name in own},
     }
