@@ -12,11 +12,11 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from flexbt_core.values.text import short_repr, truncate_middle
 
-from .state_host import Severity
+from .state_host import Severity, StateHost
 
 
 class StateMachineError(Exception):
@@ -48,15 +48,6 @@ class StateError(StateMachineError):
 # warning.
 
 _IMMUTABLE: Final = (bool, int, float, complex, str, bytes, type(None))
-
-
-class DataOwner(Protocol):
-    """The state whose view of userdata that is."""
-
-    path: str
-
-    def log(self, severity: Severity, text: str) -> None:
-        """Tell the operator something."""
 
 
 def _copied(value: Any) -> tuple[Any, Exception | None]:
@@ -150,7 +141,7 @@ class UserData:
         input_keys: frozenset[str],
         output_keys: frozenset[str],
         remap: Mapping[str, str],
-        owner: DataOwner,
+        owner: StateHost,
     ) -> None:
         set_slot = object.__setattr__
         set_slot(self, '_scope', scope)
