@@ -15,7 +15,7 @@ import re
 import resource
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -104,16 +104,12 @@ def _answered(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
         }
     if asked['with_states']:
         return {'code': 'made', 'states': state_instantiations(answer.machine)}
-    return {
-        'code': 'made',
-        'machine': _text(answer.machine, asked, modules),
-        'notes': [*answer.machine.notes, *_inputs(answer.machine)],
-    }
-
-
-def _inputs(machine: SynthesizedMachine) -> Iterator[str]:
-    for key in machine.keys:
-        yield f"the machine reads '{key}', which no state writes: start it with --input {key}=TYPE:VALUE"
+    inputs = (
+        f"the machine reads '{key}', which no state writes: start it with --input {key}=TYPE:VALUE"
+        for key in answer.machine.keys
+    )
+    text = _text(answer.machine, asked, modules)
+    return {'code': 'made', 'machine': text, 'notes': [*answer.machine.notes, *inputs]}
 
 
 def _text(machine: SynthesizedMachine, asked: Mapping[str, Any], modules: Sequence[str]) -> str:

@@ -48,11 +48,6 @@ class CheckLimits:
     confidence: float = 0.95
     seed: int = 0
 
-    @property
-    def looks(self) -> dict[int, float]:
-        """After how many random runs it is looked whether they are enough, with which doubt; the most runs last."""
-        return looks(self.error, self.confidence)
-
 
 @dataclass(frozen=True)
 class Result:
@@ -336,7 +331,7 @@ def _sampled(
     path: ModelPath, limits: CheckLimits, begin: float, watch: Watch, notes: list[str], runs: _RoundRuns | _StepRuns
 ) -> Result:
     """Random runs until there are enough for the error that is asked, or the time is over."""
-    looks_at = limits.looks
+    looks_at = looks(limits.error, limits.confidence)
     wanted = max(looks_at)
     doubt = looks_at[wanted]
     good = undecided = done = 0

@@ -35,13 +35,9 @@ class SourceElement:
         self.children = tuple(SourceElement(child, source) for child in element.children)
 
     @property
-    def line(self) -> int:
-        return self.source.position(self.element.offset)[0]
-
-    @property
     def place(self) -> str:
         """File and line, for messages."""
-        return f'{self.source.file}:{self.line}'
+        return f'{self.source.file}:{self.source.position(self.element.offset)[0]}'
 
     def fail(self, message: str, attribute: str = '') -> NoReturn:
         """Raise ModelError for this element, or for one of its attributes."""

@@ -144,7 +144,7 @@ def test_few_random_runs_are_enough_at_0_and_1(tmp_path: Path) -> None:
     assert (never.value, never.low, never.is_complete) == (0.0, 0.0, True)
     # The value is one end of the bounds there: the error is all that is between them.
     assert always.low >= 0.95 and never.high <= 0.05
-    assert always.size == never.size < 200 < max(limits.looks)
+    assert always.size == never.size < 200 < max(looks(limits.error, limits.confidence))
 
 
 @pytest.mark.parametrize('p', [0.0, 0.02, 0.3, 0.5, 1.0])
