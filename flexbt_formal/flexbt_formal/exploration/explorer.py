@@ -86,7 +86,8 @@ class _Exploration:
         self._limits = limits
         self._on_progress = on_progress
         self._system = make()
-        self._graph = ConfigurationGraph()
+        self._first = self._system.capture()
+        self._graph = ConfigurationGraph(self._first.key)
         self._found: dict[Violation, tuple[Move, ...]] = {}
         self._counts: Counter[Property] = Counter()
         self._steps = 0
@@ -99,11 +100,9 @@ class _Exploration:
     # -- the search --------------------------------------------------------------------------------------------------
 
     def _search(self) -> None:
-        first = self._system.capture()
         graph = self._graph
-        graph.add(first.key, None, None)
-        self._describe(first.key)
-        ahead = deque([first])
+        self._describe(self._first.key)
+        ahead = deque([self._first])
         expanded = 0
         while ahead:
             configuration = ahead.popleft()

@@ -21,13 +21,13 @@ _Before = dict[bytes, list[tuple[bytes, _Ways]]]
 
 
 class ConfigurationGraph:
-    """Configurations by their keys.
+    """Configurations by their keys, from the ``first`` one on.
 
     ``unfinished`` are those whose steps were not made, ``broken`` those after something was wrong: nothing is known of
     what follows.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, first: bytes) -> None:
         self.ended: dict[bytes, str | None] = {}
         self.over: set[bytes] = set()
         """Configurations whose end is decided."""
@@ -37,9 +37,9 @@ class ConfigurationGraph:
         self.unfinished: set[bytes] = set()
         self.broken: set[bytes] = set()
         self.depth = 0
-        self._first: bytes | None = None
-        self._from: dict[bytes, tuple[bytes, Move] | None] = {}
-        self._depths: dict[bytes, int] = {}
+        self._first = first
+        self._from: dict[bytes, tuple[bytes, Move] | None] = {first: None}
+        self._depths = {first: 0}
         self._after: dict[bytes, dict[bytes, _Ways]] = {}
         self._servers: set[str] = set()
         self._leading: dict[str, set[bytes]] = {}
@@ -48,25 +48,19 @@ class ConfigurationGraph:
     def __len__(self) -> int:
         return len(self._from)
 
-    def add(self, key: bytes, source: bytes | None, move: Move | None, answer: LabelEffect | None = None) -> bool:
+    def add(self, key: bytes, source: bytes, move: Move, answer: LabelEffect | None = None) -> bool:
         """Add a step, and what it leads to; whether that is new. ``answer`` is that of a server, if the step is one."""
-        if source is not None and move is not None:
-            after = self._after.setdefault(source, {})
-            ways = after.setdefault(key, _STOPS)
-            if not move.label.is_stop and answer not in ways:
-                after[key] = ways | {answer}
-            if answer is not None and answer.server:
-                self._servers.add(answer.server)
+        after = self._after.setdefault(source, {})
+        ways = after.setdefault(key, _STOPS)
+        if not move.label.is_stop and answer not in ways:
+            after[key] = ways | {answer}
+        if answer is not None and answer.server:
+            self._servers.add(answer.server)
         if key in self._from:
             return False
-        if source is None or move is None:
-            self._first = key
-            self._from[key] = None
-            self._depths[key] = 0
-        else:
-            self._from[key] = (source, move)
-            self._depths[key] = self._depths[source] + 1
-            self.depth = max(self.depth, self._depths[key])
+        self._from[key] = (source, move)
+        self._depths[key] = self._depths[source] + 1
+        self.depth = max(self.depth, self._depths[key])
         return True
 
     def way_to(self, key: bytes) -> tuple[Move, ...]:
@@ -176,8 +170,6 @@ class ConfigurationGraph:
 
     def _going_on(self) -> set[bytes]:
         """Return the configurations that are reached without a stop, from where it is open how it ends."""
-        if self._first is None:
-            return set()
         found, ahead = {self._first}, [self._first]
         while ahead:
             for key, ways in self._after.get(ahead.pop(), {}).items():

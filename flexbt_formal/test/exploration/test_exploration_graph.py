@@ -11,9 +11,8 @@ from flexbt_formal.exploration.model import Label, Move
 
 def round_of(steps: Iterable[tuple[int, int]]) -> list[str] | None:
     """Return the steps of the round that is found, in a graph that begins with 0; they are made in this order."""
-    graph = ConfigurationGraph()
     keys = [number.to_bytes(4, 'big') for number in range(1 + max(max(step) for step in steps))]
-    graph.add(keys[0], None, None)
+    graph = ConfigurationGraph(keys[0])
     for source, target in steps:
         move = Move(Label(f'{source}-{target}'))
         graph.add(keys[target], keys[source], move)
