@@ -310,7 +310,7 @@ def test_a_tree_that_changes_all_the_time_is_sent_whole_and_little_waits(
     total = 120 * (2 * 300 + 3) + 3 - 1
     changes = changes_of(subscriber.of('run'))
     assert abs(len(changes) - total) < 1000
-    assert max(waiting) <= MAX_MARKS + 310
+    assert max(waiting) < MAX_MARKS + 2 * 300 + 4  # and a round, since another thread may send a part of one
     check_whole(subscriber.of('run'), changes, len(watched.tree.nodes))
 
 
