@@ -34,7 +34,10 @@ class Desk:
     def __init__(self, bench: StateBench) -> None:
         self.runtime = NodeRuntime('desk', args=())
         self.changes = 0
-        report: Any = SimpleNamespace(run_id='', event=lambda _event, **_fields: None)
+        self.events: list[tuple[str, str]] = []
+        report: Any = SimpleNamespace(
+            run_id='', event=lambda event, decision, **_fields: self.events.append((event, decision))
+        )
         status: Any = SimpleNamespace(changed=self._count)
         self.requests = self.runtime.call(
             lambda: InputRequests(self.runtime, GoalAdmission('the desk'), report, status)
@@ -76,6 +79,7 @@ def test_an_answer_as_text_arrives_as_a_value(bench: StateBench, desk: Desk) -> 
     assert (decision.prompt, decision.input_type, decision.path) == ('Where to?', POSE, '/State')
     desk.answer(text='{header: {frame_id: map}, pose: {position: {x: 2}}}')
     assert run.wait() == 'received', run.lines
+    assert desk.events == [('waiting', decision.id), ('decided', decision.id)]
     expected = PoseStamped()
     expected.header.frame_id, expected.pose.position.x = 'map', 2.0
     assert read == {'data': expected}
