@@ -70,7 +70,11 @@ AREAS: Final = {
     'commands': Area(
         'flexbt_onboard',
         ('commands',),
-        ('flexbt_onboard/test/commands', 'flexbt_states/test/test_states_operator_input.py'),
+        (
+            'flexbt_onboard/test/commands',
+            'flexbt_onboard/test/persistence/test_executive_durable.py',
+            'flexbt_states/test/test_states_operator_input.py',
+        ),
     ),
     'stop': Area(
         'flexbt_onboard',
