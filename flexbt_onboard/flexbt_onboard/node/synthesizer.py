@@ -114,9 +114,7 @@ class Synthesizer:
         runs: RunSupervisor,
         link: ConsoleLink,
         settings: SearchSettings,
-        command: Sequence[str] | None = None,
     ) -> None:
-        """``command`` is the program that searches, by default the installed one."""
         self._runtime = runtime
         self._library = library
         self._store = store
@@ -124,7 +122,6 @@ class Synthesizer:
         self._runs = runs
         self._link = link
         self._settings = settings
-        self._command = command
         self._search: RunningSearch | None = None
         runtime.on_close(self._close)
         self._restore()
@@ -177,7 +174,7 @@ class Synthesizer:
             'with_states': not request.is_kept,
         }
         search.process = SearchProcess(
-            self._command or _installed_command(),
+            _installed_command(),
             asked,
             seconds,
             lambda message: self._runtime.post(lambda: self._tell(search, message)),

@@ -24,27 +24,19 @@ from flexbt_core.monitors.requirement_text import machine_vocabulary
 from flexbt_core.skills.observation import claims
 from flexbt_core.state_machine.engine.engine import STOP_TIMEOUT, RunLimits, RunningCallback
 from flexbt_core.state_machine.engine.events import (
-    AutonomySet,
-    BreakpointSet,
     CommandDecided,
-    ContainerEnded,
-    DecisionAsked,
-    DecisionClosed,
+    DecisionTaken,
     Faulted,
-    HaltAwaited,
-    LockSet,
     Logged,
-    MachineSwitched,
-    RunEnded,
+    OutcomeForced,
+    OutcomeTaken,
+    RunEnding,
     RunEvent,
-    RunPaused,
     RunReader,
-    RunStarted,
+    RunRested,
     StateEntered,
+    StateExited,
     StateLeft,
-    StatePaused,
-    TransitionBlocked,
-    TransitionUnblocked,
 )
 from flexbt_core.state_machine.engine.resume import reasons_against, start_at, switch_machine
 from flexbt_core.state_machine.engine.run import MachineRun
@@ -79,6 +71,10 @@ _ESCAPES: Final = 3
 """Exceptions that may escape from the state machine before the run is aborted."""
 
 
+_UNREAD: Final = (RunRested, RunEnding, StateExited, OutcomeTaken, DecisionTaken, OutcomeForced)
+"""Events of the machine that no reader of a run needs; it does not make them then."""
+
+
 class BehaviorRun(RunReader):
     """A run from the request to the end. Thread-safe, except where it says otherwise.
 
@@ -86,12 +82,7 @@ class BehaviorRun(RunReader):
     which journals what has happened, then to the status, which others see, and then to the ``readers`` in their order.
     """
 
-    reads = (
-        *(RunStarted, RunPaused, MachineSwitched, HaltAwaited, RunEnded),
-        *(StateEntered, StatePaused, StateLeft, ContainerEnded, Faulted, Logged),
-        *(DecisionAsked, DecisionClosed, TransitionBlocked, TransitionUnblocked),
-        *(AutonomySet, LockSet, BreakpointSet, CommandDecided),
-    )
+    reads = tuple(event for event in RunEvent.__subclasses__() if event not in _UNREAD)
 
     def __init__(
         self,
