@@ -88,8 +88,8 @@ class Divided:
 
 
 class Divider:
-    """A divider of the ways to one goal of a domain, from any state. ``doers`` are by the numbers of actions, '' for
-    one that only says that one of the ``goals`` is reached."""
+    """A divider of the ways to one goal of a domain, from any state, until the ``deadline`` on the clock. ``doers`` are
+    by the numbers of actions, '' for one that only says that one of the ``goals`` is reached."""
 
     def __init__(
         self,
@@ -97,57 +97,55 @@ class Divider:
         goal: int,
         goals: Sequence[int],
         doers: Sequence[str],
+        deadline: float,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._domain = domain
         self._goal = goal
         self._goals = tuple(goals)
         self._doers = doers
+        self._deadline = deadline
         self._clock = clock
         self._without: frozenset[int] = frozenset()
 
-    def divide(self, state: int, deadline: float, report: Callable[[SearchProgress], None] | None = None) -> Divided:
-        """Return the best division that is found until the ``deadline``, on the clock."""
-        found = self._search(state, deadline, frozenset(), report)
+    def divide(self, state: int, report: Callable[[SearchProgress], None] | None = None) -> Divided:
+        """Return the best division that is found."""
+        found = self._search(state, report=report)
         if found.start is None:
             return Divided(None, found, found.expanded)
         best, expanded = self._division(found), found.expanded
         without = frozenset[int]()
         better = True
-        while better and self._clock() < deadline:
+        while better and self._clock() < self._deadline:
             better = False
             kept = without
             for others in self._left_to_others(best):
-                tried = self._search(state, deadline, kept | others)
+                tried = self._search(state, kept | others)
                 expanded += tried.expanded
                 if (division := self._better(tried, best)) is not None:
                     best, without, better = division, kept | others, True
         self._without = without
         return Divided(best, found, expanded)
 
-    def divide_alike(self, state: int, deadline: float) -> Divided:
+    def divide_alike(self, state: int) -> Divided:
         """As the last :meth:`divide` left things to others, if that is better than the cheapest plan."""
-        found = self._search(state, deadline, frozenset())
+        found = self._search(state)
         if found.start is None:
             return Divided(None, found, found.expanded)
         best = self._division(found)
-        tried = self._search(state, deadline, self._without)
+        tried = self._search(state, self._without)
         return Divided(self._better(tried, best) or best, found, found.expanded + tried.expanded)
 
-    def alone(self, robot: str, state: int, deadline: float) -> SearchResult:
+    def alone(self, robot: str, state: int) -> SearchResult:
         """Return the cheapest plan of one robot."""
         others = [action for action, doer in enumerate(self._doers) if doer not in ('', robot)]
-        return self._search(state, deadline, others)
+        return self._search(state, others)
 
     def _search(
-        self,
-        state: int,
-        deadline: float,
-        without: Collection[int],
-        report: Callable[[SearchProgress], None] | None = None,
+        self, state: int, without: Collection[int] = (), report: Callable[[SearchProgress], None] | None = None
     ) -> SearchResult:
         reachability = Reachability(self._domain, state, without)
-        limit = deadline - self._clock()
+        limit = self._deadline - self._clock()
         return search(reachability, self._goal, time_limit=limit, report=report, clock=self._clock)
 
     def _better(self, found: SearchResult, than: Division) -> Division | None:

@@ -209,8 +209,8 @@ def plan_team(
     domain, goal, goals = compiled(problem)
     doers = [team.doers.get(action.name, '') for action in domain.actions]
     initial = domain.state(problem.initial)
-    divider = Divider(domain, goal, goals, doers, clock)
-    divided = divider.divide(initial, deadline, report)
+    divider = Divider(domain, goal, goals, doers, deadline, clock)
+    divided = divider.divide(initial, report)
     found, division, expanded = divided.search, divided.division, divided.expanded
     reachability = Reachability(domain, initial)
     least = max((reachability.costs[literal] for literal in bits(goal)), default=0.0)
@@ -227,7 +227,7 @@ def plan_team(
     if division is None:
         reason = why_not(problem, reachability, goals) if found.outcome is SearchOutcome.UNSOLVABLE else ''
         return replace(result, seconds=clock() - began, reason=reason)
-    alone = {robot: divider.alone(robot, initial, deadline).cost for robot in team.robots}
+    alone = {robot: divider.alone(robot, initial).cost for robot in team.robots}
     branches = branches_of(domain, division, team.robots, doers)
     disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
     hopeless: dict[int, tuple[str, ...]] = {}
@@ -240,7 +240,7 @@ def plan_team(
         for state, way in missing.items():
             if any(not branch.condition & ~state for branch in branches):
                 continue
-            other = divider.divide_alike(state, deadline)
+            other = divider.divide_alike(state)
             expanded += other.expanded
             if other.division is not None:
                 branches += branches_of(domain, other.division, team.robots, doers)
