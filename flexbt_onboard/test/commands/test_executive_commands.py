@@ -275,10 +275,12 @@ def test_a_field_that_is_too_large_is_refused_by_name(bench: LoopBench) -> None:
         ('arguments', [BehaviorArgument(name='n', value='x' * 10_001)]),
         ('arguments', [BehaviorArgument()] * 101),
         ('inputs', [BlackboardEntry(key='k', text='x' * 100_001)]),
+        ('inputs', [BlackboardEntry(key='k', data=bytes(1_000_001))]),
     ]
     for field, value in too_large:
         reason = bench.refused(START, **{'behavior': 'Test', field: value})
         assert field in reason and 'at most' in reason
+    assert reason == 'inputs: data has at most 1000000 bytes, not 1000001'
     assert bench.status.state == ExecutiveStatus.IDLE
     asker = Asker(bench)
     for field, value in (('prompt', 'x' * 1001), ('asker', 'x' * 4097), ('choices', ['1'] * 101), ('type', 'x' * 257)):
