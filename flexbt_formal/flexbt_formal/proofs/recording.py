@@ -106,7 +106,7 @@ class _Recording:
             status.state, status.outcome = ExecutiveStatus.IDLE, system.ended
         elif isinstance(system, MachineSystem):
             run = system.run
-            status.autonomy = run.autonomy_of('/')
+            status.autonomy = run.controls.level('/')
             if run.is_paused or run.is_ending:
                 status.state = ExecutiveStatus.STOPPING if run.is_ending else ExecutiveStatus.PAUSED
             status.active_states = [ActiveState(path=leaf.path) for leaf in run.active_states()]

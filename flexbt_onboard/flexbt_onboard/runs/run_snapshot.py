@@ -191,7 +191,7 @@ class RunStatus(RunReader):
             shown = known.get(path) or ActiveLeaf(path, self._stamp(self._clock.now()))
             active.append(replace(shown, is_paused=True, held_back=_NOT_ENTERED))
         return {
-            'levels': machine.autonomy_levels,
+            'levels': machine.controls.levels(),
             'is_paused': machine.is_paused,
             'active': tuple(active),
             'decisions': self._decisions(machine),

@@ -244,16 +244,6 @@ class MachineRun(Engine):
             return []
         return [region.blocked for region in self.regions() if region.blocked is not None]
 
-    def autonomy_of(self, path: str) -> int:
-        """Return the level that holds for a state or machine: the one that was set last for it, or for what is around
-        it."""
-        return self.controls.level(path)
-
-    @property
-    def autonomy_levels(self) -> dict[str, int]:
-        """The level of the root by its path, and of each sub-tree that has another one than what is around it."""
-        return self.controls.levels()
-
     @property
     def locked(self) -> list[str]:
         """Paths of the states and machines that are locked, sorted."""

@@ -116,13 +116,13 @@ def test_a_sub_tree_has_a_level_of_its_own_until_one_is_set_for_what_is_around_i
     assert bench.active == ('/M0/S',), 'not its business'
     assert bench.set_autonomy(Autonomy.High, '/M0/S') is None
     assert bench.active == ('/M1/S',)
-    levels = {path: bench.run.autonomy_of(path) for path in ('/', '/M0', '/M0/S', '/M1', '/M1/S')}
+    levels = {path: bench.run.controls.level(path) for path in ('/', '/M0', '/M0/S', '/M1', '/M1/S')}
     assert levels == {'/': 0, '/M0': 0, '/M0/S': 2, '/M1': 2, '/M1/S': 2}
     assert bench.set_autonomy(Autonomy.Low, '/M0') is None
-    assert bench.run.autonomy_of('/M0/S') == Autonomy.Low, 'what is set for a machine holds for all that is in it'
-    assert bench.run.autonomy_of('/M1/S') == Autonomy.High
+    assert bench.run.controls.level('/M0/S') == Autonomy.Low, 'what is set for a machine holds for all that is in it'
+    assert bench.run.controls.level('/M1/S') == Autonomy.High
     assert bench.set_autonomy(Autonomy.Full, '/') is None
-    assert {bench.run.autonomy_of(path) for path in levels} == {Autonomy.Full}
+    assert {bench.run.controls.level(path) for path in levels} == {Autonomy.Full}
 
 
 def test_a_path_that_only_begins_alike_is_not_in_the_sub_tree() -> None:
@@ -131,7 +131,7 @@ def test_a_path_that_only_begins_alike_is_not_in_the_sub_tree() -> None:
         autonomy=Autonomy.Off,
     )
     assert bench.set_autonomy(Autonomy.Full, '/A') is None
-    assert [bench.run.autonomy_of(path) for path in ('/', '/A', '/AB')] == [0, 3, 0]
+    assert [bench.run.controls.level(path) for path in ('/', '/A', '/AB')] == [0, 3, 0]
 
 
 @pytest.mark.parametrize('level', [-1, 4, 255])
@@ -139,7 +139,7 @@ def test_a_level_that_is_none_is_refused(level: int) -> None:
     bench = Bench(nested(Scripted(), 'A'), autonomy=Autonomy.Low)
     refusal = bench.set_autonomy(level)
     assert refusal == f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'
-    assert bench.run.autonomy_of('/A') == Autonomy.Low
+    assert bench.run.controls.level('/A') == Autonomy.Low
     with pytest.raises(StateMachineError, match=f'autonomy {level} is none'):
         Bench(nested(Scripted(), 'A'), autonomy=level)
 
@@ -148,7 +148,7 @@ def test_a_level_that_is_none_is_refused(level: int) -> None:
 def test_a_path_that_is_none_is_refused(path: str) -> None:
     bench = Bench(nested(Scripted(), 'A'))
     assert bench.set_autonomy(Autonomy.Off, path) == f'there is no state {path!r}'
-    assert bench.run.autonomy_of('/A') == Autonomy.Full
+    assert bench.run.controls.level('/A') == Autonomy.Full
 
 
 def test_two_runs_of_one_machine_have_levels_of_their_own() -> None:
@@ -159,4 +159,4 @@ def test_two_runs_of_one_machine_have_levels_of_their_own() -> None:
     first.stop()
     second = Bench(made, autonomy=Autonomy.Full)
     assert second.outcome == 'ended'
-    assert first.run.autonomy_of('/A/B') == Autonomy.Off
+    assert first.run.controls.level('/A/B') == Autonomy.Off

@@ -327,7 +327,7 @@ def test_levels_of_sub_trees_are_told_where_they_differ() -> None:
     )
     bench.set_autonomy(Autonomy.Low, '/M')
     bench.set_autonomy(Autonomy.Full, '/M/A/B')
-    assert bench.run.autonomy_levels == {'/': 3, '/M': 1, '/M/A/B': 3}
+    assert bench.run.controls.levels() == {'/': 3, '/M': 1, '/M/A/B': 3}
 
 
 def test_a_state_that_takes_longer_than_its_period_is_left_all_the_same() -> None:

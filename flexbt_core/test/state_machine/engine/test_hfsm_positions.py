@@ -63,7 +63,7 @@ def test_a_run_goes_on_with_its_userdata_and_settings_and_tells_the_state_so() -
     after = Bench(second, autonomy=Autonomy.Off, at=position)
     assert seen == [(False, 7), (True, 7)]
     assert after.active == before.active
-    assert (after.run.locked, after.run.breakpoints, after.run.autonomy_levels) == (
+    assert (after.run.locked, after.run.breakpoints, after.run.controls.levels()) == (
         ['/M'],
         ['/M/S1'],
         {'/': 3, '/M': 1},
@@ -333,7 +333,7 @@ def test_settings_of_what_both_machines_have_stay() -> None:
     bench.set_autonomy(Autonomy.Low, '/S1')
     assert bench.switch(line(Scripted(), nested(Scripted(), 'B'))) is None
     assert (bench.run.locked, bench.run.breakpoints) == (['/S0'], ['/S1'])
-    assert bench.run.autonomy_levels == {'/': 3, '/S1': 1}
+    assert bench.run.controls.levels() == {'/': 3, '/S1': 1}
 
 
 def test_a_run_whose_states_are_taken_binds_none_of_them() -> None:

@@ -120,7 +120,7 @@ def test_commands_after_the_end_are_refused_at_once_each(how: str) -> None:
     assert not bench.run.step()
     assert (bench.outcome, bench.run.message) == (outcome, bench.run.message)
     assert 'too late' not in bench.run.message
-    assert bench.run.autonomy_of('/A') == Autonomy.Full
+    assert bench.run.controls.level('/A') == Autonomy.Full
     assert state.calls('on_stop') == 1
 
 
