@@ -17,11 +17,11 @@ from typing import Any, Final
 from target import target
 
 from flexbt_sim.world import FAULTS, MODELS, Circle, DoorModel, ObstacleModel, Polygon, Pose, StationModel, ZoneModel
-from flexbt_sim.world.descriptions.faults import NAVIGATION_SERVERS, TOPICS, FaultTiming
-from flexbt_sim.world.descriptions.models import RobotModel
-from flexbt_sim.world.descriptions.world_file import SECTIONS, FloorPlan, WorldModel
+from flexbt_sim.world.faults import NAVIGATION_SERVERS, TOPICS, FaultTiming
+from flexbt_sim.world.models import RobotModel
 from flexbt_sim.world.plane.geometry import MAX_CORNERS, Shape
 from flexbt_sim.world.specification import ModelKey, ModelSpecification, keys_of, types_of, written
+from flexbt_sim.world.world_file import SECTIONS, FloorPlan, WorldModel
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'world_files.md'
 HEAD: Final = """\

@@ -39,7 +39,7 @@ from flexbt_navigation.planner.server import PlannerParameters, PlannerServer, S
 from flexbt_navigation.routes.server import RouteServer
 from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.messages import action_type, faults_of
-from flexbt_sim.world.descriptions.faults import ServerDies, ServerFails, ServerFault, ServerHangs, ServerRefuses
+from flexbt_sim.world.faults import ServerDies, ServerFails, ServerFault, ServerHangs, ServerRefuses
 
 from .collision_monitor import CollisionMonitor
 from .parameters import declare_navigation_parameters

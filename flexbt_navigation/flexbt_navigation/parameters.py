@@ -23,8 +23,8 @@ from flexbt_navigation.docking.server import DockingParameters, declare_docking_
 from flexbt_navigation.planner.server import PlannerParameters
 from flexbt_navigation.routes.server import RouteParameters
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.descriptions.models import RobotModel
-from flexbt_sim.world.descriptions.world_file import WorldFile
+from flexbt_sim.world.models import RobotModel
+from flexbt_sim.world.world_file import WorldFile
 
 from .collision_monitor import CollisionMonitorParameters
 

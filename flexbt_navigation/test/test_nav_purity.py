@@ -13,7 +13,6 @@ PURE = (
     'flexbt_navigation.costmaps.costmap',
     'flexbt_navigation.costmaps.kernels',
     'flexbt_navigation.costmaps.layers',
-    'flexbt_navigation.docking.dock_database',
     'flexbt_navigation.docking.motions',
     'flexbt_navigation.errors',
     'flexbt_navigation.navigator',

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from flexbt_common.values.limits import check_limits
 from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import load_yaml
-from flexbt_sim.world.descriptions.faults import ServerFails, ServerFault, fault_parameters
+from flexbt_sim.world.faults import ServerFails, ServerFault, fault_parameters
 from flexbt_sim.world.plane.geometry import Pose, wrap
 from flexbt_sim.world.plane.occupancy_map import MAX_RESOLUTION, MIN_RESOLUTION, OccupancyMap
 from flexbt_sim.world.specification import FaultModel

@@ -20,7 +20,7 @@ import numpy
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import NavigationError
-from flexbt_sim.world.descriptions.models import DriveModel
+from flexbt_sim.world.models import DriveModel
 from flexbt_sim.world.plane.geometry import Pose, compose, drive, wrap
 
 from .motions import (

@@ -48,8 +48,17 @@ from flexbt_navigation.planner.planners import StopFlag, planner_for
 from flexbt_sim.messages import stamped
 from flexbt_sim.world.plane.geometry import Pose, wrap
 
-from .dock_database import Dock, DockType, load_docks
-from .motions import DockingLimits, DockMotion, DockState, Senses, StagingMotion, UndockMotion
+from .motions import (
+    Dock,
+    DockingLimits,
+    DockMotion,
+    DockState,
+    DockType,
+    Senses,
+    StagingMotion,
+    UndockMotion,
+    load_docks,
+)
 
 CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
 CHARGING_CURRENT: Final = 0.5

@@ -15,16 +15,17 @@ from hypothesis import strategies as st
 
 from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
-from flexbt_navigation.docking.dock_database import Dock, load_docks
 from flexbt_navigation.docking.motions import (
     RETRIES,
     ControlLaw,
+    Dock,
     DockingLimits,
     DockMotion,
     DockState,
     Senses,
     StagingMotion,
     UndockMotion,
+    load_docks,
     velocity_to,
 )
 from flexbt_navigation.errors import DockError, NavigationError

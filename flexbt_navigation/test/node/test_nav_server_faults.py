@@ -21,7 +21,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.message_fields import duration_message
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.messages import check_fault
-from flexbt_sim.world.descriptions.faults import NAVIGATION_SERVERS, fault_parameters
+from flexbt_sim.world.faults import NAVIGATION_SERVERS, fault_parameters
 from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, aborted, line, open_navigation, open_simulator
 from flexbt_testing.waiting import wait_until
 

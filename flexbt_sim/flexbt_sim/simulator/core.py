@@ -24,7 +24,7 @@ from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.intra_process import IntraProcessTopics
-from flexbt_sim.world.descriptions.faults import Fault
+from flexbt_sim.world.faults import Fault
 from flexbt_sim.world.pacing import Pacer
 from flexbt_sim.world.plane.geometry import Pose
 from flexbt_sim.world.robot import Robot

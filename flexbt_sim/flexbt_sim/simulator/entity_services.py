@@ -46,12 +46,12 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import short_repr
 from flexbt_sim.errors import SimulationError, WorldError
 from flexbt_sim.messages import pose_message, pose_of
-from flexbt_sim.world.descriptions.world_file import WorldFile
 from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, box, compose, gap
 from flexbt_sim.world.plane.space import Body
 from flexbt_sim.world.robot import Robot
 from flexbt_sim.world.scenery import Entity, Zone
 from flexbt_sim.world.specification import NAME
+from flexbt_sim.world.world_file import WorldFile
 
 from .core import SimulatorCore
 

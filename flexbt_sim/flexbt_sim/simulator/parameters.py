@@ -14,9 +14,9 @@ from flexbt_common.runtime.parameters import ALLOWED_DIRECTORIES_TEXT, Parameter
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.messages import check_fault
-from flexbt_sim.world.descriptions.models import DriveModel, RobotModel
 from flexbt_sim.world.device import Device
 from flexbt_sim.world.devices import BatteryModel, Lidar, LidarModel
+from flexbt_sim.world.models import DriveModel, RobotModel
 from flexbt_sim.world.plane.geometry import Circle, Pose
 from flexbt_sim.world.plane.occupancy_map import load_map
 from flexbt_sim.world.world import World

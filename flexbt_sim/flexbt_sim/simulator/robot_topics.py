@@ -34,8 +34,8 @@ from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.intra_process import IntraProcessPublisher, IntraProcessTopics
 from flexbt_sim.messages import faults_message, pose_of, transform
-from flexbt_sim.world.descriptions.faults import TOPICS, MessagesDropped, MessagesLate, ServerFault
 from flexbt_sim.world.device import Device, Sensor
+from flexbt_sim.world.faults import TOPICS, MessagesDropped, MessagesLate, ServerFault
 from flexbt_sim.world.plane.geometry import Pose
 from flexbt_sim.world.plane.space import generator
 from flexbt_sim.world.robot import Robot

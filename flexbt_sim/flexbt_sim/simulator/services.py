@@ -35,7 +35,7 @@ from flexbt_core.values.yaml_data import YamlError, load_yaml
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.messages import check_fault, grid_message
-from flexbt_sim.world.descriptions.faults import ServerFault, fault_parameters
+from flexbt_sim.world.faults import ServerFault, fault_parameters
 from flexbt_sim.world.plane.geometry import Pose, Shape
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 

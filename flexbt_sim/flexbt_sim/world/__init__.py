@@ -4,20 +4,6 @@
 ``World.load(file)`` reads a world file, ``step`` lets time pass.
 """
 
-from flexbt_sim.world.descriptions.faults import FAULTS, Fault
-from flexbt_sim.world.descriptions.models import (
-    MODELS,
-    DoorModel,
-    DriveModel,
-    ObstacleModel,
-    OdometryModel,
-    RobotModel,
-    RouteModel,
-    StationModel,
-    WalkModel,
-    ZoneModel,
-)
-from flexbt_sim.world.descriptions.world_file import WorldFile
 from flexbt_sim.world.device import Device, Sensor
 from flexbt_sim.world.devices import (
     Battery,
@@ -32,6 +18,19 @@ from flexbt_sim.world.devices import (
     RangeFinder,
     RangeFinderModel,
     Scan,
+)
+from flexbt_sim.world.faults import FAULTS, Fault
+from flexbt_sim.world.models import (
+    MODELS,
+    DoorModel,
+    DriveModel,
+    ObstacleModel,
+    OdometryModel,
+    RobotModel,
+    RouteModel,
+    StationModel,
+    WalkModel,
+    ZoneModel,
 )
 from flexbt_sim.world.plane.geometry import (
     FARTHEST,
@@ -50,6 +49,7 @@ from flexbt_sim.world.plane.geometry import (
 from flexbt_sim.world.plane.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap, load_map
 from flexbt_sim.world.plane.space import Body
 from flexbt_sim.world.specification import FaultModel
+from flexbt_sim.world.world_file import WorldFile
 
 from .pictures import Trace, TraceFrame, draw_world
 from .robot import COMMAND_PERIOD, Robot

@@ -3,7 +3,7 @@
 ROS.
 
 A device is one class. Its name is its key in the description of a robot; its topics are described as values, which the
-simulator fills messages with. ``DEVICES`` in ``flexbt_sim.world.descriptions.models`` lists all of them.
+simulator fills messages with. ``DEVICES`` in ``flexbt_sim.world.models`` lists all of them.
 """
 
 from __future__ import annotations

@@ -6,10 +6,10 @@ from __future__ import annotations
 import math
 from typing import Final, TypeVar
 
-from flexbt_sim.world.descriptions.faults import LocalizationLost, StuckWheel
-from flexbt_sim.world.descriptions.models import DEVICES, OdometryModel, RobotModel
 from flexbt_sim.world.device import Carrier, Device, DeviceFault, Sensor
 from flexbt_sim.world.devices import Battery, Lidar, Scan
+from flexbt_sim.world.faults import LocalizationLost, StuckWheel
+from flexbt_sim.world.models import DEVICES, OdometryModel, RobotModel
 from flexbt_sim.world.plane.geometry import Pose, compose, drive, inverse, wrap
 from flexbt_sim.world.plane.space import Normals, WorldView, generator
 from flexbt_sim.world.specification import FaultModel

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final, Generic, TypeVar
 
-from flexbt_sim.world.descriptions.models import (
+from flexbt_sim.world.models import (
     DoorModel,
     ObstacleModel,
     RouteModel,

@@ -16,8 +16,10 @@ import numpy
 
 from flexbt_core.values.text import did_you_mean
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world.descriptions.faults import Fault, fault_parameters
-from flexbt_sim.world.descriptions.models import (
+from flexbt_sim.world.device import Sensor
+from flexbt_sim.world.devices import Gripper
+from flexbt_sim.world.faults import Fault, fault_parameters
+from flexbt_sim.world.models import (
     STEP,
     DoorModel,
     ObstacleModel,
@@ -25,14 +27,12 @@ from flexbt_sim.world.descriptions.models import (
     StationModel,
     ZoneModel,
 )
-from flexbt_sim.world.descriptions.world_file import WorldFile
-from flexbt_sim.world.device import Sensor
-from flexbt_sim.world.devices import Gripper
 from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, box, compose
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 from flexbt_sim.world.plane.ray_casting import Floats, RayCaster, outlines
 from flexbt_sim.world.plane.space import Body, BodyGrid, Space, check_pose
 from flexbt_sim.world.specification import NAME, FaultModel
+from flexbt_sim.world.world_file import WorldFile
 
 from .robot import Robot
 from .scenery import Door, Entity, Obstacle, Station, Zone

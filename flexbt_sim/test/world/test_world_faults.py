@@ -26,7 +26,7 @@ from flexbt_sim.world import (
     ZoneModel,
     box,
 )
-from flexbt_sim.world.descriptions.faults import fault_parameters
+from flexbt_sim.world.faults import fault_parameters
 
 
 def alone(model: RobotModel = MODELS['waffle']) -> tuple[World, Robot]:

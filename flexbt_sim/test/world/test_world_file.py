@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from flexbt_sim.errors import WorldError
 from flexbt_sim.world import Circle, Pose, World, WorldFile
-from flexbt_sim.world.descriptions.world_file import FloorPlan
+from flexbt_sim.world.world_file import FloorPlan
 
 WORLD = """\
 plan:
