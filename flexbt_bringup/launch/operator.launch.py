@@ -6,19 +6,21 @@ ros2 run flexbt_console console --namespace /robot1
 """
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
 
 
-def page(context: LaunchContext) -> list[ExecuteProcess]:
+def page(context: LaunchContext) -> list[Node]:
     """Return the process that serves the page, for the arguments of this launch."""
-    command = ['ros2', 'run', 'flexbt_console', 'console', 'web']
+    command = ['web']
     for name, option in (('namespace', '--robot'), ('port', '--port'), ('address', '--address')):
         value = LaunchConfiguration(name).perform(context)
         command += [option, value] if value else []
     if LaunchConfiguration('slow_link').perform(context).lower() == 'true':
         command.append('--slow-link')
-    return [ExecuteProcess(cmd=command, output='screen')]
+    again = {'respawn': True, 'respawn_delay': 2.0, 'respawn_max_retries': 5}
+    return [Node(package='flexbt_console', executable='console', arguments=command, output='screen', **again)]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -27,6 +27,7 @@ def nodes(context: LaunchContext) -> list[Node]:
         'output': 'screen',
         'respawn': True,
         'respawn_delay': 2.0,
+        'respawn_max_retries': 5,
         'remappings': [('/tf', 'tf'), ('/tf_static', 'tf_static')],
     }
     time = {'use_sim_time': simulated}

@@ -94,7 +94,7 @@ def test_a_launch_file_gives_a_node_only_parameters_that_it_has(file: Path) -> N
         known[name].add('autostart')
     for node in nodes_of(file):
         name = node.options['executable']
-        for parameters in node.options.get('parameters', []):
+        for parameters in filter(lambda given: isinstance(given, dict), node.options.get('parameters', [])):
             assert set(parameters) <= known.get(name, set(parameters)), name
 
 
@@ -102,7 +102,7 @@ def test_a_launch_file_gives_a_node_only_parameters_that_it_has(file: Path) -> N
 @pytest.mark.parametrize('file', LAUNCH_FILES, ids=lambda file: file.name)
 def test_every_node_of_a_launch_file_is_there_and_is_started_again_but_the_program_that_ends(file: Path) -> None:
     nodes = nodes_of(file)
-    assert len(nodes) >= 3
+    assert len(nodes) >= (1 if file.name == 'operator.launch.py' else 3)
     for node in nodes:
         process = Process(node.options['package'], node.options['executable'])
         assert Path(process.command()[0]).is_file()
