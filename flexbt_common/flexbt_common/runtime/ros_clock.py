@@ -9,7 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock as RclpyClock
@@ -23,14 +23,28 @@ from rclpy.time_source import TimeSource
 
 from flexbt_core.clock.clock import Clock, Timer, TimerQueue
 
-if TYPE_CHECKING:
-    from .node_runtime import Runtime
-
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
 """Seconds after which a timer farther away is checked again. rcl counts nanoseconds in 64 bits."""
 _LONGEST_STEP = 86_400 * _NANOSECONDS
 """Maximum progress of simulated time from one message to the next, ns; more is a jump."""
+
+
+class ClockHost(Protocol):
+    """The part of a :class:`NodeRuntime` that the clock uses; the runtime itself imports the clock."""
+
+    node: Any
+    simulated_time: SimulatedTime
+
+    @property
+    def on_executor_thread(self) -> bool:
+        """True if the caller is on the executor thread."""
+
+    def post(self, fn: Callable[[], object]) -> None:
+        """Run ``fn`` on the executor thread soon."""
+
+    def report_fault(self, error: BaseException, where: str) -> None:
+        """Log an exception that the callback of a timer let escape."""
 
 
 class RosClock:
@@ -46,7 +60,7 @@ class RosClock:
     one of the system's clock would wait for an hour more when that is set back by an hour.
     """
 
-    def __init__(self, runtime: Runtime) -> None:
+    def __init__(self, runtime: ClockHost) -> None:
         self._runtime = runtime
         self._ros_clock = runtime.node.get_clock()
         self._lock = threading.Lock()

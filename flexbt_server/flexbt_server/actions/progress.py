@@ -13,7 +13,7 @@ from nav_msgs.msg import Path
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.values.json_data import finite_number
-from flexbt_server.nav2.path_tracking import path_length, points_of, position_of, to_segment
+from flexbt_server.leaves.path_tracking import path_length, points_of, position_of, to_segment
 from flexbt_server.trees.blackboards import RECOVERIES_KEY
 
 MOST_COUNTED: Final = 2**15 - 1

@@ -18,13 +18,13 @@ from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, STRING, UNSIGNED
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.skills.skill import Skill
+from flexbt_server.leaves.path_tracking import yaw_of
 from flexbt_server.leaves.service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf
 from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, WAYPOINT_STATUSES
 
 from .branches import SKIPPED, mark
 from .field_ports import FieldService
 from .motion_actions import VALID, count_recovery
-from .path_tracking import yaw_of
 
 _OCCUPIED: Final = Predicate('occupied', {'pose': 'pose'}, ConditionSensor('CheckPoseOccupancy', {'pose': '{$pose}'}))
 

@@ -22,10 +22,9 @@ from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.nav2 import controls as nav2_pause
 from flexbt_core.behavior_tree.nodes.nav2 import decorators as nav2_motion
 from flexbt_server.leaves.leaf_services import ServerNode
+from flexbt_server.leaves.path_tracking import position_of
 from flexbt_server.leaves.topic_cache import SubscribedTopic, TopicCache
 from flexbt_server.trees.ros_ports import POSE_STAMPED, POSES
-
-from .path_tracking import position_of
 
 
 class DistanceController(ServerNode, nav2_motion.DistanceController):

@@ -23,11 +23,11 @@ from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, No
 from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.skills.skill import Skill
 from flexbt_server.leaves.action_leaf import ACTION_PORTS, BASE
+from flexbt_server.leaves.path_tracking import PathTracker
 from flexbt_server.trees.blackboards import RECOVERIES_KEY
 from flexbt_server.trees.ros_ports import DURATION, PATH, POSE_STAMPED, POSES, TRACKING_FEEDBACK, TrackingFeedback
 
 from .field_ports import FieldAction
-from .path_tracking import PathTracker
 from .pose_leaves import AT
 
 VALID: Final = Predicate('valid', {'path': 'path'}, ConditionSensor('IsPathValid', {'path': '{$path}'}))

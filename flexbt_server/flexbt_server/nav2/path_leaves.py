@@ -15,11 +15,11 @@ from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.outcomes import Example
 from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_server.leaves.path_tracking import NearestPose, first_beyond, position_of
 from flexbt_server.leaves.topic_leaf import PoseLeaf
 from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, ROUTE, WAYPOINT_STATUSES
 
 from .branches import COMPLETED, mark
-from .path_tracking import NearestPose, first_beyond, position_of
 
 MIN_POSES = 2
 """A truncated path keeps this many poses."""

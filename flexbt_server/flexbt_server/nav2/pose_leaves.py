@@ -16,10 +16,9 @@ from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, input_port, ou
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.skills.skill import Skill
+from flexbt_server.leaves.path_tracking import NearestPose, path_length, position_of
 from flexbt_server.leaves.topic_leaf import PoseLeaf
 from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, TRACKING_FEEDBACK
-
-from .path_tracking import NearestPose, path_length, position_of
 
 AT: Final = Predicate('at', {'goal': 'pose'}, ConditionSensor('GoalReached', {'goal': '{$goal}'}), exclusive='goal')
 """The robot is at a pose, which the blackboard has by the name of the object."""

@@ -24,8 +24,8 @@ from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 from flexbt_server.leaves import error_code_of
+from flexbt_server.leaves.path_tracking import PathTracker
 from flexbt_server.nav2.branches import concluded, pending
-from flexbt_server.nav2.path_tracking import PathTracker
 from flexbt_server.node_types import node_registry
 from flexbt_testing.nodes.server_world import pose_stamped
 
