@@ -63,7 +63,7 @@ def run_doctor(options: argparse.Namespace) -> int:
             }
             print(json.dumps(found), flush=True)
         else:
-            print(f'{SIGNS[finding.level]} {finding.check}: {finding.what}', flush=True)
+            print(*escape_lines(f'{SIGNS[finding.level]} {finding.check}: {finding.what}'), sep='\n', flush=True)
             if finding.remedy:
                 print(f'        -> {finding.remedy}', flush=True)
         worst = max(worst, int(finding.level is Level.ERROR))
@@ -82,7 +82,7 @@ def run_init(options: argparse.Namespace) -> int:
     try:
         files = write_package(options.name, options.directory)
     except TemplateError as error:
-        print(escape_lines(f'flexbt: {error}'), file=sys.stderr)
+        print(*escape_lines(f'flexbt: {error}'), sep='\n', file=sys.stderr)
         return 2
     print('\n'.join(map(str, files)))
     print(f'\nnext: colcon build --packages-select {options.name}; see {options.directory / options.name}/README.md')
@@ -100,6 +100,8 @@ def run_manifest(options: argparse.Namespace) -> int:
         with options.file.open('x', encoding='utf-8') as file:
             file.write(text)
     except OSError as error:
-        print(escape_lines(f'flexbt: {options.file}: {error.strerror}; choose another file'), file=sys.stderr)
+        print(
+            *escape_lines(f'flexbt: {options.file}: {error.strerror}; choose another file'), sep='\n', file=sys.stderr
+        )
         return 2
     return 0

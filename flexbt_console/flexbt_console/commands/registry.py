@@ -447,6 +447,25 @@ COMMANDS: Final = (
         details=('Nothing is published; the executable `replay` publishes a recording for other consoles.',),
     ),
     CommandSpec(
+        'run-tree',
+        'run a behavior tree on the BT server, without a behavior, until it ends or Ctrl-C cancels it',
+        Mode.RUN_TREE,
+        (Argument('FILE'),),
+        (
+            Option('--tree', 'tree of the file (default: its main tree)', 'ID'),
+            Option('--goal', 'goal pose: a place of --places, or "x y yaw"', 'POSE', repeated=True),
+            Option('--input', 'entry of the blackboard before the first tick', 'KEY=TYPE:VALUE', repeated=True),
+            Option('--output', 'entry of the blackboard to print at the end', 'KEY', repeated=True),
+            Option('--blackboard', 'name of the blackboard (default: console)', 'NAME'),
+        ),
+        details=(
+            'FILE is a file on this computer, package/path.xml on the robot, or the ID of a loaded tree.',
+            'Active nodes are printed to standard error, the result and its reasons to standard output. The exit code '
+            'is 0 if the tree succeeds, and 3 if it does not. The tree runs beside the behavior of the executive: no '
+            'operator supervises it, but a STOP ends it.',
+        ),
+    ),
+    CommandSpec(
         'completion',
         'print the completion script for a shell',
         Mode.COMPLETION,

@@ -232,6 +232,14 @@ def _run_replay(line: CommandLine) -> ExitCode:
     return ExitCode.OK
 
 
+def _run_tree(line: CommandLine) -> ExitCode:
+    from flexbt_console.ui.line.tree_run import run_tree
+
+    keep_stdout_for_python()
+    with _open_runtime(line) as runtime:
+        return run_tree(line, runtime, _timeout(line), _places(line, runtime))
+
+
 def _run_web(line: CommandLine) -> ExitCode:
     try:
         from flexbt_console.ui.web.access import Access
@@ -263,6 +271,7 @@ def _run_web(line: CommandLine) -> ExitCode:
 _RUNS: Final[Mapping[Mode, Callable[[CommandLine], ExitCode]]] = {
     Mode.WEB: _run_web,
     Mode.REPLAY: _run_replay,
+    Mode.RUN_TREE: _run_tree,
     Mode.COMPLETION: _complete,
     Mode.PROMPT: _run_interactive,
     Mode.SCREEN: _run_interactive,
