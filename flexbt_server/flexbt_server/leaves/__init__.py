@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that reach ROS: bases for one's own, and the one that runs a behavior."""
+"""Leaves that use ROS: base classes for user-defined leaves, and the leaf that runs a behavior."""
 
 from flexbt_server.trees.ros_ports import DURATION, PATH, POSE_STAMPED, POSES, message_type
 

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A leaf whose work is the goal of an action server.
 
-The leaf never blocks. It is RUNNING from sending to result; every wait has a deadline, and a server that dies is
-noticed. Halting cancels the goal, also one that is not accepted yet, and the tree has not halted before that is
-confirmed. A goal is not sent while a halted goal of the same tree is still ending, nor one of another tree that has the
-same actuator or server: two of them would move one robot. A server may ignore a cancel: it is asked again until it has
-ended the goal, or is gone. The leaf fails when nothing comes to rest in time, such as a thread that does not return.
+The leaf never blocks. It is RUNNING from sending to result. Every wait has a deadline, and the leaf notices when the
+server dies. Halting cancels the goal, even before its acceptance, and the tree counts as halted only when the server
+has confirmed the cancel. The leaf sends no goal while a halted goal of the same tree, or a goal of another tree with
+the same actuator or server, is still ending: two goals would move one robot. A server may ignore a cancel, so the leaf
+repeats it until the goal has ended or the server is gone. The leaf fails if the wait for halted work exceeds its limit.
 
-While the tree is paused the goal is canceled; when the tree goes on it is sent again, or what is left of it. A goal
-that ended before its cancel had an effect has its result. The leaf fails when the goal does not end in time after that.
+A pause of the tree cancels the goal. When the tree resumes, the leaf sends the goal, or its remainder, again. A goal
+that ended before its cancel took effect keeps its result. The leaf fails if the goal does not end in time after that.
 
-Differences from Nav2's BtActionNode, on purpose: a goal that another client canceled is a FAILURE and not a SUCCESS; a
-goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails; the end of a goal
-that was canceled is waited for, where Nav2 logs an error and goes on.
+Deliberate differences from Nav2's BtActionNode: a goal that another client canceled is a FAILURE, not a SUCCESS; a
+goal that was accepted too late is canceled; the leaf writes the error code whenever it fails; and it waits for the end
+of a canceled goal, where Nav2 logs an error and continues.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SERVER_PORTS: Final[dict[str, Port]] = {
         UNSIGNED, optional=True, description="wait for the server and its acceptance, ms; the BT server's by default"
     ),
 }
-"""Ports of every leaf that talks to a server."""
+"""Ports of every leaf that calls a server."""
 
 ACTION_PORTS: Final[dict[str, Port]] = {
     **SERVER_PORTS,
@@ -51,14 +51,14 @@ ACTION_PORTS: Final[dict[str, Port]] = {
 
 
 BASE: Final = 'base'
-"""The resource that a leaf needs which drives the robot: no two of them at once."""
+"""The resource of leaves that drive the robot: only one of them runs at a time."""
 
 _REST_SECONDS: Final = 0.5
-"""Time that the tree may need to halt beyond the cancel timeout of a goal before the next goal is sent, s."""
+"""Time beyond the cancel timeout of a goal that the tree may need to halt before the next goal is sent, s."""
 
 
 class _LeafGoal:
-    """One goal; once canceled, it is unfinished work of the tree until its end is confirmed."""
+    """One goal. Once canceled, it is unfinished work of the tree until the server confirms its end."""
 
     def __init__(
         self, leaf: ActionLeaf, link: ActionServerLink, goal: Any, appear_timeout: float, accept_timeout: float
@@ -91,7 +91,7 @@ class _LeafGoal:
         return self._call.cancel_requested
 
     def cancel(self) -> None:
-        """Cancel the goal and do not wait for it. From any thread; harmless when it was canceled."""
+        """Cancel the goal without waiting for its end. From any thread; a second call has no effect."""
         leaf = self._leaf
         with self._lock:
             if self._ended or self._ending is not None:
@@ -121,14 +121,13 @@ _CODES: Final = {
     GoalStatus.NO_SERVER: 'SEND_GOAL_FAILURE',
     GoalStatus.TIMEOUT: 'SEND_GOAL_FAILURE',
 }
-"""Error codes of goals that never ran, as far as the type of the result has them (Nav2's have, in its branch main)."""
+"""Error codes of goals that never ran, if the type of the result has them, as in Nav2's branch main."""
 
 
 def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
-    """Return the error code of a goal that did not succeed: of its result, or why there is none, or UNKNOWN; 0 without
-    any.
+    """Return the error code of a failed goal: that of its result, that of the missing result, or UNKNOWN.
 
-    That of a goal that was canceled is 0, as in Nav2: no recovery helps there.
+    0 if the type has no codes, and for a canceled goal, as in Nav2, since no recovery helps after a cancel.
     """
     told = int(getattr(outcome.result, 'error_code', 0))
     if told or outcome.status is GoalStatus.CANCELED:
@@ -137,16 +136,16 @@ def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
 
 
 def error_name_of(result: Any) -> str:
-    """Return the constant that the error code of a result is; '' for none. Nav2's servers often report no more."""
+    """Return the name of the constant for the error code of a result, or ''. Nav2's servers often report only this."""
     code = getattr(result, 'error_code', 0)
     return next((name for name in dir(result) if code and name.isupper() and getattr(result, name) == code), '')
 
 
 class ActionLeaf(ServerNode, StatefulAction):
-    """Base of leaves that send a goal. A subclass says which action, and how ports and goal correspond.
+    """Base of leaves that send a goal. A subclass defines the action, and how ports map to the goal.
 
-    ``action_type`` is the type of the action, ``default_server`` its name when the port ``server_name`` is not given.
-    ``ports`` of a subclass has to contain :data:`ACTION_PORTS`.
+    ``action_type`` is the type of the action, ``default_server`` its name if the tree does not set ``server_name``.
+    ``ports`` of a subclass must contain :data:`ACTION_PORTS`.
     """
 
     __slots__ = ('_alarm', '_goal', '_rest_by', '_superseded', '_waiting')
@@ -157,7 +156,7 @@ class ActionLeaf(ServerNode, StatefulAction):
     goes_on = ''
     acts_later = True
     cancels_on_pause: ClassVar[bool] = True
-    """True if the goal is canceled while the tree is paused. If not, ``goes_on`` gives the reason why it continues; ''
+    """True if a pause of the tree cancels the goal. Otherwise ``goes_on`` is the reason why the goal continues, or ''
     if it moves nothing."""
 
     def __init__(self, config: NodeConfig) -> None:
@@ -168,7 +167,7 @@ class ActionLeaf(ServerNode, StatefulAction):
         self._rest_by = math.inf
         self._alarm: Timer | None = None
 
-    # -- what a subclass says ----------------------------------------------------------------------------------------
+    # -- hooks for subclasses ----------------------------------------------------------------------------------------
 
     @abstractmethod
     def make_goal(self) -> Any:
@@ -179,21 +178,20 @@ class ActionLeaf(ServerNode, StatefulAction):
         return None
 
     def resumed_goal(self, goal: Any, feedback: Any) -> Any:
-        """Return the goal that is sent when the tree goes on after a pause, in place of ``goal``, which was canceled
-        for it.
+        """Return the goal to send when the tree resumes after a pause, which canceled ``goal``.
 
-        ``feedback`` is the latest of that goal, or None.
+        ``feedback`` is the latest feedback of that goal, or None.
         """
         return goal
 
     def on_success(self, result: Any) -> NodeStatus:
-        """Return the goal succeeded: write the output ports."""
+        """Write the output ports after the goal has succeeded, and return the status of the leaf."""
         return NodeStatus.SUCCESS
 
     def on_failure(self, outcome: GoalOutcome) -> NodeStatus | None:
-        """Return the goal did not succeed: write what the output ports have to hold then.
+        """Write the output ports after the goal has not succeeded.
 
-        Gives the status that the leaf has for it; None for FAILURE, with the reason.
+        Return the status of the leaf, or None for FAILURE with the reason.
         """
         return None
 
@@ -201,7 +199,7 @@ class ActionLeaf(ServerNode, StatefulAction):
 
     @property
     def action_name(self) -> str:
-        """Name of the action, as the tree gives it."""
+        """Name of the action in the tree, or ``default_server``."""
         return str(self.get_input_or('server_name', '') or self.default_server)
 
     @property
@@ -252,7 +250,7 @@ class ActionLeaf(ServerNode, StatefulAction):
         self._rest_by = self._steady.now() + self.host.cancel_timeout + _REST_SECONDS
 
     def _may_wait(self) -> bool:
-        """Return whether there is time left, at whose end the leaf looks again."""
+        """Return whether time is left, and arrange a tick for when it is over."""
         if self._steady.now() >= self._rest_by:
             return False
         if self._alarm is None and self._rest_by != math.inf:
@@ -260,11 +258,11 @@ class ActionLeaf(ServerNode, StatefulAction):
         return True
 
     def _send_at_rest(self) -> NodeStatus:
-        """Send the goal, or what is left of that which was canceled for a pause, when nothing else goes on."""
+        """Send the goal, or the rest of the goal that a pause has canceled, once nothing else is ending."""
         if self._is_held:
             return NodeStatus.RUNNING
         ending = self.host.ending
-        ending.wait(self.wake)  # before the look at it
+        ending.wait(self.wake)  # before the check, so that no end is missed
         others = ending.in_the_way_of(self.action_name, self.skill.resources)
         unfinished = tuple(dict.fromkeys((*self.context.unfinished, *others)))
         if unfinished and self._may_wait():

@@ -23,9 +23,9 @@ HIGHEST_AUTONOMY: Final = 3
 
 
 class ExecuteBehavior(ActionLeaf):
-    """Runs a behavior on an executive until it ends; halting stops it.
+    """Runs a behavior on an executive until it ends. Halting the leaf stops the behavior.
 
-    SUCCESS when it ends by one of ``success_outcomes``, FAILURE with the reason otherwise.
+    SUCCESS when the behavior ends with one of ``success_outcomes``, FAILURE with the reason otherwise.
     """
 
     __slots__ = ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that reach any action, service, topic or parameter from XML, without a class of their own."""
+"""Leaves that use any action, service, topic or parameter from XML, without a separate class."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ QOS: Final = {
     'latched': QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
     'sensor': QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT),
 }
-"""Qualities of service by the names that the port ``qos`` takes."""
+"""Qualities of service by their names in the port ``qos``."""
 ON_PAUSE: Final = {'cancel': True, 'continue': False}
 """Values of the port ``on_pause``: whether the goal is canceled while the tree is paused."""
 MOST_PUBLISHERS: Final = 100
-"""Publishers that a server keeps although no tree has them now."""
+"""Maximum number of unused publishers that a server keeps."""
 _LOOK_SECONDS: Final = 0.02
-"""Time between two looks whether a new publisher has a subscriber, s of wall time."""
+"""Period of the check whether a new publisher has a subscriber, s of wall time."""
 
 
 def _type_port(what: str) -> Port:
@@ -60,7 +60,7 @@ _TOPIC_PORT: Final = input_port(STRING, description='topic')
 
 
 def _choice(attributes: Mapping[str, str], name: str, choices: Mapping[str, Any], default: str) -> Any:
-    """Return what an attribute means that has to be written in the XML itself. Raises ElementError."""
+    """Return the meaning of an attribute that must be a literal in the XML. Raises ElementError."""
     text = attributes.get(name, default)
     if text not in choices:
         raise ElementError(
@@ -73,9 +73,9 @@ class CallAction(MessageLeaf, ActionLeaf):
     """Sends a goal to any action server.
 
     ``goal.FIELD`` sets a field of the goal, to any depth: ``goal.pose.header.frame_id``, ``goal.poses.0.pose``. Its
-    value is a text, ``{key}``, or ``${expression}``, where ``${station.pose.position.x + 1}`` reads a field of the
-    message in the entry ``station``. ``goal`` is the whole goal. ``result.FIELD`` and ``feedback.FIELD`` write fields
-    to the blackboard. The goal has to succeed, and ``success``, where given, has to be true of the result.
+    value is a text, ``{key}``, or ``${expression}``: ``${station.pose.position.x + 1}`` reads a field of the message
+    in the entry ``station``. ``goal`` is the whole goal. ``result.FIELD`` and ``feedback.FIELD`` write fields to the
+    blackboard. SUCCESS requires that the goal succeeds and that ``success``, if set, is true of the result.
     """
 
     __slots__ = ('_heard',)
@@ -138,8 +138,8 @@ class CallAction(MessageLeaf, ActionLeaf):
 class CallService(MessageLeaf, ServiceLeaf):
     """Calls any service.
 
-    ``request.FIELD`` sets a field of the request, as ``goal.FIELD`` of CallAction does. ``response.FIELD`` writes one
-    of the response to the blackboard. SUCCESS when the service has answered, and ``success``, where given, is true.
+    ``request.FIELD`` sets a field of the request, as ``goal.FIELD`` of CallAction does. ``response.FIELD`` writes a
+    field of the response to the blackboard. SUCCESS when the service has responded and ``success``, if set, is true.
     """
 
     __slots__ = ()
@@ -169,7 +169,7 @@ class CallService(MessageLeaf, ServiceLeaf):
 
 
 class _SharedPublisher:
-    """A publisher of a server, which the leaves of all trees share. It ends when it is not needed any more."""
+    """A publisher of a server, shared by the leaves of all trees. It ends when nothing needs it any more."""
 
     def __init__(self, runtime: Runtime, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
         self.publisher = runtime.node.create_publisher(message_type, topic, qos)
@@ -178,7 +178,7 @@ class _SharedPublisher:
 
     @classmethod
     def of(cls, runtime: Runtime, message_type: type[Any], topic: str, qos: str) -> _SharedPublisher:
-        """Return that of a topic, made on first use. From any thread.
+        """Return the publisher of a topic, created on first use. From any thread.
 
         Raises:
             ValueError: no topic can have that name.
@@ -195,7 +195,7 @@ class _SharedPublisher:
 
 
 class _TimedLeaf(ServerNode, StatefulAction):
-    """An action that may wait, s of wall time. The wait goes on while the tree is paused."""
+    """An action that may wait, in s of wall time. The wait continues while the tree is paused."""
 
     __slots__ = ('_timer', '_until')
 
@@ -207,7 +207,7 @@ class _TimedLeaf(ServerNode, StatefulAction):
         self._until = 0.0
 
     def seconds(self, port: str, default: float) -> float:
-        """Return the value of a port in ms, s."""
+        """Return the value of a port that is in ms, converted to s."""
         milliseconds = self.get_input_or(port, None)
         return default if milliseconds is None else float(milliseconds) / 1000.0
 
@@ -230,8 +230,8 @@ class _TimedLeaf(ServerNode, StatefulAction):
 class Publish(MessageLeaf, _TimedLeaf):
     """Publishes a message of any type.
 
-    ``message.FIELD`` sets a field, as ``goal.FIELD`` of CallAction does. While the publisher is new and has no
-    subscriber, the node waits for one, and publishes in any case after that.
+    ``message.FIELD`` sets a field, as ``goal.FIELD`` of CallAction does. If the publisher is new and has no
+    subscriber, the node waits for one for a while, and then publishes in any case.
     """
 
     __slots__ = ('_message', '_shared')
@@ -284,8 +284,8 @@ class Publish(MessageLeaf, _TimedLeaf):
 class ReadTopic(MessageLeaf, _TimedLeaf):
     """Waits for a message of any type.
 
-    ``message.FIELD`` writes a field to the blackboard, ``message`` the whole. ``success``, where given, has to be true
-    of the message. FAILURE when no message comes in time.
+    ``message.FIELD`` writes a field to the blackboard, ``message`` the whole message. SUCCESS requires that
+    ``success``, if set, is true of the message. FAILURE when no message arrives in time.
     """
 
     __slots__ = ('_before', '_cache')
@@ -350,7 +350,7 @@ class ReadTopic(MessageLeaf, _TimedLeaf):
 
 
 class CheckTopic(MessageLeaf, TopicCondition):
-    """SUCCESS when ``check`` is true of the last message of a topic; FAILURE also before the first message."""
+    """SUCCESS when ``check`` is true of the last message of a topic. FAILURE also before the first message."""
 
     __slots__ = ()
 
@@ -429,14 +429,14 @@ class SetParameter(ServiceLeaf):
         if result.successful:
             return NodeStatus.SUCCESS
         self._refusal = self._refusal or result.reason
-        if 'type' in result.reason.lower() and self._forms:  # rclcpp and rclpy say so of another type
+        if 'type' in result.reason.lower() and self._forms:  # rclcpp and rclpy report another type with this word
             return self.ask(self._request())
         node, parameter = self.get_input('node_name'), self.get_input('parameter')
         return self.fail(f'{node} refused to set {parameter!r}: {self._refusal or "without a reason"}')
 
 
 def _forms(value: Any) -> list[Any]:
-    """Return a value as parameters of several types may have it: an integer is also a double."""
+    """Return the forms that a value has as parameters of different types: an integer is also a double."""
     if isinstance(value, int) and not isinstance(value, bool):
         return [value, float(value)]
     if isinstance(value, list) and value and all(type(item) is int for item in value):
@@ -445,7 +445,7 @@ def _forms(value: Any) -> list[Any]:
 
 
 class CheckParameter(ServiceCondition):
-    """SUCCESS when ``check`` is true of the ``value`` of a parameter of a node, FAILURE also if there is none."""
+    """SUCCESS when ``check`` is true of the ``value`` of a node's parameter. FAILURE also if the parameter is unset."""
 
     __slots__ = ()
 

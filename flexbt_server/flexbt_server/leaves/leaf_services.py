@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The services of the BT server for the leaves of its trees: connections, frames of the robot, requests, and goals that
-end."""
+"""The services of the BT server for the leaves of its trees: connections, frames of the robot, requests, and canceled
+goals."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from flexbt_server.trees.tree_store import TreeStore
 from .topic_cache import SubscribedTopic, TopicCache, TopicCaches
 
 MOST_TOLD: Final = 1_000
-"""Maximum number of things that are reported only once: trees may have any names."""
+"""Maximum number of warnings that are logged only once: trees may have any names."""
 
 
 @dataclass(frozen=True)
 class LeafServices:
-    """Shared by all leaves of a server; ``node.services`` of a leaf.
+    """The services that all leaves of a server share; ``node.services`` of a leaf.
 
-    ``runtime`` owns the node and the thread on which everything of rclpy happens; ``actions`` and ``services`` are
-    the shared clients, ``topics`` the shared subscriptions, ``triggers`` the services that nodes of trees offer;
-    ``ending`` are canceled goals that may go on; ``frames`` knows where the robot is; ``trees`` has the node types, and
-    reads files. ``server_timeout`` and ``cancel_timeout`` are the deadlines for acceptance and for the confirmation of
-    a cancel, in seconds of wall time; ``start_timeout`` is the age of this process up to which a server is waited for
-    in any case. ``goal_reached_tol`` is Nav2's parameter of this name, m.
+    ``runtime`` owns the node and the thread on which all of rclpy runs. ``actions`` and ``services`` are the shared
+    clients, ``topics`` the shared subscriptions, and ``triggers`` the services that nodes of trees offer. ``ending``
+    has the canceled goals that may continue, ``frames`` the pose of the robot. ``trees`` has the node types and reads
+    files. ``server_timeout`` and ``cancel_timeout`` are the deadlines for acceptance and for the confirmation of a
+    cancel, s of wall time. Up to the age ``start_timeout`` of this process, leaves wait for their servers.
+    ``goal_reached_tol`` is Nav2's parameter of this name, m.
     """
 
     runtime: Runtime
@@ -59,20 +59,19 @@ class LeafServices:
     _told: set[str] = field(default_factory=set)
 
     def appear_timeout(self, timeout: float) -> float:
-        """Return how long to wait for a server to appear, s of wall time, where ``timeout`` is how long it has
-        otherwise.
+        """Return how long to wait for a server to appear, at least ``timeout``, s of wall time.
 
-        The processes of a robot begin together, in any order: as long as this one is young, that one may be starting.
+        The processes of a robot start together, in any order. While this process is young, the server may be starting.
         """
         return max(timeout, self.start_timeout - (time.monotonic() - STARTED))
 
     @property
     def first_timeout(self) -> float:
-        """How long a server, or the pose of the robot, is waited for now, s of wall time."""
+        """Time to wait now for a server or for the pose of the robot, s of wall time."""
         return self.appear_timeout(self.server_timeout)
 
     def warn_once(self, message: str) -> None:
-        """Warn people of something that a tree asks for and that cannot be, once in the life of the server."""
+        """Log a warning once in the life of the server, about something that a tree requests and cannot have."""
         if message not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(message)
             self.runtime.node.get_logger().warning(message)
@@ -90,7 +89,7 @@ class ServerNode(TreeNode):
         return services
 
     def subscribe(self, topic: SubscribedTopic) -> TopicCache:
-        """Return the messages of a topic, by its port, which tick the tree."""
+        """Return the cache of a topic, named by its port. Its messages tick the tree."""
         cache = self.host.topics.cache(topic.of(self))
         cache.on_message(self.context)
         return cache
@@ -100,14 +99,14 @@ class ServerNode(TreeNode):
 
 FIRST_TIMEOUT: Final = 0.5
 TRANSFORM_TOLERANCE: Final = 0.1
-"""Time for which a leaf waits for a transform, s of wall time: as in Nav2, except for the first one of a server, since
-the node starts to receive tf then. It must be short enough that the thread of the tree does not count as hanging."""
+"""Time for which a leaf waits for a transform, s of wall time, as in Nav2. The first transform of a server may take
+longer, since the node starts to receive tf then. Must be too short for the thread of the tree to count as hanging."""
 
 
 class RobotFrames:
     """The pose of the robot, by the topic of the pose or by tf, and poses in other frames, by tf. From any thread.
 
-    ``global_frame`` and ``robot_base_frame`` are those that are meant where a node names none.
+    ``global_frame`` and ``robot_base_frame`` are the defaults for nodes that name no frame.
     """
 
     def __init__(self, runtime: Runtime, pose: TopicCache, global_frame: str, robot_base_frame: str) -> None:
@@ -118,13 +117,13 @@ class RobotFrames:
         self.robot_base_frame = robot_base_frame
 
     def robot_pose(self, frame: str = '', base: str = '') -> PoseStamped:
-        """Return where the frame ``base`` of the robot is in ``frame``.
+        """Return the pose of the robot's frame ``base`` in ``frame``.
 
-        The topic of the pose has that of the robot's base, also in other frames as far as tf knows them; where nothing
-        was published there, and for other frames of the robot, tf does.
+        The pose of the robot's base comes from the pose topic, transformed by tf if needed. tf alone gives it if that
+        topic has no message yet, and gives the poses of other frames of the robot.
 
         Raises:
-            TransformError: it is not known.
+            TransformError: the pose is unknown.
         """
         base = base or self.robot_base_frame
         pose = self._pose.latest if base == self.robot_base_frame else None
@@ -141,16 +140,16 @@ class RobotFrames:
         return self.pose_in(pose, frame or self.global_frame)
 
     def pose_in(self, pose: PoseStamped, frame: str) -> PoseStamped:
-        """``pose`` in ``frame``. One without a frame is in the global frame.
+        """Return ``pose`` in ``frame``. A pose without a frame is in the global frame.
 
         Raises:
-            TransformError: no transform between the frames is known, now or in a moment.
+            TransformError: no transform between the frames is known, even after a short wait.
         """
         source = pose.header.frame_id or self.global_frame
         if source == frame:
             return pose
         asked = PoseStamped(pose=pose.pose)
-        asked.header.frame_id = source  # without a stamp: by the newest transforms, as Nav2 asks for them
+        asked.header.frame_id = source  # no stamp: use the newest transforms, as Nav2 does
         answers: queue.SimpleQueue[PoseStamped | TransformError] = queue.SimpleQueue()
         timeout = self._timeout
         self._runtime.post(
@@ -167,16 +166,16 @@ class RobotFrames:
         return answer
 
 
-# The goals that leaves have canceled, and that are not known to have ended: a server may ignore its cancels.
+# The goals that leaves have canceled and whose end is not confirmed: a server may ignore cancels.
 
 _MOST_TOLD: Final = 16
 
 
 @dataclass(frozen=True, eq=False)
 class EndingGoal:
-    """A goal of the action ``action`` that was canceled, and of which ``resources`` are the actuators. ``server`` is
-    the action's full name, which trees may give in other ways, too; ``since`` is on the steady clock, ``time_of_day``
-    for people."""
+    """A canceled goal of the action ``action``, which uses the actuators ``resources``. ``server`` is the full name of
+    the action, which trees may also write in other forms. ``since`` is on the steady clock, ``time_of_day`` for
+    people."""
 
     action: str
     server: str
@@ -193,10 +192,10 @@ class EndingGoal:
 class EndingGoals:
     """The canceled goals of all trees of a server that have not ended. From any thread.
 
-    A tree is over when its time to halt is; what its goals do is not: as long as one may move an actuator, no other
-    goal for that actuator, or for the same server, is sent, by whatever tree.
+    A tree ends when its time to halt is over, but its goals may continue. As long as a goal may move an actuator, no
+    tree sends another goal for that actuator or for the same server.
 
-    A warning is logged when a goal has not ended ``patience`` seconds after its cancel, and when it has after that.
+    A goal that has not ended ``patience`` seconds after its cancel is logged as a warning, and so is its later end.
     """
 
     def __init__(self, runtime: Runtime, patience: float) -> None:
@@ -209,7 +208,7 @@ class EndingGoals:
         self._lock = threading.Lock()
 
     def add(self, action: str, resources: Collection[str]) -> EndingGoal:
-        """Add a goal that was canceled, and return it for :meth:`remove`, once it is known to have ended."""
+        """Add a canceled goal. Pass the returned object to :meth:`remove` once the goal has ended."""
         goal = EndingGoal(
             action, self._resolve(action), frozenset(resources), self._steady.now(), time.strftime('%H:%M:%S')
         )
@@ -224,7 +223,7 @@ class EndingGoals:
         self._node.get_logger().warning(text)
 
     def remove(self, goal: EndingGoal) -> None:
-        """Wake those that wait for a goal that has ended."""
+        """Remove a goal that has ended, and wake the leaves that wait for it."""
         with self._lock:
             self._alarms.pop(goal).cancel()
             was_overdue = goal in self._overdue
@@ -236,9 +235,9 @@ class EndingGoals:
             wake()
 
     def overdue(self, given_up: Collection[str] = ()) -> list[str]:
-        """Return what goes on although its server had its time to end it, and what to do, for a person; the 16 oldest.
+        """Return the 16 oldest goals that did not end within ``patience``, and what to do, as text for people.
 
-        ``given_up``: descriptions of goals that a tree has waited for in vain, which counts as well.
+        ``given_up``: descriptions of goals that a tree has stopped waiting for, which count too.
         """
         with self._lock:
             late = (goal for goal in self._alarms if goal in self._overdue or goal.description in given_up)
@@ -251,7 +250,7 @@ class EndingGoals:
         ]
 
     def in_the_way_of(self, action: str, resources: Collection[str]) -> tuple[str, ...]:
-        """Return what has to end before a goal for this action with these actuators is sent."""
+        """Return the goals that must end before a goal for this action with these actuators is sent."""
         if not self._alarms:
             return ()
         server = self._resolve(action)
@@ -268,7 +267,7 @@ class EndingGoals:
             self._waiting.add(wake)
 
     def stop_waiting(self, wake: Callable[[], None]) -> None:
-        """Take back :meth:`wait`. Harmless when it does not wait."""
+        """Undo :meth:`wait`. No effect if ``wake`` does not wait."""
         with self._lock:
             self._waiting.discard(wake)
 
@@ -285,20 +284,20 @@ class EndingGoals:
         )
 
 
-# Services of the type std_srvs/Trigger by which nodes of running trees take requests.
+# Services of the type std_srvs/Trigger through which nodes of running trees receive requests.
 
 Handler = Callable[[], bool]
 
 
 MOST_SERVICES: Final = 100
-"""Services that are kept although no tree takes their requests now."""
+"""Maximum number of unused services that are kept."""
 
 
 class TriggerServices:
-    """The services of a server, by name; they are kept for the trees that come later.
+    """The services of a server, by name, kept for later trees.
 
-    A service calls every handler that was offered under its name, as long as the object to which it belongs exists. It
-    succeeds when one of them gives True.
+    A service calls every handler that was offered under its name, as long as the object of the handler exists. The
+    request succeeds if one of them returns True.
     """
 
     def __init__(self, runtime: Runtime) -> None:
@@ -329,7 +328,7 @@ class TriggerServices:
 
     def _answer(self, name: str, response: Any) -> Any:
         handlers = [handler for reference in self._handlers[name] if (handler := reference()) is not None]
-        # Each of them is asked, whatever the others say.
+        # Call each handler, whatever the others return.
         taken = [handler() for handler in handlers]
         response.success = any(taken)
         if not response.success:

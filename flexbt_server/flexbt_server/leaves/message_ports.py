@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ports for the fields of any message, and the expressions that may stand in them.
+"""Ports for the fields of any message, and the expressions that they may contain.
 
 An attribute such as ``goal.pose.header.frame_id`` is a port of the type of that field. Its value is a text, a pointer
-``{key}``, or ``${expression}`` in the language of scripts, in which ``pose.header.frame_id`` reads a field of the
-message in the entry ``pose``.
+``{key}``, or ``${expression}`` in the script language, where ``pose.header.frame_id`` reads a field of the message in
+the entry ``pose``.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _TYPES: Final = {
     'uint32': UNSIGNED, 'uint64': UINT64, 'float32': FLOAT, 'float64': DOUBLE, 'string': STRING,
     'geometry_msgs/msg/PoseStamped': POSE_STAMPED, 'geometry_msgs/msg/PoseStamped[]': POSES, 'nav_msgs/msg/Path': PATH,
 }  # fmt: skip
-"""Port types of fields by the names of their types; those of other messages are made."""
+"""Port types of fields by the names of their types. Port types of other messages are created on request."""
 
 
 def type_of_field(field: Field) -> PortType:
@@ -71,7 +71,7 @@ def type_of_field(field: Field) -> PortType:
 
 
 def type_by_name(name: str) -> PortType:
-    """Return the port type of values of a type of ROS, such as ``float64`` or ``nav_msgs/msg/Path``.
+    """Return the port type for values of a ROS type, such as ``float64`` or ``nav_msgs/msg/Path``.
 
     Raises:
         UnknownTypeError: no such message is installed.
@@ -88,7 +88,7 @@ def type_by_name(name: str) -> PortType:
 
 
 def _whole(message: type[Any]) -> PortType:
-    """Return the type of a whole message, also of a goal, a request, and what else has no name of its own."""
+    """Return the port type of a whole message, including goals, requests and other parts of an interface."""
     name = message_type_name(message)
     if '/msg/' in name:
         return _TYPES.get(name) or message_type(message)
@@ -110,7 +110,7 @@ def _with_constants(kind: PortType, constants: Mapping[str, Any]) -> PortType:
 
 
 def _reader(resolved: ValueType) -> Callable[[str], Any]:
-    """Return what reads the JSON or YAML of a message, or of a list of messages; in XML it begins with ``json:``."""
+    """Return the parser for JSON or YAML of a message or a list of messages. In XML the text begins with ``json:``."""
 
     def from_text(text: str) -> Any:
         return from_plain(parse_text(text.removeprefix('json:'), resolved), resolved)
@@ -122,7 +122,7 @@ def _reader(resolved: ValueType) -> Callable[[str], Any]:
 
 
 def expression_type(name: str, roots: Mapping[str, type[Any]]) -> PortType:
-    """Return the type of literals that are expressions; ``name`` is what errors call it."""
+    """Return the port type of literals that are expressions. Errors show ``name``."""
 
     def from_text(text: str) -> Expression:
         try:
@@ -143,7 +143,7 @@ def _embedded(text: str) -> Expression:
 _EMBEDDED: Final = PortType('expression', Expression, 'object', _embedded, immutable=True)
 
 
-# Leaves whose ports are the fields that their element gives.
+# Leaves whose ports are the fields that their XML element names.
 
 
 Fields = dict[tuple[str, str], tuple[Field, Source]]
@@ -151,8 +151,8 @@ Fields = dict[tuple[str, str], tuple[Field, Source]]
 
 
 class Part(NamedTuple):
-    """A message of an interface that attributes may address: the class of the interface has it as ``attribute``, or
-    is it, if that is ''. A leaf reads the ports of an input, and writes those of an output."""
+    """A message of an interface that XML attributes may address: the ``attribute`` of the interface class, or that
+    class itself if '' is given. A leaf reads the ports of an input part and writes those of an output part."""
 
     attribute: str
     is_input: bool
@@ -163,11 +163,11 @@ class Part(NamedTuple):
 
 
 class MessageLeaf(LeafNode):
-    """Base of leaves that exchange messages of any type: an element names the interface by its attribute ``type``, and
-    fields by attributes such as ``goal.pose.header.frame_id``.
+    """Base of leaves that exchange messages of any type. An XML element names the interface in its attribute ``type``,
+    and fields in attributes such as ``goal.pose.header.frame_id``.
 
-    Each element has a class of its own, derived from that of its tag, whose ports are those fields. A manifest makes
-    such a class for a tag of its own (``node_manifests``).
+    Each element gets a separate class, derived from the class of its tag, whose ports are these fields. A manifest
+    defines such a class for a new tag (``node_manifests``).
     """
 
     __slots__ = ()
@@ -175,17 +175,17 @@ class MessageLeaf(LeafNode):
     interface_kind: ClassVar[str]
     """Kind of interface: ``msg``, ``srv`` or ``action``."""
     type_attribute: ClassVar[str]
-    """Attribute of the class that has the class of the interface."""
+    """Name of the class attribute that holds the interface class."""
     parts: ClassVar[Mapping[str, Part]]
-    """Messages of the interface, by what attributes begin with."""
+    """Messages of the interface, by the prefix of the attributes."""
     condition: ClassVar[str] = ''
     """Port with a condition on the messages that the leaf receives."""
     templates: ClassVar[Mapping[str, MessageTemplate]] = {}
     """The fields that are sent or received, by part."""
     verdict: ClassVar[Expression | None] = None
-    """Condition of a class from a manifest, which has no port for it."""
+    """Condition of a class from a manifest, where it is not a port."""
     is_declared: ClassVar[bool] = False
-    """True if a manifest declares the class; it has all that an element would give."""
+    """True if a manifest declares the class, so that it needs nothing from an element."""
 
     @classmethod
     def for_element(cls, attributes: Mapping[str, str]) -> type[MessageLeaf]:
@@ -196,7 +196,7 @@ class MessageLeaf(LeafNode):
         """
         name = attributes.get('type')
         if cls.is_declared or name is None:
-            return cls  # in the second case the port is missing, which is reported
+            return cls  # in the second case the loader reports the missing port
         try:
             interface = interface_class(name, cls.interface_kind)
         except UnknownTypeError as error:
@@ -245,7 +245,7 @@ class MessageLeaf(LeafNode):
         """Return the port for a field of a part."""
         kind = type_of_field(field)
         port = input_port(kind) if cls.parts[path.partition('.')[0]].is_input else output_port(kind)
-        # A number may come from an entry of another type of numbers: the value decides.
+        # A number may come from an entry of another numeric type: the value decides.
         return replace(port, declares=kind.category == 'object')
 
     @classmethod
@@ -257,7 +257,7 @@ class MessageLeaf(LeafNode):
     def derived(
         cls, name: str, interface: type[Any], fields: Fields, ports: Mapping[str, Port], options: Mapping[str, Any]
     ) -> type[MessageLeaf]:
-        """Return a class for an interface, with these fields and ports, and these further attributes."""
+        """Return a class for an interface, with these fields, ports and further class attributes."""
         of_parts: dict[str, dict[str, tuple[Field, Source]]] = {prefix: {} for prefix in cls.parts}
         for (prefix, path), field in fields.items():
             of_parts[prefix][path] = field
@@ -275,18 +275,18 @@ class MessageLeaf(LeafNode):
 
     @classmethod
     def options(cls, attributes: Mapping[str, str]) -> dict[str, Any]:
-        """Return attributes of the class that an element, or a manifest, determines by these attributes.
+        """Return the class attributes that these XML attributes, or entries of a manifest, determine.
 
         Raises:
-            ElementError: one of them has no such value.
+            ElementError: an attribute has an invalid value.
         """
         return {}
 
     def message(self, prefix: str) -> Any:
-        """Return the message that the fields of an input part make.
+        """Return the message of an input part, filled from its ports.
 
         Raises:
-            ValueError, PortError: a value is missing, or does not fit.
+            ValueError, PortError: a value is missing or does not fit.
         """
         return self.templates[prefix].make(self._named, self._evaluated)
 
@@ -307,7 +307,7 @@ class MessageLeaf(LeafNode):
         """Write the ports of an output part.
 
         Raises:
-            ValueError, PortError: the message has no such element, or the entry another type.
+            ValueError, PortError: the message has no such element, or the entry has another type.
         """
         for path, (field, source) in self.templates[prefix].fields.items():
             if self.port_key(source.name) is not None:
@@ -317,7 +317,7 @@ class MessageLeaf(LeafNode):
                     raise ValueError(f'[{path or prefix}]: {error}') from error
 
     def judge(self, messages: Mapping[str, Any]) -> NodeStatus:
-        """Return SUCCESS, or FAILURE with the reason if there is a condition that is not true of the messages."""
+        """Return SUCCESS, or FAILURE with the reason if the leaf has a condition and it is false for the messages."""
         condition = self.get_input_or(self.condition, None) if self.condition in self.ports else self.verdict
         try:
             if condition is None or condition.holds(self.context.scripts, self.blackboard, messages):

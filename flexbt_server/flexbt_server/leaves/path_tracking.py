@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Position of the robot on a path: the nearest place, the distance from it, and the length that remains. Pure
+"""Position of the robot on a path: the nearest place, the distance from it, and the remaining length. Pure
 arithmetic, in m and rad.
 
-A path is anything with the fields of a nav_msgs/Path; all of it is about the plane.
+A path is any object with the fields of a nav_msgs/Path. All functions work in the plane.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from geometry_msgs.msg import PoseStamped
 from flexbt_server.trees.ros_ports import TrackingFeedback
 
 SEARCH_AHEAD: Final = 3.0
-"""Distance along the path from its last position within which the robot is looked for, m: a path may pass a place
+"""Distance along the path, from the robot's last position, within which it is searched, m: a path may pass a place
 twice."""
 
 LOST: Final = 0.5
-"""Distance from the path above which the robot is looked for on all of the remaining path, m: it drove on
-unobserved."""
+"""Distance from the path above which the robot is searched on the whole remaining path, m: it moved while nothing
+observed it."""
 
 
 class PathTracker:
@@ -34,7 +34,7 @@ class PathTracker:
         self._index = 0
 
     def feedback(self, pose: PoseStamped, speed: float) -> Any:
-        """Return how the robot, at ``pose`` in the frame of the path, is on it; the path has two poses or more."""
+        """Return the tracking feedback for the robot at ``pose``, in the frame of the path. Needs two poses or more."""
         here = position_of(pose)
         last = len(self._points) - 1
 
@@ -63,7 +63,7 @@ class PathTracker:
 
 
 class NearestPose:
-    """The pose of a path that is nearest to the robot; with a window, from where it was last on the same path."""
+    """A search for the pose of a path nearest to the robot; a window starts at the last result on the same path."""
 
     def __init__(self) -> None:
         self._path: Any = None
@@ -71,13 +71,13 @@ class NearestPose:
         self.points: list[tuple[float, float]] = []
 
     def index(self, path: Any, pose: PoseStamped, window: float, angular_weight: float = 0.0) -> int:
-        """Its index. ``window``: how far along the path it is looked for, m; infinity or less than 0 for everywhere.
+        """Return the index of the nearest pose, the last of several equally near ones.
 
-        Of poses that are equally near it is the last. ``angular_weight`` is the number of metres that 1 rad of another
-        direction counts as.
+        ``window``: length of the path to search, m; infinite or negative for all of it. ``angular_weight``: metres that
+        count for 1 rad of difference in direction.
         """
         has_window = 0.0 <= window < math.inf
-        # Only a window needs to know whether another object is the same path: to compare many poses takes long.
+        # Compare paths only if a window needs it: comparing many poses is slow.
         is_same = path is self._path or (has_window and path == self._path)
         if not is_same:
             self.points = points_of(path)
@@ -98,7 +98,7 @@ class NearestPose:
 
 
 def first_beyond(points: Sequence[tuple[float, float]], begin: int, distance: float) -> int:
-    """Index of the first point that is more than ``distance`` along the path from the one at ``begin``; else the
+    """Return the index of the first point more than ``distance`` m along the path from the point at ``begin``, or the
     number of points."""
     length = 0.0
     for index in range(begin, len(points) - 1):
@@ -114,12 +114,12 @@ def points_of(path: Any) -> list[tuple[float, float]]:
 
 
 def position_of(pose: Any) -> tuple[float, float]:
-    """x and y of a stamped pose."""
+    """Return x and y of a stamped pose, m."""
     return pose.pose.position.x, pose.pose.position.y
 
 
 def yaw_of(pose: Any) -> float:
-    """Direction of a stamped pose in the plane, rad."""
+    """Return the direction of a stamped pose in the plane, rad."""
     turned = pose.pose.orientation
     return math.atan2(
         2.0 * (turned.w * turned.z + turned.x * turned.y), 1.0 - 2.0 * (turned.y * turned.y + turned.z * turned.z)
@@ -127,12 +127,12 @@ def yaw_of(pose: Any) -> float:
 
 
 def path_length(points: Sequence[tuple[float, float]]) -> float:
-    """Length of the way through these points."""
+    """Return the length of the line through these points, m."""
     return sum(itertools.starmap(math.dist, itertools.pairwise(points)))
 
 
 def to_segment(here: tuple[float, float], start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
-    """Return how far a point is from a segment, and how far along it the nearest place is."""
+    """Return the distance of a point from a segment, and the distance of the nearest place along the segment, m."""
     length = math.dist(start, end)
     if length == 0.0:
         return math.dist(here, start), 0.0

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves whose work is a request to a service. The answer has a deadline.
+"""Leaves that send a request to a service. The response has a deadline.
 
-A leaf has its result within the tick in which it asks, wherever the service answers at once, as in Nav2: below a
-reactive control, a leaf that is RUNNING halts the nodes behind it, which would restart in each tick and never end.
-While a tick waits for an answer no other node of the tree is ticked; a cancel of the tree ends the wait.
+As in Nav2, a leaf completes within the tick of the request if the service responds at once. Otherwise, below a
+reactive control, a RUNNING leaf would halt the nodes behind it, and these would restart in each tick and never end.
+While a tick waits for a response, no other node of the tree is ticked. A cancel of the tree ends the wait.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ SERVICE_PORTS: Final[dict[str, Port]] = {
 """Ports of every service leaf."""
 
 ANSWER_SECONDS = 0.5
-"""Time for which a tick waits for the answer to a :class:`ServiceLeaf`, s of wall time. In Nav2 it is 5 ms, half of the
-period of its loop; services in Python take longer on a busy machine.
+"""Time for which a tick waits for the response to a :class:`ServiceLeaf`, s of wall time. Nav2 waits 5 ms, half of its
+loop period. Services in Python take longer on a busy machine.
 """
 
 
 class ServiceNode(ServerNode, LeafNode):
     """The base of leaves that call a service, of type ``service_type``.
 
-    ``ports`` of a subclass has to contain :data:`SERVICE_PORTS`.
+    ``ports`` of a subclass must contain :data:`SERVICE_PORTS`.
     """
 
     __slots__ = ('_answered', '_call', '_is_in_tick')
@@ -60,7 +60,7 @@ class ServiceNode(ServerNode, LeafNode):
         """Return the request, from the input ports. PortError and ValueError become the reason of a FAILURE."""
 
     def on_response(self, response: Any) -> NodeStatus:
-        """There is a response: write the output ports."""
+        """Write the output ports from the response, and return the status of the leaf."""
         return NodeStatus.SUCCESS
 
     @property
@@ -70,12 +70,12 @@ class ServiceNode(ServerNode, LeafNode):
 
     @property
     def timeout(self) -> float:
-        """Return how long the service may take to appear, and then to answer, s of wall time."""
+        """Time limit for the service to appear, and then to respond, s of wall time."""
         milliseconds = self.get_input_or('server_timeout', None)
         return self.host.server_timeout if milliseconds is None else float(milliseconds) / 1000.0
 
     def ask(self, request: Any) -> NodeStatus:
-        """Send a request; RUNNING. In :meth:`on_response` another one, after the first."""
+        """Send a request and return RUNNING. :meth:`on_response` may call it again for another request."""
         self._call = ServiceCall(
             self.host.services.link(self.service_type, self.service_name),
             request,
@@ -91,7 +91,7 @@ class ServiceNode(ServerNode, LeafNode):
             self.wake()
 
     def ask_within_tick(self, seconds: float) -> NodeStatus:
-        """Make the request, and wait for the result within the tick; RUNNING when it is not there in time."""
+        """Send the request and wait for the result within the tick; return RUNNING if it does not arrive in time."""
         clock = self.host.runtime.steady
         until = clock.now() + seconds
         try:
@@ -107,7 +107,7 @@ class ServiceNode(ServerNode, LeafNode):
                 assert awaited is not None  # made by ask
                 while not awaited.done and clock.now() < until:
                     self.wait_in_tick(self._answered, clock, until)
-                self._is_in_tick = awaited.done  # else the answer wakes the tree, unless it is there by now
+                self._is_in_tick = awaited.done  # if False, a later answer wakes the tree
                 status = self.result()
         except TickAbandoned:
             self.give_up()
@@ -117,7 +117,7 @@ class ServiceNode(ServerNode, LeafNode):
         return status
 
     def result(self) -> NodeStatus:
-        """Return what the leaf gives for the answer; RUNNING while there is none."""
+        """Return the status of the leaf for the response, or RUNNING until one arrives."""
         assert self._call is not None  # made by ask
         outcome = self._call.outcome
         if outcome is None:
@@ -134,9 +134,9 @@ class ServiceNode(ServerNode, LeafNode):
 
 
 class ServiceLeaf(ServiceNode, StatefulAction):
-    """Base of actions that ask a service: RUNNING where it takes longer than a moment to answer.
+    """Base of actions that call a service; RUNNING if the response takes longer than :data:`ANSWER_SECONDS`.
 
-    The leaves that Nav2 derives from BtServiceNode.
+    Leaves that Nav2 derives from BtServiceNode use it.
     """
 
     __slots__ = ()
@@ -159,7 +159,7 @@ class _WithinTick(ServiceNode):
     __slots__ = ()
 
     def tick(self) -> NodeStatus:
-        """Ask, and wait for the answer."""
+        """Send the request and wait for the response."""
         timeout = self.timeout
         status = self.ask_within_tick(timeout)
         if status is not NodeStatus.RUNNING:
@@ -169,12 +169,12 @@ class _WithinTick(ServiceNode):
 
 
 class ServiceCondition(_WithinTick, Condition):
-    """Base of conditions that ask a service. The tick waits for the answer; without one in time it is FAILURE."""
+    """Base of conditions that call a service. The tick waits for the response; FAILURE if it does not come in time."""
 
     __slots__ = ()
 
 
 class ServiceSyncAction(_WithinTick, SyncAction):
-    """Base of actions that ask a service, and are done within the tick, which waits for the answer."""
+    """Base of actions that call a service and complete within the tick, which waits for the response."""
 
     __slots__ = ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Subscriptions that the leaves of all trees share. They are kept, so that a new run has the last message at once."""
+"""Subscriptions shared by the leaves of all trees. They persist, so that a new run has the last message at once."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from flexbt_core.behavior_tree.engine.context import TreeContext
 from flexbt_core.behavior_tree.engine.node import TreeNode
 
 MOST_TOPICS: Final = 100
-"""Topics that are heard although no tree needs them now."""
+"""Maximum number of unused subscriptions that are kept."""
 
 
 class SubscribedTopic(NamedTuple):
-    """A topic that nodes of a type subscribe to: ``name``, if no port ``port`` has one. ``qos`` may be a depth."""
+    """A topic that nodes of a type subscribe to; its name is in ``port``, or else ``name``. ``qos`` may be a depth."""
 
     message_type: type[Any]
     name: str
@@ -34,7 +34,7 @@ class SubscribedTopic(NamedTuple):
     qos: QoSProfile | int = 1
 
     def of(self, node: TreeNode) -> SubscribedTopic:
-        """With the name that its port has in the tree, as the blackboard is now. Raises PortError, as the port."""
+        """Return it with the present value of the node's port as its name. Raises PortError, as the port does."""
         given = self.port and node.port_text(self.port) is not None
         name = str(node.get_input(self.port)) if given else ''
         return self._replace(name=name or self.name)
@@ -68,15 +68,15 @@ class TopicCache:
         return self._last.message
 
     def without_message(self, text: str) -> str:
-        """``text``, and after it why no message comes, where that is known. From any thread."""
+        """Return ``text`` followed by the reason why no message arrives, if known. From any thread."""
         misfit = qos_misfit(self._runtime, self._topic)
         return f'{text}. {misfit}' if misfit else text
 
     def on_message(self, tree: TreeContext) -> None:
-        """Tick the tree whenever a message comes, as long as the tree exists. From any thread."""
+        """Tick the tree on each message, as long as the tree exists. From any thread."""
         with self._lock:
             self._trees.add(tree)
-        self._runtime.post(lambda: None)  # that the executor waits for a message from now on
+        self._runtime.post(lambda: None)  # wakes the executor, so that it waits for messages from now on
 
     @property
     def is_awaited(self) -> bool:
@@ -108,22 +108,22 @@ class TopicCaches:
         self._caches: WeakLruCache[tuple[str, type[Any], str], TopicCache] = WeakLruCache(MOST_TOPICS)
 
     def cache(self, topic: SubscribedTopic) -> TopicCache:
-        """Return the cache of a topic by its name, subscribed to when nobody has it yet. From any thread.
+        """Return the cache of a topic, and subscribe on first use. From any thread.
 
         Raises:
-            ValueError: no topic can have that name.
+            ValueError: the name is not valid for a topic.
         """
         return self._runtime.call(lambda: self._cache(topic))
 
     def subscribe(self, topics: Iterable[SubscribedTopic]) -> None:
-        """Subscribe to topics before anybody reads them, so that what is said until then is known; to no more than are
+        """Subscribe to topics before a leaf reads them, so that earlier messages are known. At most as many as are
         kept. From any thread."""
         wanted = {(topic.message_type, topic.name, str(topic.qos)): topic for topic in topics}
         for topic in islice(wanted.values(), MOST_TOPICS):
             self._runtime.post(partial(self._subscribe, topic))
 
     def _subscribe(self, topic: SubscribedTopic) -> None:
-        with suppress(ValueError):  # its reader reports it
+        with suppress(ValueError):  # the leaf that reads it reports it
             self._cache(topic)
 
     def _cache(self, topic: SubscribedTopic) -> TopicCache:

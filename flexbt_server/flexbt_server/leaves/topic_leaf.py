@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bases of leaves that read a topic, and of leaves about poses: if something is unknown, they fail with the reason."""
+"""Bases of leaves that read a topic, and of leaves that use poses. On an unknown value they fail with the reason."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .topic_cache import SubscribedTopic, TopicCache
 class TopicCondition(ServerNode, Condition):
     """Base of conditions on the last message of a topic. A new message ticks the tree.
 
-    ``message_type`` is the class of the messages; the topic is that of the port ``topic_port``, or ``default_topic``.
+    ``message_type`` is the class of the messages. The port ``topic_port`` names the topic; default ``default_topic``.
     """
 
     __slots__ = ('_cache',)
@@ -43,7 +43,7 @@ class TopicCondition(ServerNode, Condition):
 
     @abstractmethod
     def holds(self, message: Any | None) -> bool:
-        """Return whether the condition holds; ``message`` is None while nothing was received."""
+        """Return whether the condition holds; ``message`` is None before the first message."""
 
     @classmethod
     def subscribes_to(cls) -> Sequence[SubscribedTopic]:
@@ -66,20 +66,20 @@ class TopicCondition(ServerNode, Condition):
         return self.fail(self._reason or 'the condition does not hold')
 
 
-# The common base of leaves about poses, paths and goals: an unknown value is not an error, they fail with the reason.
+# The common base of leaves for poses, paths and goals. An unknown value is not an error: they fail with the reason.
 
 
 class PoseLeaf(ServerNode, LeafNode):
-    """A leaf that fails while an input is not on the blackboard, and while a transform is not known.
+    """A leaf that fails while an input is missing on the blackboard, or a transform is unknown.
 
-    To be named before the base SyncAction or Condition.
+    List it before the base SyncAction or Condition.
     """
 
     __slots__ = ('_is_informed',)
 
     @abstractmethod
     def evaluate(self) -> NodeStatus:
-        """Return the tick. May raise PortError and TransformError."""
+        """Do the work of a tick and return the status. May raise PortError and TransformError."""
 
     @property
     def is_informed(self) -> bool:
@@ -101,10 +101,10 @@ class PoseLeaf(ServerNode, LeafNode):
         return self.host.frames
 
     def robot_pose(self, frame: str | None = None) -> PoseStamped:
-        """Return where the robot is, by the ports ``robot_base_frame`` and, unless a frame is given, ``global_frame``.
+        """Return the pose of the robot for the ports ``robot_base_frame`` and, without ``frame``, ``global_frame``.
 
         Raises:
-            TransformError: it is not known.
+            TransformError: the pose is unknown.
         """
         if frame is None:
             frame = str(self.get_input_or('global_frame', ''))

@@ -19,15 +19,15 @@ FAILED: Final = 3
 
 
 def pending(goals: Iterable[PoseStamped]) -> list[Any]:
-    """Return the statuses of a mission that begins."""
+    """Return the statuses at the start of a mission."""
     return [WaypointStatus(waypoint_index=index, waypoint_pose=goal) for index, goal in enumerate(goals)]
 
 
 def missed(index: int, pose: PoseStamped, error_code: int, error_msg: str) -> Any:
-    """Return a waypoint that was not reached, as FollowWaypoints reports it: MissedWaypoint in jazzy, WaypointStatus in
-    main.
+    """Return a missed waypoint as FollowWaypoints reports it: MissedWaypoint in jazzy, WaypointStatus in main.
 
-    ``error_code`` is that of navigate_to_pose.
+
+    ``error_code`` comes from navigate_to_pose.
     """
     if hasattr(nav2_msgs.msg, 'MissedWaypoint'):
         return nav2_msgs.msg.MissedWaypoint(index=index, goal=pose, error_code=error_code)
@@ -37,7 +37,7 @@ def missed(index: int, pose: PoseStamped, error_code: int, error_msg: str) -> An
 
 
 def concluded(statuses: Iterable[Any], *, succeeded: bool) -> list[Any]:
-    """Return the statuses of a mission that has ended: what was pending came to the same end."""
+    """Return the statuses of a mission that has ended: pending waypoints get the outcome of the mission."""
     ended = [copy.copy(one) for one in statuses]
     for one in ended:
         if one.waypoint_status == PENDING:
@@ -46,10 +46,10 @@ def concluded(statuses: Iterable[Any], *, succeeded: bool) -> list[Any]:
 
 
 def mark(statuses: Sequence[Any], goals: Iterable[PoseStamped], status: int) -> list[Any]:
-    """Return the statuses, in which the first pending one of each of the goals has become ``status``.
+    """Return the statuses with ``status`` in the first pending one of each goal.
 
     Raises:
-        LookupError: none is pending for one of the goals.
+        LookupError: a goal has no pending status.
     """
     marked = list(statuses)
     for goal in goals:

@@ -35,7 +35,7 @@ _DISTANCE: Final = input_port(DOUBLE, default='1.0', description='side of the sq
 
 
 class _ClearCostmap(FieldService, ServiceLeaf):
-    """A leaf that has a costmap forget what it has seen. Counts as a recovery."""
+    """A leaf that clears a costmap. Counts as a recovery."""
 
     __slots__ = ()
 
@@ -45,7 +45,7 @@ class _ClearCostmap(FieldService, ServiceLeaf):
         return request
 
     def on_response(self, response: Any) -> NodeStatus:
-        # Only main's services say whether they did.
+        # Only main's services report success.
         if getattr(response, 'success', True):
             return NodeStatus.SUCCESS
         return self.fail(f'{self.service_name} did not clear the costmap')
@@ -124,10 +124,10 @@ class _PathChecker(FieldService):
 
 
 class IsPathValid(_PathChecker, ServiceCondition):
-    """Succeeds when no pose of ``path`` is in collision; in main that is ValidatePath.
+    """Succeeds when no pose of ``path`` is in collision. In Nav2's branch main this leaf is ValidatePath.
 
-    ``max_cost`` and ``consider_unknown_as_obstacle`` are of kilted: services with the interfaces of Jazzy lack these
-    fields, and it is logged if a tree gives one of these ports, which has no effect.
+    ``max_cost`` and ``consider_unknown_as_obstacle`` come from kilted. Services with Jazzy's interfaces lack these
+    fields: there the ports have no effect, and the node logs it if a tree sets one.
     """
 
     __slots__ = ()
@@ -174,10 +174,10 @@ class ValidatePath(_PathChecker, ServiceLeaf):
 
 
 NO_INFORMATION: Final = 255
-"""Cost of a cell of which nothing is known."""
+"""Cost of an unknown cell."""
 
 _ASKS_FOR_ALL: Final = hasattr(srv, 'GetCosts')
-"""If the service takes all poses at once, as in main. That of Jazzy takes one, in the costmap's frame."""
+"""True if the service accepts all poses at once, as in main. Jazzy's accepts one, in the frame of the costmap."""
 
 _COST_PORTS: Final[Mapping[str, Port]] = SERVICE_PORTS | {
     'cost_threshold': input_port(DOUBLE, default='254.0', description='cost from which a pose is occupied'),
@@ -200,11 +200,11 @@ class _CostLeaf(ServiceLeaf):
         self._costs: list[float] = []
 
     def poses(self) -> Sequence[PoseStamped]:
-        """Poses whose costs are asked for; one at least. PortError becomes the reason of a FAILURE."""
+        """Return the poses whose costs the leaf requests, at least one. PortError becomes the reason of a FAILURE."""
         raise NotImplementedError
 
     def on_occupied(self, occupied: Sequence[bool]) -> NodeStatus:
-        """Return what is known now of each of the poses."""
+        """Return the status of the leaf; ``occupied``: whether each pose is occupied."""
         raise NotImplementedError
 
     def make_request(self) -> Any:
@@ -240,7 +240,7 @@ class _CostLeaf(ServiceLeaf):
 
 
 class CheckPoseOccupancy(_CostLeaf):
-    """Succeeds when the costmap has something at ``pose``."""
+    """Succeeds when the costmap has an obstacle at ``pose``."""
 
     __slots__ = ()
 
@@ -257,7 +257,7 @@ class CheckPoseOccupancy(_CostLeaf):
 
 
 class RemoveInCollisionGoals(_CostLeaf):
-    """Drops goals where the costmap has something, even all of them; they are SKIPPED in the statuses of waypoints."""
+    """Drops goals at which the costmap has an obstacle, even all of them. Their waypoint statuses become SKIPPED."""
 
     __slots__ = ()
 

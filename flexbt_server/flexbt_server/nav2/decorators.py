@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Decorators of Nav2 that watch the robot's motion, or a topic for another goal, and the control node that is paused by
-services."""
+"""Decorators of Nav2 that watch the robot's motion or a topic with newer goals, and the control node that services
+pause."""
 
 from __future__ import annotations
 
@@ -85,9 +85,9 @@ class SpeedController(ServerNode, nav2_motion.SpeedController):
 
 
 class GoalUpdater(ServerNode, Decorator):
-    """Ticks the child with the goal that was last published on ``goal_update`` when that is newer than ``input_goal``.
+    """Ticks the child with the last goal published on ``goal_update`` if that goal is newer than ``input_goal``.
 
-    Newer: by the stamps of the two; a published goal without a stamp is never newer. Goals to pass are handed on.
+    The stamps decide which goal is newer. A published goal without a stamp is never newer. Goals to pass are unchanged.
     """
 
     __slots__ = ('_cache',)
@@ -130,19 +130,19 @@ class GoalUpdater(ServerNode, Decorator):
         return self.tick_child()
 
     def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
-        """Return whether a goal of the one stamp (s, ns) takes the place of one of the other."""
+        """Return whether a goal published with one stamp (s, ns) replaces the given goal with the other stamp."""
         return published > given
 
     def newer_goals(self, goals: Sequence[PoseStamped] | None) -> Sequence[PoseStamped] | None:
-        """Goals to pass, in the place of those given."""
+        """Return the goals to pass that replace the given ones."""
         return goals
 
 
 class GoalUpdaterOfMain(GoalUpdater):
-    """GoalUpdater as in the branch main of Nav2: a published goal of the same time is newer.
+    """GoalUpdater as in Nav2's branch main: a published goal with the same stamp also counts as newer.
 
-    Goals to pass come from the topic ``goals_update`` (nav_msgs/Goals) as well; the stamp of those given is that of the
-    first of them. A tree that updates only these need not give a goal.
+    The topic ``goals_update`` (nav_msgs/Goals) also updates the goals to pass. The stamp of the given goals is that of
+    their first. A tree that updates only these need not give a goal.
     """
 
     __slots__ = ('_goals',)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves of Nav2 whose ports give the fields of what they send, and get the fields of what comes back."""
+"""Leaves of Nav2 whose input ports fill the fields of a message, and whose output ports get those of the answer."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _OF_ALL: Final = frozenset((*ACTION_PORTS, *SERVICE_PORTS))
 
 
 class FieldPorts(ServerNode, LeafNode):
-    """A leaf whose ports have the names of fields, unless ``renamed`` has another one; '' there is for no field.
+    """A leaf whose ports are named like fields, except those in ``renamed``, where '' means that a port has no field.
 
-    A field that the installed interfaces lack is left out: those of Nav2's branches differ.
+    Fields that the installed interfaces lack are left out, since Nav2's branches differ.
     """
 
     __slots__ = ()
@@ -33,10 +33,10 @@ class FieldPorts(ServerNode, LeafNode):
     renamed: ClassVar[Mapping[str, str]] = {}
 
     def filled(self, message: Any, *ports: str) -> Any:
-        """Return the message with the values of these input ports; of all that are the leaf's own, if none is named.
+        """Return the message with the values of these input ports, by default all that the leaf itself declares.
 
-        A number that the blackboard lacks is an error. Of other ports that need not be given, nothing is set then.
-        It is logged once if a tree gives a port without a field another value than its default.
+        A number that the blackboard lacks is an error; other missing optional values leave their fields unset.
+        If a tree sets a port without a field to a value other than its default, the node logs that once.
         """
         for port in ports or [name for name in self.ports if name not in _OF_ALL and self.ports[name].readable]:
             field = self.renamed.get(port, port)
@@ -84,7 +84,7 @@ def _set_field(message: Any, field: str, value: Any) -> None:
 
 
 class FieldAction(FieldPorts, ActionLeaf):
-    """A leaf whose input ports are the goal, and whose output ports are the result; an empty one, if there is none."""
+    """A leaf whose input ports are the goal and whose output ports are the result, which is empty if none was sent."""
 
     __slots__ = ()
 

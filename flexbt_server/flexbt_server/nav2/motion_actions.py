@@ -61,12 +61,12 @@ class RecoveryLeaf(FieldAction):
 class FollowPath(FieldAction):
     """Drives along ``path``. A new path or another controller on the blackboard replaces the goal without a stop.
 
-    A path without poses replaces none: while a planner that has failed is tried again, the robot goes on along the path
-    that it has. When the controller fails meanwhile and is tried again, it gets the path that comes next, and only if
-    none comes in time the one without poses, which it refuses. (Nav2's gets that at once, and the tree ends by it.)
+    A path without poses replaces nothing: while the tree retries a failed planner, the robot continues along its
+    current path. If the controller fails meanwhile, its next attempt waits for the next path. If none arrives in time,
+    it gets the path without poses and rejects it. (In Nav2 it gets that path at once, which ends the tree.)
 
-    ``tracking_feedback`` is that of the controller; where the installed interfaces have none, as in Jazzy, it is
-    reckoned from the path and the pose of the robot.
+    ``tracking_feedback`` comes from the controller. If the installed interfaces lack it, as in Jazzy, the leaf computes
+    it from the path and the pose of the robot.
     """
 
     __slots__ = ('_path_by', '_sent', '_tracker')
@@ -94,7 +94,7 @@ class FollowPath(FieldAction):
 
     def on_running(self) -> NodeStatus:
         if self._awaits_path():
-            self._limit_wait()  # what is still ending has its whole time when the path comes
+            self._limit_wait()  # once the path arrives, ending goals again get the full time
             return NodeStatus.RUNNING
         return super().on_running()
 
@@ -108,7 +108,7 @@ class FollowPath(FieldAction):
         try:
             return not self.get_input('path').poses
         except PortError:
-            return False  # make_goal says why
+            return False  # make_goal reports the reason
 
     def make_goal(self) -> Any:
         self._sent = self._wanted()
@@ -187,14 +187,14 @@ class Spin(RecoveryLeaf):
 
 
 def _rest(whole: float, done: float) -> float:
-    """Return what is left of a motion, of the sign that it has. Feedback is rare: the distance that the robot has moved
-    since the last one, and while it braked, is driven again.
+    """Return the rest of a motion, with the sign of the whole. Feedback is rare, so the robot repeats the distance that
+    it moved since the last feedback and while it braked.
     """
     return math.copysign(max(0.0, abs(whole) - abs(done)), whole)
 
 
 class _Drive(FieldAction):
-    """A leaf that drives straight on, as far as the port that is the target says."""
+    """A leaf that drives in a straight line, as far as its target port requires."""
 
     __slots__ = ()
 
@@ -223,7 +223,7 @@ class BackUp(_Drive, RecoveryLeaf):
 
 
 class DriveOnHeading(_Drive):
-    """Drives straight on by ``dist_to_travel``."""
+    """Drives straight ahead by ``dist_to_travel``."""
 
     __slots__ = ()
 
@@ -241,7 +241,7 @@ class DriveOnHeading(_Drive):
 
 
 class Wait(RecoveryLeaf):
-    """Waits for ``wait_duration``, on the clock of the server. The sign does not count."""
+    """Waits for ``wait_duration``, on the clock of the server. The sign is ignored."""
 
     __slots__ = ()
 
@@ -270,7 +270,7 @@ class Wait(RecoveryLeaf):
 class AssistedTeleop(RecoveryLeaf):
     """Lets a person drive the robot by teleoperation, and prevents collisions.
 
-    When the server gives up, as after ``time_allowance``, that is SUCCESS, unless it is a recovery.
+    SUCCESS if the server aborts, as it does after ``time_allowance``; FAILURE then if the leaf is a recovery.
     """
 
     __slots__ = ()
@@ -291,7 +291,7 @@ class AssistedTeleop(RecoveryLeaf):
 
 
 class FollowObject(FieldAction):
-    """Follows an object, whose pose is a topic or a frame."""
+    """Follows an object whose pose comes from a topic or a frame."""
 
     __slots__ = ()
 
@@ -317,7 +317,7 @@ _TREE: Final = input_port(STRING, optional=True, description="tree of that serve
 
 
 class NavigateToPose(FieldAction):
-    """Drives to ``goal`` by a navigator, which runs its own tree."""
+    """Drives to ``goal`` with a navigator, which runs its own tree."""
 
     __slots__ = ()
 
@@ -339,7 +339,7 @@ class NavigateToPose(FieldAction):
 
 
 class NavigateThroughPoses(FieldAction):
-    """Drives through ``goals`` by a navigator, which runs its own tree."""
+    """Drives through ``goals`` with a navigator, which runs its own tree."""
 
     __slots__ = ()
 
@@ -355,7 +355,7 @@ class NavigateThroughPoses(FieldAction):
 
 
 class DockRobot(FieldAction):
-    """Docks the robot: to the dock ``dock_id`` of the server's list, or to one of a type at a pose."""
+    """Docks the robot at the dock ``dock_id`` of the server's list, or at a dock given by type and pose."""
 
     __slots__ = ()
 

@@ -26,7 +26,7 @@ MIN_POSES = 2
 
 
 class TruncatePath(PoseLeaf, SyncAction):
-    """Takes the last ``distance`` metres off a path, and turns its new end toward the old one."""
+    """Removes the last ``distance`` metres of a path, and turns its new end toward the old one."""
 
     __slots__ = ()
 
@@ -62,8 +62,8 @@ def _facing(pose: PoseStamped, target: PoseStamped) -> PoseStamped:
 class TruncatePathLocal(PoseLeaf, SyncAction):
     """Cuts out the part of a path around the robot, or around ``pose``.
 
-    From the pose that is nearest, as far back and forward along the path as the ports say; a path without poses stays
-    as it is. FAILURE while it is not known where the robot is in the frame of the path.
+    The ports set how far the part reaches back and forward along the path from the nearest pose. A path without poses
+    stays unchanged. FAILURE while the pose of the robot in the frame of the path is unknown.
     """
 
     __slots__ = ('_nearest',)
@@ -115,7 +115,7 @@ class TruncatePathLocal(PoseLeaf, SyncAction):
 class ConcatenatePaths(PoseLeaf, SyncAction):
     """Joins two paths. FAILURE when neither has a pose.
 
-    The header is that of the first that has one.
+    The result has the header of the first path that has one.
     """
 
     __slots__ = ()
@@ -138,7 +138,7 @@ class ConcatenatePaths(PoseLeaf, SyncAction):
 
 
 class GetPoseFromPath(PoseLeaf, SyncAction):
-    """Returns the pose of a path at ``index``. FAILURE when there is none."""
+    """Returns the pose of a path at ``index``. FAILURE if the path has no such pose."""
 
     __slots__ = ()
 
@@ -167,9 +167,9 @@ class GetPoseFromPath(PoseLeaf, SyncAction):
 
 
 class RemovePassedGoals(PoseLeaf, SyncAction):
-    """Drops the first goals as long as the robot is within ``radius`` of them; never the last one.
+    """Drops the first goals as long as the robot is within ``radius`` of them, but never the last goal.
 
-    With ``input_waypoint_statuses`` those that are dropped are COMPLETED there; FAILURE when one is not among them.
+    With ``input_waypoint_statuses``, the statuses of dropped goals become COMPLETED. FAILURE if a status is missing.
     """
 
     __slots__ = ()
@@ -230,7 +230,7 @@ class AppendGoalPoseToGoals(PoseLeaf, SyncAction):
 
 
 class GetNextFewGoals(PoseLeaf, SyncAction):
-    """Returns the first ``num_goals`` of goals. FAILURE when there is none."""
+    """Returns the first ``num_goals`` of goals. FAILURE if the list is empty."""
 
     __slots__ = ()
 
@@ -254,7 +254,7 @@ class GetNextFewGoals(PoseLeaf, SyncAction):
 
 
 class ExtractRouteNodesAsGoals(PoseLeaf, SyncAction):
-    """Returns the nodes of a route as goals, without a direction. FAILURE when it has none."""
+    """Returns the nodes of a route as goals, without a direction. FAILURE if the route has no nodes."""
 
     __slots__ = ()
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that compute paths and routes by Nav2's servers. Names, ports and defaults are those of Nav2.
+"""Leaves that compute paths and routes with Nav2's servers. Names, ports and defaults are those of Nav2.
 
 A path is for one goal: a planner that is halted while it plans empties ``{path}``, as in Nav2, and a tree that plans
-begins without one. (Nav2 empties it by the halts that end every run; here a controller's tree may take the path from
-the blackboard after the planner's.)
+starts without a path. (In Nav2 the halts at the end of every run empty it. Here the tree of a controller may read the
+path from the blackboard after the tree of the planner has ended.)
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class ComputePathThroughPoses(_PathPlanner):
 
     def write(self, message: Any) -> None:
         super().write(message)
-        # Where the planner does not say, the path goes through all.
+        # A planner that does not report the index has planned through all goals.
         self.set_output('last_reached_index', getattr(message, 'last_reached_index', -1))
 
 
@@ -125,7 +125,7 @@ class SmoothPath(FieldAction):
     example = Example('<SmoothPath unsmoothed_path="{path}" max_smoothing_duration="1.0" smoothed_path="{path}"/>')
 
     def on_failure(self, outcome: GoalOutcome) -> None:
-        """Keep what the ports have: ``smoothed_path`` may be the path itself."""
+        """Leave the output ports unchanged: ``smoothed_path`` may be the path itself."""
 
 
 _ROUTE_GOAL_PORTS: Final = {
@@ -179,8 +179,8 @@ class ComputeRoute(_RouteLeaf, _Planner):
 class ComputeAndTrackRoute(_RouteLeaf):
     """Computes a route, and reports the robot's progress on it until the robot is at its end.
 
-    The outputs follow the feedback of the server, and are empty when it has ended. Another start or goal on the
-    blackboard replaces the one that is worked on.
+    The outputs follow the feedback of the server, and are empty after the end. Another start or goal on the
+    blackboard replaces the current goal.
     """
 
     __slots__ = ()

@@ -21,7 +21,7 @@ from flexbt_server.leaves.topic_leaf import PoseLeaf
 from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, TRACKING_FEEDBACK
 
 AT: Final = Predicate('at', {'goal': 'pose'}, ConditionSensor('GoalReached', {'goal': '{$goal}'}), exclusive='goal')
-"""The robot is at a pose, which the blackboard has by the name of the object."""
+"""The robot is at a pose; the blackboard has this pose under the name of the object."""
 
 _NEAR: Final = Predicate(
     'near',
@@ -39,7 +39,7 @@ _BASE: Final = input_port(STRING, optional=True, description="frame of the robot
 
 
 class GetCurrentPose(PoseLeaf, SyncAction):
-    """Returns the pose of the robot. FAILURE while it is not known."""
+    """Returns the pose of the robot. FAILURE while the pose is unknown."""
 
     __slots__ = ()
 
@@ -56,7 +56,7 @@ class GetCurrentPose(PoseLeaf, SyncAction):
 
 
 class ArePosesNear(PoseLeaf, Condition):
-    """SUCCESS when two poses are within ``tolerance``; those in different frames are compared in ``global_frame``."""
+    """SUCCESS when two poses are within ``tolerance``. Poses in different frames are compared in ``global_frame``."""
 
     __slots__ = ()
 
@@ -104,10 +104,10 @@ class GoalReached(PoseLeaf, Condition):
 
 
 class DistanceTraveled(PoseLeaf, Condition):
-    """SUCCESS whenever the robot has moved on by ``distance``; the first tick after IDLE only begins to count.
+    """SUCCESS each time the robot has moved ``distance`` in a straight line. The first tick after IDLE starts counting.
 
-    The distance is that of the straight line. Below nodes that set it to IDLE, such as a ReactiveSequence with a child
-    that is RUNNING, it restarts in each tick.
+    Some parents set the node to IDLE, such as a ReactiveSequence with a RUNNING child. Below them it restarts in each
+    tick.
     """
 
     __slots__ = ('_start',)
@@ -140,8 +140,8 @@ class DistanceTraveled(PoseLeaf, Condition):
 class IsGoalNearby(PoseLeaf, Condition):
     """SUCCESS when less than ``proximity_threshold`` of the path is left.
 
-    The remaining length counts from the pose of the path that is nearest to the robot. FAILURE for a path without
-    poses, and while it is not known where the robot is.
+    The remaining length counts from the pose of the path that is nearest to the robot. FAILURE if the path has no
+    poses, and while the pose of the robot is unknown.
     """
 
     __slots__ = ('_nearest',)
@@ -176,9 +176,9 @@ class IsGoalNearby(PoseLeaf, Condition):
 
 
 class IsWithinPathTrackingBounds(PoseLeaf, Condition):
-    """SUCCESS as long as the robot is on its path within these bounds, and while nothing is known of it.
+    """SUCCESS while the tracking error of the robot on its path is within the bounds, or unknown.
 
-    The signs of the bounds do not count.
+    The signs of the bounds are ignored.
     """
 
     __slots__ = ()
@@ -209,7 +209,7 @@ class IsWithinPathTrackingBounds(PoseLeaf, Condition):
 
 
 class TransformAvailable(PoseLeaf, Condition):
-    """SUCCESS when a transform between two frames is known, and always after that."""
+    """SUCCESS as soon as a transform between two frames is known, and always after that."""
 
     __slots__ = ('_found',)
 

@@ -34,7 +34,7 @@ FAMILIES: Final = (
 
 
 def register_leaves(registry: NodeRegistry, nav2_branch: Nav2Branch = 'jazzy') -> None:
-    """Make them known to ``registry``, as they are in that branch of Nav2 where a file does not show its own."""
+    """Register them in ``registry``. Files that do not show their branch of Nav2 get the nodes of ``nav2_branch``."""
     registry.register_classes([ExecuteBehavior, *call_leaves.NODES])
     for family in FAMILIES:
         register_branches(registry, family.NODES, nav2_branch)

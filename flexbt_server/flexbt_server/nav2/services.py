@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nav2's leaves that cancel what an action server is doing, and those that ask other servers than the costmaps."""
+"""Nav2's leaves that cancel the goals of an action server, and those that call services other than the costmaps'."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .field_ports import FieldService
 
 
 class CancelAction(ServiceSyncAction):
-    """Cancels all goals of an action server, whoever sent them."""
+    """Cancels all goals of an action server, including those of other clients."""
 
     __slots__ = ()
 
@@ -34,7 +34,7 @@ class CancelAction(ServiceSyncAction):
         return f'{self.get_input_or("server_name", "") or self.default_action}/_action/cancel_goal'
 
     def make_request(self) -> Any:
-        return CancelGoal.Request()  # neither a goal nor a time: all goals
+        return CancelGoal.Request()  # no ID and no time: all goals
 
     def on_response(self, response: Any) -> NodeStatus:
         if response.return_code == CancelGoal.Response.ERROR_NONE:

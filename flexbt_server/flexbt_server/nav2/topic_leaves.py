@@ -41,7 +41,7 @@ class _BatteryCondition(TopicCondition):
 
 
 class IsBatteryLow(_BatteryCondition):
-    """SUCCESS when the battery has ``min_battery`` or less; FAILURE also while nothing is known of it."""
+    """SUCCESS when the battery is at ``min_battery`` or below. FAILURE also while its state is unknown."""
 
     __slots__ = ()
 
@@ -61,7 +61,7 @@ class IsBatteryLow(_BatteryCondition):
 
 
 class IsBatteryCharging(_BatteryCondition):
-    """SUCCESS when the battery is being charged; FAILURE also while nothing is known of it."""
+    """SUCCESS while the battery is charging. FAILURE also while its state is unknown."""
 
     __slots__ = ()
 
@@ -75,8 +75,8 @@ class IsBatteryCharging(_BatteryCondition):
 class CheckStopStatus(ServerNode, StatefulAction):
     """SUCCESS when the robot has stood still for ``duration_stopped``; FAILURE when it moves.
 
-    RUNNING in between. The time counts from the stamp of the odometry that first says so, or else from when it is read.
-    FAILURE also while nothing is known of its motion.
+    RUNNING in between. The time counts from the stamp of the first odometry message without motion, or without a stamp
+    from when the leaf reads it. FAILURE also while the motion is unknown.
     """
 
     __slots__ = ('_cache', '_since')
@@ -131,7 +131,7 @@ class CheckStopStatus(ServerNode, StatefulAction):
 
 
 class IsStopped(CheckStopStatus):
-    """CheckStopStatus, as the branch kilted of Nav2 calls it. There it is a condition, although it may be RUNNING."""
+    """CheckStopStatus under its name in Nav2's branch kilted, where it is a condition although it may be RUNNING."""
 
     __slots__ = ()
 
@@ -139,7 +139,7 @@ class IsStopped(CheckStopStatus):
 
 
 BRAKE_LIMIT: Final = -10.0
-"""Acceleration below which the robot has bumped into something, m/s^2."""
+"""Acceleration below which the robot has hit an obstacle, m/s^2."""
 
 
 class _Acceleration:
@@ -159,7 +159,7 @@ class _Acceleration:
 
 
 class IsStuck(ServerNode, Condition):
-    """SUCCESS when the robot has bumped into something: it brakes by more than 10 m/s^2, as its odometry says."""
+    """SUCCESS when the robot has hit an obstacle: its odometry shows a deceleration of more than 10 m/s^2."""
 
     __slots__ = ('_acceleration',)
 
