@@ -47,12 +47,12 @@ class CommandBuilder:
         return self.operator
 
     def command(self, view: View, kind: CommandKind, **fields: Any) -> OperatorCommand:
-        """Return a new command for the run that is shown, with the fields that are given.
+        """Return a new command with these fields for the run on display.
 
-        A STOP is for whichever executive is there: the one that is shown may not be it.
+        A STOP names no executive: another one than that on display may have replaced it.
 
         Raises:
-            RefusedError: an observer gives no commands.
+            RefusedError: the user is an observer, who cannot send commands.
         """
         snapshot = view.snapshot
         command = OperatorCommand(
@@ -76,7 +76,7 @@ class CommandBuilder:
     ) -> OperatorCommand:
         """Start a behavior; without a level of autonomy, at the one that the executive shows.
 
-        ``unseen``: also when it was synthesized, and its machine has not arrived; so for :meth:`switch`.
+        ``unseen``: allow a synthesized behavior whose machine has not arrived; likewise for :meth:`switch`.
 
         Raises:
             NotShownError: its machine has not arrived.
@@ -97,7 +97,7 @@ class CommandBuilder:
     def switch(
         self, view: View, name: str, arguments: Sequence[tuple[str, str]] = (), *, unseen: bool = False
     ) -> OperatorCommand:
-        """Go on with another behavior, keeping the active states.
+        """Switch to another behavior, keeping the active states.
 
         Raises:
             NotShownError: its machine has not arrived.
@@ -117,12 +117,12 @@ class CommandBuilder:
         return replace(command, run_id=command.run_id if view.running else '', path=path)
 
     def resume(self, view: View) -> OperatorCommand:
-        """Go on with a paused run, or with one that the end of the executive interrupted."""
+        """Resume a paused run, or one that was interrupted when the executive ended."""
         is_interrupted = view.snapshot is not None and view.snapshot.state is ExecutiveState.INTERRUPTED
         return self.command(view, CommandKind.RESUME_RUN if is_interrupted else CommandKind.RESUME)
 
     def repeat(self, view: View, path: str = '') -> OperatorCommand:
-        """Leave a state and enter it again. Without a path: the state that waits, or the only active one.
+        """Leave a state and enter it again. The default path is the waiting state, or the only active one.
 
         Raises:
             RefusedError: which state is meant is not clear, or it is not active.
@@ -161,7 +161,7 @@ class CommandBuilder:
         return self.command(view, CommandKind.CONFIRM, decision_id=decision_id)
 
     def choose(self, view: View, decision: Decision, outcome: str, *, unseen: bool = False) -> OperatorCommand:
-        """Answer a decision by one of its outcomes: confirm the one that is wanted, force another.
+        """Answer a decision by an outcome: confirm it if the state wants it, else force it.
 
         Raises:
             NotShownError: what it is about has not arrived.
@@ -179,7 +179,7 @@ class CommandBuilder:
     def force(
         self, view: View, path: str, outcome: str, decision_id: str = '', *, unseen: bool = False
     ) -> OperatorCommand:
-        """Leave a state by an outcome. Without a path: the state that waits, or the only active one.
+        """Leave a state by an outcome. The default path is the waiting state, or the only active one.
 
         Raises:
             NotShownError: it overrides a decision, and what that is about has not arrived.
@@ -205,7 +205,7 @@ class CommandBuilder:
         return self.command(view, CommandKind.FORCE, path=path, outcome=outcome, decision_id=decision_id)
 
     def answer(self, view: View, decision_id: str, text: str, *, unseen: bool = False) -> OperatorCommand:
-        """Answer an input request by a value; without an identifier, the only one.
+        """Answer an input request with a value. The default identifier is that of the only request.
 
         Raises:
             NotShownError: what it is about has not arrived.
@@ -221,7 +221,7 @@ class CommandBuilder:
         )
 
     def decline(self, view: View, decision_id: str = '') -> OperatorCommand:
-        """Decline an input request; without an identifier, the only one.
+        """Decline an input request. The default identifier is that of the only request.
 
         Raises: RefusedError: the request does not exist.
         """
@@ -233,7 +233,7 @@ class CommandBuilder:
         refuse.
 
         Raises:
-            RefusedError: no name, and nobody or several ask for it.
+            RefusedError: no name was passed, and nobody or several operators request it.
         """
         asking = view.snapshot.authority_requests if view.snapshot else ()
         if not operator and len(asking) != 1:
@@ -324,7 +324,7 @@ def _known_path(view: View, text: str) -> str:
 
 
 def _ending(paths: Sequence[str], text: str) -> list[str]:
-    """Return the path that this is, or else those that end with these labels."""
+    """Return the path that equals ``path``, or else the paths that end with its labels."""
     return [text] if text in paths else [path for path in paths if path.endswith(f'/{text.strip("/")}')]
 
 

@@ -22,7 +22,7 @@ BUILT_IN = ('help', 'quit')
 def candidates(text: str, view: View) -> list[str]:
     """Words that complete the last word of ``text`` (the line up to the cursor), the likely ones first.
 
-    Only plain printable words: what the robot sends must not be typed for the operator otherwise.
+    Only plain printable words: text from the robot must not type control characters for the operator.
     """
     *before, last = text.split(' ')
     before = [word for word in before if word]
@@ -77,7 +77,7 @@ def _words(before: list[str], last: str, view: View) -> Iterable[str]:
 def next_words(
     spec: CommandSpec, given: list[str], last: str, known: Iterable[Option], view: View, robots: tuple[str, ...] = ()
 ) -> tuple[Iterable[str], bool]:
-    """Return the words that may come next behind a command with these options, and whether the robot may know some."""
+    """Return the words that may come next after a command with these options, and whether the robot may know more."""
     options = {option.name: option for option in known}
     words: list[str] = []
     expecting = None
@@ -106,7 +106,7 @@ def next_words(
 
 
 def _single(words: Iterable[str]) -> Iterable[str]:
-    """Return those that are one word when they are typed."""
+    """Return the words that the shell reads as a single word."""
     return (word for word in words if ' ' not in word)
 
 
@@ -184,7 +184,7 @@ def read_line(text: str) -> ShellLine | None:
 
 
 def shell_words(line: ShellLine, view: View, robots: tuple[str, ...] = ()) -> tuple[list[str], bool]:
-    """Return the words that the one at the cursor may become, and whether more of them may be known to the robot."""
+    """Return the completions of the word at the cursor, and whether the robot may know more of them."""
     spec, known = line.spec, (*line.spec.options, *COMMON_OPTIONS)
     option, equals, value = line.last.partition('=')
     if equals and option.startswith('--'):
@@ -210,7 +210,7 @@ def as_typed(words: list[str], line: ShellLine, shell: str) -> list[str]:
 
 
 def _before_quote(text: str, quote: str) -> str:
-    """Return what of the last word, as it will be, stands before the quote that is open at the end."""
+    """Return the part of the last word, as it will be, before the quote that is open at the end."""
     while text:
         text = text[: text.rindex(quote)]
         try:
@@ -221,6 +221,6 @@ def _before_quote(text: str, quote: str) -> str:
 
 
 def _is_command(words: list[str], number: int) -> bool:
-    """Return whether that word is neither an option nor the value of one."""
+    """Return whether the word is neither an option nor the value of one."""
     values = {option.name for option in COMMON_OPTIONS if option.value is not None}
     return not words[number].startswith('-') and (number == 0 or words[number - 1] not in values)

@@ -53,13 +53,13 @@ def to_requester(kind: CommandKind) -> Send:
 
 
 def check_input(line: CommandLine) -> None:
-    """Raise UsageError: neither a value, nor that it is declined."""
+    """Raise UsageError: the line has neither a value nor the option that declines."""
     if not line.has('--decline') and not line.words:
         raise UsageError(f'usage: {line.spec.usage}')
 
 
 def check_note(line: CommandLine) -> None:
-    """Raise UsageError: it is empty, or too long."""
+    """Raise UsageError: the text is empty or too long."""
     if len(line.text) > NOTE_LENGTH:
         raise UsageError(f'the note has {len(line.text)} characters; the limit is {NOTE_LENGTH}')
     if not line.text.strip():
@@ -110,7 +110,7 @@ def _input(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCo
         if view.pending(line.words[0]) is not None:
             return builder.answer(view, line.words[0], ' '.join(line.words[1:]), unseen=unseen)
         if any(decision.wants_text for decision in view.decisions):
-            # The first word might be meant as the name of a request that is gone: it must not become the answer.
+            # # The first word might be the name of a request that has ended: it must not become the answer.
             raise RefusedError('put a text of several words in quotes, or use --decision ID')
     return builder.answer(view, decision_id, line.text, unseen=unseen)
 

@@ -68,7 +68,7 @@ _BOOLEANS: Final = frozenset({'true', 'yes', 'on', '1', 'false', 'no', 'off', '0
 
 
 def parameter_value(parameter: BehaviorParameter, text: str) -> str:
-    """Read the value of a parameter of a behavior. A value of unknown type is left to the executive.
+    """Read the value of a parameter of a behavior. The executive checks values of unknown type.
 
     Raises:
         RefusedError: it is not a value of its type, not one of its choices, or beyond its limits.
@@ -107,7 +107,7 @@ def _number(text: str, kind: type[int] | type[float]) -> float:
 
 
 def whole_number(text: str, *, least: int, most: float = math.inf) -> int:
-    """Read a whole number within these limits. Raises UsageError if it is not one."""
+    """Read an integer within these limits. Raises UsageError if the text is not one."""
     if not text.isascii() or not text.isdigit() or len(text) > 9 or not least <= int(text) <= most:
         limits = f'from {least} to {most}' if most < math.inf else f'of at least {least}'
         raise UsageError(f'{short_repr(text)}: expected a whole number {limits}')
@@ -120,7 +120,7 @@ port_number: Final = functools.partial(whole_number, least=0, most=65535)
 
 
 def one_of(choices: Sequence[str]) -> Callable[[str], str]:
-    """Return a reader of one of these words. It raises UsageError for another one."""
+    """Return a reader that accepts one of these words and raises UsageError for any other."""
 
     def read(text: str) -> str:
         if text not in choices:
@@ -145,7 +145,7 @@ def capability_text(file: str) -> str:
 
 
 def full_namespace(text: str) -> str:
-    """Return the namespace of a robot, as the operator gives it, from the root on.
+    """Return the absolute namespace of the robot that the operator named.
 
     Raises:
         UsageError: ROS does not allow this name.
@@ -175,7 +175,7 @@ def load_places(file: Path) -> dict[str, FramedPose]:
 def value_text(text: str, type: str, places: Mapping[str, FramedPose]) -> str:
     """Return the text of a value of ``type`` (as in BlackboardEntry), from what the operator wrote; checked.
 
-    A message type that is not installed here is left to the executive to check.
+    The executive checks a message type that is not installed here.
 
     Raises:
         RefusedError: it is no value of the type.

@@ -90,9 +90,9 @@ class FleetLink:
         return link.mirror, link
 
     def open(self, name: str) -> None:
-        """Have map, trees and scan of a robot come until :meth:`close` was called as often. Raises as :meth:`robot`.
+        """Receive map, trees and scan of a robot until :meth:`close` was called equally often. Raises as :meth:`robot`.
 
-        Neither of both on the executor thread.
+        Call neither on the executor thread.
         """
         with self._keeping:
             link = self._joined[name]
@@ -105,7 +105,7 @@ class FleetLink:
         self._joined[name].close_surroundings()
 
     def select(self, name: str) -> tuple[Mirror, ExecutiveLink]:
-        """Have one robot open, instead of the one before, and give it. Raises as :meth:`robot`."""
+        """Open one robot instead of the one before, and return it. Raises as :meth:`robot`."""
         self.open(name)
         if self._selected:
             self.close(self._selected)
@@ -168,7 +168,7 @@ class FleetLink:
         return True
 
     def _note_gone(self, found: set[str]) -> None:
-        """Forget those that are gone for long, or were never heard."""
+        """Forget robots that have been gone for long, or were never heard."""
         now = self._runtime.steady.now()
         gone = {name for name in self.fleet.names if name not in found and name not in self._kept}
         self._gone_since = {name: self._gone_since.get(name, now) for name in gone}

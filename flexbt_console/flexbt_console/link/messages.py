@@ -81,7 +81,7 @@ def record_of(message: Any, **more: Any) -> Any:
 
 @functools.cache
 def _fields(message: type) -> tuple[tuple[str, str, Callable[[Any], Any]], ...]:
-    """Return name, name in the message, and conversion of each field of a record."""
+    """Return the name, the name in the message, and the conversion of each field of a record."""
     renamed, record = FIELDS.get(message, {}), RECORDS[message]
     types: dict[str, str] = message.get_fields_and_field_types()  # type: ignore[attr-defined]
     found = []
@@ -93,7 +93,7 @@ def _fields(message: type) -> tuple[tuple[str, str, Callable[[Any], Any]], ...]:
 
 
 def _conversion(hint: Any) -> Callable[[Any], Any]:
-    """Return what makes a value of a record's field of what the message has there."""
+    """Return the function that converts a field of the message to the value of the record's field."""
     if hint in _CONVERSIONS:
         return _CONVERSIONS[hint]
     if isinstance(hint, type) and issubclass(hint, IntEnum):
@@ -193,7 +193,7 @@ def _known(value: N) -> N | None:
 
 
 def _pose(message: Any) -> records.FramedPose | None:
-    """None for one that is not known, or is none: a robot that is lost may send anything."""
+    """Return None for an unknown or invalid value: a faulty robot may send anything."""
     if not message.header.frame_id:
         return None
     position, q = message.pose.position, message.pose.orientation
@@ -204,7 +204,7 @@ def _pose(message: Any) -> records.FramedPose | None:
 
 
 def is_length(value: float) -> bool:
-    """Return whether it can be a coordinate, m: finite, and not so large that nobody could draw it."""
+    """Return whether the number can be a coordinate, m: finite, and small enough to draw."""
     return abs(value) <= FARTHEST
 
 

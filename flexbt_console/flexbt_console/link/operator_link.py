@@ -126,7 +126,7 @@ class ExecutiveLink(RobotLink):
         self._presence = PresenceToken(runtime, operator, namespace) if operator is not None else None
 
     def close(self) -> None:
-        """Leave the topics: neither receive from this robot nor command it any more. On the executor thread."""
+        """Leave the topics: stop receiving from this robot and commanding it. Executor thread only."""
         node = self._runtime.node
         self._is_closed = True
         self._leave_picture()
@@ -142,13 +142,13 @@ class ExecutiveLink(RobotLink):
             node.destroy_publisher(self._commands)
 
     def hear_all(self) -> None:
-        """Hear what the executive sends beside its status, too, from now on. On the executor thread."""
+        """Subscribe to the executive's topics other than its status, too. Executor thread only."""
         if self._only_status:
             self._only_status = False
             self._hear_picture()
 
     def send(self, command: OperatorCommand, timeout: float, label: str = '') -> TrackedCommand:
-        """Give a command, called ``label``, to the executive; its fate is followed by the mirror. From any thread."""
+        """Send a command, called ``label``, to the executive; the mirror follows its result. From any thread."""
         tracked = self.mirror.give(command, timeout, label)
         if command.kind is CommandKind.STOP:  # from this thread: the executor may be busy with what others send
             self._publish(command)
@@ -158,7 +158,7 @@ class ExecutiveLink(RobotLink):
     def wait_for(
         self, inspect: Callable[[View], T | None], timeout: float | None, every: float | None = None
     ) -> T | None:
-        """Wait until ``inspect`` finds something in the view, and give it; None after ``timeout`` seconds.
+        """Wait until ``inspect`` returns a true value for the view, and return it; None after ``timeout`` seconds.
 
         It is called after each change, also when the picture gets stale, and at least every ``every`` seconds if
         that is given. Not on the executor thread.
@@ -184,10 +184,10 @@ class ExecutiveLink(RobotLink):
             self._waiting.discard(changed)
 
     def live_view(self, timeout: float) -> View:
-        """Return the picture, as soon as it is live.
+        """Return the view as soon as it is live.
 
         Raises:
-            NoLinkError: it was not within ``timeout`` seconds; says what is known.
+            NoLinkError: it was not live within ``timeout`` seconds; the message reports what is known.
         """
         view = self.wait_for(lambda view: view if view.live else None, timeout)
         if view is not None:
@@ -195,7 +195,7 @@ class ExecutiveLink(RobotLink):
         raise NoLinkError(no_link_text(self.mirror.view(), f'within {timeout:g} s'))
 
     def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
-        """Wait for the answer of a command, or its timeout."""
+        """Wait for the answer to a command, or its timeout."""
 
         def settled(_: View) -> TrackedCommand | None:
             tracked = self.mirror.command(command_id)
@@ -235,10 +235,10 @@ class ExecutiveLink(RobotLink):
             raise NoAnswerError(f'the console is too busy to listen to trees and map: {error}') from error
 
     def open_surroundings(self, scan_period: float = 0.0) -> None:
-        """Have trees, map, plan and scan come until :meth:`close_surroundings` was called as often.
+        """Receive trees, map, plan and scan until :meth:`close_surroundings` was called equally often.
 
-        Who opens them first says how often the scan comes. Neither of both on the executor thread; both raise
-        TimeoutError when it is held up for long.
+        The first caller sets the period of the scan. Call neither on the executor thread; both raise
+        TimeoutError when that thread is busy for too long.
         """
         from .surroundings_link import SurroundingsLink  # what only this needs
 
@@ -365,7 +365,7 @@ class ExecutiveLink(RobotLink):
         return on_message
 
     def _unpacked(self, received: Received, message_type: Any, topic: str) -> Any | None:
-        """Return a message; None for what is none, or has too much in it."""
+        """Return a decoded message; None if it is invalid or exceeds the limits."""
         try:
             message = received.unpack(message_type)
             check_limits(message)

@@ -80,9 +80,9 @@ class SynthesisQuery:
         runtime.on_close(self._close)
 
     def ask(self, request: SynthesisRequest, timeout: float, tell: Tell, left: Future[None] | None = None) -> Synthesis:
-        """Wait for the answer; ``tell`` gets progress from time to time. Not on the executor thread.
+        """Wait for the answer; ``tell`` receives progress from time to time. Not on the executor thread.
 
-        The search is canceled when the waiting is interrupted, when ``left`` is done, and when the node ends.
+        The search is canceled when the wait is interrupted, when ``left`` is done, and when the node ends.
         ``timeout`` in seconds is for the acceptance.
 
         Raises:
@@ -118,7 +118,7 @@ class SynthesisQuery:
         return _answer(outcome)
 
     def cancel(self, timeout: float) -> int:
-        """Cancel the searches that were asked for here, or if there are none that of anybody; how many these were.
+        """Cancel the searches requested here, or else those of anybody; return their number.
 
         Not on the executor thread. Raises NoAnswerError when the executive did not answer within ``timeout`` seconds.
         """
@@ -155,7 +155,7 @@ class SynthesisQuery:
 
 
 def _end(done: Future[GoalOutcome], how: GoalOutcome | NoAnswerError) -> None:
-    """End a call. The first end counts."""
+    """End a call. Only the first end counts."""
     with contextlib.suppress(InvalidStateError):
         if isinstance(how, GoalOutcome):
             done.set_result(how)
@@ -164,7 +164,7 @@ def _end(done: Future[GoalOutcome], how: GoalOutcome | NoAnswerError) -> None:
 
 
 def _seldom(tell: Tell) -> Callable[[Any], None]:
-    """Feedback as lines: after 2 s, and then each time that it has taken twice as long."""
+    """Feedback as lines: after 2 s, then each time that the elapsed time has doubled."""
     due = 2.0
 
     def on_feedback(feedback: Any) -> None:

@@ -13,7 +13,7 @@ from flexbt_console.mirror.view import View
 
 
 class RobotLink:
-    """A robot that is asked and commanded. This one is not there: it refuses everything, for the reason ``why``.
+    """A robot to query and command. This base class is not connected: it refuses everything for the reason ``why``.
 
     The methods are not for the executor thread; each raises ConsoleError.
     """
@@ -21,7 +21,7 @@ class RobotLink:
     why: ClassVar[str] = 'there is no robot to ask'
 
     def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
-        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
+        """Send a command with ``timeout`` seconds for its answer; the mirror follows its result."""
         raise RefusedError(self.why)
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
@@ -31,14 +31,14 @@ class RobotLink:
     def synthesis(
         self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None], left: Future[None] | None = None
     ) -> Synthesis:
-        """Have a behavior made, or get the reason why there is none; ``tell`` gets progress from time to time.
+        """Request a behavior, or the reason why none is possible; ``tell`` receives progress from time to time.
 
-        It is canceled once ``left`` is done: the requester has gone.
+        The search is canceled once ``left`` is done, i.e. the requester has left.
         """
         raise RefusedError(self.why)
 
     def cancel_synthesis(self, timeout: float) -> int:
-        """Cancel what is being made; how many these were."""
+        """Cancel the running searches; return their number."""
         raise RefusedError(self.why)
 
     def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:

@@ -78,7 +78,7 @@ class _Shown(NamedTuple):
 
 
 class _Stand:
-    """The time since which a robot has been where it is, by its statuses."""
+    """The time for which a robot has been at the same pose, by its statuses."""
 
     def __init__(self, mirror: Mirror, clock: Clock) -> None:
         self._mirror = mirror
@@ -87,7 +87,7 @@ class _Stand:
         self._since = 0.0
 
     def start_over(self) -> None:
-        """Note that it may have moved."""
+        """Note that the robot may have moved."""
         self._pose = None
 
     def seconds(self) -> float:
@@ -98,7 +98,7 @@ class _Stand:
         return now - self._since
 
     def is_over(self) -> bool:
-        """Return whether it has stood, and is not known to be there any more."""
+        """Return whether the robot has stood, but is not known to be there any more."""
         return self._pose is not None and not self._is_there()
 
     def _is_there(self) -> bool:
@@ -148,7 +148,7 @@ class ScanLink:
         self._hear_transforms()
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._ignore_transforms()
         for subscription in self._subscriptions:
             self._runtime.node.destroy_subscription(subscription)
@@ -186,7 +186,7 @@ class ScanLink:
         self._place()
 
     def _is_due(self) -> bool:
-        """Return whether the next scan is to be looked at."""
+        """Return whether the next scan is due."""
         return self._runtime.steady.now() >= self._looked_at + (1.0 - TOLERANCE) * self._pause
 
     @property
@@ -217,7 +217,7 @@ class ScanLink:
         self._place()
 
     def _place(self) -> None:
-        """Show the scan if it is known where it was taken; else wait for more transforms, or for another scan."""
+        """Show the scan if the pose at which it was taken is known; else wait for more transforms or another scan."""
         if self._scan is None:
             return
         scan, now = self._scan, self._runtime.steady.now()

@@ -35,7 +35,7 @@ class SimulatorLink:
         return tuple((name, *where) for name, where in list(self._dropped.items())) if self._found else ()
 
     def is_possible(self) -> bool:
-        """Return whether there is a simulator, as it was some seconds ago at most. From any thread."""
+        """Return whether a simulator was found, as of at most some seconds ago. From any thread."""
         now = time.monotonic()
         if now >= self._look_at:
             self._look_at = now + _LOOK_SECONDS
@@ -43,11 +43,11 @@ class SimulatorLink:
         return bool(self._found)
 
     def drop(self, x: float, y: float, timeout: float) -> str:
-        """Put an obstacle there (m); gives its name. Not on the executor thread.
+        """Put an obstacle at a point (m); return its name. Not on the executor thread.
 
         Raises:
-            RefusedError: the simulator refuses it, as where something stands.
-            NoAnswerError: it says nothing within ``timeout`` seconds.
+            RefusedError: the simulator refuses it, e.g. because the space is occupied.
+            NoAnswerError: the simulator does not answer within ``timeout`` seconds.
         """
         from simulation_interfaces.srv import SpawnEntity  # what only a simulation needs
 
@@ -58,7 +58,7 @@ class SimulatorLink:
         return name
 
     def remove(self, name: str, timeout: float) -> None:
-        """Take one away that was dropped here. Raises as :meth:`drop`."""
+        """Remove an obstacle that was dropped here. Raises as :meth:`drop`."""
         from simulation_interfaces.msg import Result
         from simulation_interfaces.srv import DeleteEntity
 

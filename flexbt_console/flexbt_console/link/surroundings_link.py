@@ -71,7 +71,7 @@ class SurroundingsLink:
             raise
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._runtime.call(self._leave)
 
     def _leave(self) -> None:

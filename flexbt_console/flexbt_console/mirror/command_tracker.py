@@ -37,7 +37,7 @@ class Confirmation(Enum):
 
 
 class CommandState(Enum):
-    """The state of a command. TIMEOUT: there was no answer; it may have had its effect or not."""
+    """The state of a command. TIMEOUT: no answer arrived; the command may have had its effect or not."""
 
     PENDING = 'pending'
     APPLIED = 'applied'
@@ -47,7 +47,7 @@ class CommandState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class TrackedCommand:
-    """A command and its fate; ``label`` is what the operator calls it, times are in seconds on the tracker's clock.
+    """A command and its result; ``label`` is what the operator calls it, times are in seconds on the tracker's clock.
 
     ``confirmed_by`` says who has applied it.
     """
@@ -66,7 +66,7 @@ class TrackedCommand:
 
     @property
     def duration(self) -> float | None:
-        """Seconds from giving the command to its answer, or None while there is none."""
+        """Seconds from the command to its answer, or None before that."""
         return None if self.settled is None else self.settled - self.given
 
 
@@ -78,7 +78,7 @@ class CommandTracker:
         self._commands: OrderedDict[str, TrackedCommand] = OrderedDict()
 
     def give(self, command: OperatorCommand, now: float, timeout: float, label: str = '') -> TrackedCommand:
-        """Take a command to be sent; :meth:`due` hands it out. Without a label it is called by its kind."""
+        """Queue a command; :meth:`due` returns it. Without a label it is called by its kind."""
         label = label or command.kind.name.lower()
         tracked = TrackedCommand(command, label, now, now + timeout, next_send=now)
         self._commands[command.id] = tracked
@@ -91,7 +91,7 @@ class CommandTracker:
         return self._commands.get(command_id)
 
     def latest(self) -> TrackedCommand | None:
-        """Return the command that was given last."""
+        """Return the latest command."""
         return next(reversed(self._commands.values()), None)
 
     def pending(self) -> tuple[TrackedCommand, ...]:
@@ -106,7 +106,7 @@ class CommandTracker:
         return frozenset(tracked.command.id for tracked in self.pending() if tracked.is_passed_over)
 
     def due(self, now: float, reachable: bool = True) -> list[OperatorCommand]:
-        """Return the commands to be sent now, for the first time or again; ends those whose time is over.
+        """Return the commands to send now, for the first time or again; end those whose time is over.
 
         While the executive is not ``reachable``, only STOPs are handed out, which others may hear, and of other
         commands no time between sends is lost. A STOP that only the stop guard has confirmed is for the executive, too.
@@ -125,18 +125,18 @@ class CommandTracker:
         return send
 
     def send_stops_again(self, now: float) -> None:
-        """Hand out again the STOPs that wait for an answer: a new participant may not have received them."""
+        """Send again the STOPs that wait for an answer: a new participant may not have received them."""
         for tracked in self._sent():
             if _is_stop(tracked):
                 self._commands[tracked.command.id] = replace(tracked, next_send=now)
 
     def next_due(self, reachable: bool = True) -> float | None:
-        """Time at which :meth:`due` has something to do, or None."""
+        """Time of the next work for :meth:`due`, or None."""
         times = [min(c.next_send, c.deadline) if reachable or _is_stop(c) else c.deadline for c in self._sent()]
         return min(times, default=None)
 
     def _sent(self) -> list[TrackedCommand]:
-        """Return the commands that are sent until the executive has answered, or their time is over."""
+        """Return the commands to repeat until the executive answers, or their time is over."""
         return [
             tracked
             for tracked in self._commands.values()
@@ -145,7 +145,7 @@ class CommandTracker:
         ]
 
     def answered(self, snapshot: ExecutiveSnapshot, now: float) -> list[TrackedCommand]:
-        """Take the answers of a snapshot, and give the commands that it settled.
+        """Process the answers of a snapshot, and return the commands that it settled.
 
         An answer that comes after the deadline corrects the TIMEOUT. When another executive answers the link
         than the one that a command was for, the command is not sent again: the new one cannot know whether the
@@ -175,7 +175,7 @@ class CommandTracker:
         return settled
 
     def carried_out(self, guard: StopGuard, now: float) -> bool:
-        """Take what the stop guard says that it has carried out; whether that settled anything."""
+        """Process the STOPs that the stop guard reports as carried out; return whether that settled anything."""
         open_ones = (CommandState.PENDING, CommandState.TIMEOUT, CommandState.REFUSED)
         found = [self._commands.get(command_id) for command_id in guard.carried_out]
         stops = [one for one in found if one is not None and one.state in open_ones and _is_stop(one)]

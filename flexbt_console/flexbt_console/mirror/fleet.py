@@ -31,7 +31,7 @@ class Urgency(IntEnum):
 class RobotOverview:
     """One robot among several: its namespace, its picture, what it needs, and for how many seconds already.
 
-    The seconds are 0 where nobody has to do anything.
+    The seconds are 0 if no operator has to act.
     """
 
     name: str
@@ -41,17 +41,17 @@ class RobotOverview:
 
     @property
     def needs_operator(self) -> bool:
-        """Return whether an operator has to do something; only a robot that is heard says so."""
+        """Return whether an operator has to act; False for a robot that is not heard."""
         return self.urgency < Urgency.UNREACHABLE
 
     @property
     def is_unreachable(self) -> bool:
-        """Return whether it is not heard: nobody knows what it needs."""
+        """Return whether the robot is not heard: its needs are unknown then."""
         return self.urgency is Urgency.UNREACHABLE
 
 
 def overview_of(name: str, view: View) -> RobotOverview:
-    """Return what a robot needs, by its picture."""
+    """Return the need of a robot, from its view."""
     snapshot = view.snapshot
     if snapshot is None or view.link is LinkState.LOST:
         return RobotOverview(name, view, Urgency.UNREACHABLE, view.age or 0.0)
@@ -81,7 +81,7 @@ class Fleet:
         """True if robots are still to be joined."""
 
     def add(self, name: str, mirror: Mirror) -> None:
-        """Take a robot in. It stays until :meth:`remove`, even if it is silent, since the operator has to see that."""
+        """Add a robot. It stays until :meth:`remove`, even if it is silent, since the operator has to see that."""
         with self._lock:
             self._mirrors[name] = mirror
         mirror.add_listener(lambda change: self._tell())
@@ -94,7 +94,7 @@ class Fleet:
         self._tell()
 
     def note_left_out(self, count: int, *, is_growing: bool = False) -> None:
-        """Note how many robots were found and not taken in: there are too many, or it is still growing."""
+        """Note how many robots were found but not added: there are too many, or the fleet is still growing."""
         if (count, is_growing) != (self.left_out, self.is_growing):
             self.left_out, self.is_growing = count, is_growing
             self._tell()
@@ -111,7 +111,7 @@ class Fleet:
             return tuple(sorted(self._mirrors))
 
     def overview(self) -> list[RobotOverview]:
-        """Return the robots, the most urgent first; of the same urgency, who has waited longest."""
+        """Return the robots, the most urgent first; of the same urgency, the one that has waited longest."""
         with self._lock:
             mirrors = sorted(self._mirrors.items())
         robots = [overview_of(name, mirror.view()) for name, mirror in mirrors]

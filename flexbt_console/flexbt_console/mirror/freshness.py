@@ -34,7 +34,7 @@ ECHOES_REMEMBERED: Final = 8
 
 
 class LinkState(Enum):
-    """The state of the link: the picture is live, it is old, or nobody sends any more."""
+    """The state of the link: the picture is live, it is old, or the sender is gone."""
 
     LIVE = 'live'
     STALE = 'stale'
@@ -71,7 +71,7 @@ class Freshness:
         self._echoed = 0.0
 
     def start_over(self) -> None:
-        """Forget what was measured: the messages come from another process now."""
+        """Forget the measurements: the messages come from another process now."""
         self._transits.clear()
         self._ahead.clear()
         self._confirmed = False
@@ -104,7 +104,7 @@ class Freshness:
         self._confirmed = self._confirmed or self._transit is not None
 
     def wants_ping(self, now: float) -> bool:
-        """Return whether an echo would help: there was none for some time, or messages arrive and are not live."""
+        """Return whether an echo would help: none came for some time, or messages arrive and are not live."""
         return not self._ahead or now - self._echoed > PING_PERIOD or self.state(now) is not LinkState.LIVE
 
     def sender_gone(self) -> None:
@@ -112,7 +112,7 @@ class Freshness:
         self._gone = True
 
     def age(self, now: float) -> float | None:
-        """Seconds since the picture was true, as far as one can know; None before the first message."""
+        """Estimated age of the picture, s; None before the first message."""
         return None if self._arrived is None else max(0.0, now - self._arrived) + self._lateness()
 
     def silent(self, now: float, listened: float = math.inf) -> bool:
@@ -123,7 +123,7 @@ class Freshness:
         return min(now - self._arrived, listened) > LIVE_PERIODS * self._period
 
     def state(self, now: float) -> LinkState:
-        """Return what may be claimed at ``now``."""
+        """Return the state of the link at ``now``."""
         age = self.age(now)
         if age is None or self._gone or age > self._lost_age:
             return LinkState.LOST
@@ -145,7 +145,7 @@ class Freshness:
         return max(LOST_PERIODS * self._period, self._lost_after)
 
     def _lateness(self) -> float:
-        """Age of the newest message on its arrival, as far as one can know."""
+        """Estimated age of the newest message on its arrival, s."""
         if self._transit is None:
             return 0.0
         if not self._ahead:

@@ -135,7 +135,7 @@ class Mirror:
         self._scan_until = math.inf
 
     def copy(self, clock: Clock) -> Mirror:
-        """Another one that knows the same, and goes on by itself, on ``clock``. Nobody listens to it."""
+        """Return a copy with the same contents that continues independently on ``clock``, without listeners."""
         other = Mirror(clock)
         with self._lock:
             own = ('_clock', '_lock', '_listeners')
@@ -150,7 +150,7 @@ class Mirror:
     # Incoming messages
 
     def receive_snapshot(self, snapshot: ExecutiveSnapshot, transit: Transit | None = None) -> bool:
-        """Take a snapshot; False when it is not newer than what is known."""
+        """Process a snapshot; return False when it is not newer than the present one."""
         with self._lock:
             now = self._now()
             if not self._is_newer(snapshot, transit, now):
@@ -176,7 +176,7 @@ class Mirror:
         return True
 
     def receive_guard(self, guard: StopGuard) -> None:
-        """Take what the stop guard says."""
+        """Process a status of the stop guard."""
         with self._lock:
             self._guard = guard
             self._guard_heard = self._now()
@@ -184,7 +184,7 @@ class Mirror:
         self._tell(Change.COMMAND if settled else Change.LINK)
 
     def receive_structure(self, structure: Structure) -> None:
-        """Take the state machine of a run."""
+        """Process the state machine of a run."""
         with self._lock:
             self._structures[structure.run_id] = structure
             self._structures.move_to_end(structure.run_id)
@@ -193,25 +193,25 @@ class Mirror:
         self._tell(Change.STRUCTURE)
 
     def receive_behaviors(self, behaviors: BehaviorList) -> None:
-        """Take the list of behaviors."""
+        """Process the list of behaviors."""
         with self._lock:
             self._behaviors = behaviors
         self._tell(Change.BEHAVIORS)
 
     def receive_places(self, places: Mapping[str, FramedPose]) -> None:
-        """Take the places that the robot knows by name."""
+        """Process the places that the robot knows by name."""
         with self._lock:
             self._places = places
         self._tell(Change.PLACES)
 
     def receive_subjects(self, subjects: Subjects) -> None:
-        """Take what the decisions that wait are about."""
+        """Process the subjects of the pending decisions."""
         with self._lock:
             self._subjects = subjects
         self._tell(Change.SUBJECTS)
 
     def receive_log(self, line: LogLine) -> bool:
-        """Take a line of the log; False for one that is there already or too old."""
+        """Process a line of the log; return False for one that is known already or too old."""
         with self._lock:
             if not self._log.add(line):
                 return False
@@ -220,7 +220,7 @@ class Mirror:
         return True
 
     def receive_events(self, events: Sequence[ExecutiveEvent]) -> bool:
-        """Take transitions and commands; False when all of them are there already, or too old."""
+        """Process transitions and commands; return False when all of them are known already, or too old."""
         with self._lock:
             new = [event for event in events if self._events.add(event)]
             self._reasons = None
@@ -229,34 +229,34 @@ class Mirror:
         return bool(new)
 
     def receive_tree_structure(self, nodes: TreeNodes) -> None:
-        """Take the nodes of a run of a tree."""
+        """Process the nodes of a run of a tree."""
         with self._lock:
             self._trees.receive_structure(nodes)
         self._tell(Change.TREE)
 
     def receive_tree_status(self, report: TreeReport) -> None:
-        """Take what has happened in a run of a tree."""
+        """Process the events of a run of a tree."""
         with self._lock:
             is_newer = self._trees.receive_status(report, self._now())
         if is_newer:
             self._tell(Change.TREE)
 
     def tree_servers_left(self, there: Collection[str] = ()) -> None:
-        """Take that the middleware says that nobody sends statuses of trees any more, but for these nodes."""
+        """Note the only nodes that still publish statuses of trees, as the middleware reports."""
         with self._lock:
             self._trees.servers_left(there, self._now())
         self._tell(Change.TREE)
 
     def receive_map(self, map: GridMap) -> None:
-        """Take the map."""
+        """Process the map."""
         self._surround(map=map)
 
     def receive_plan(self, plan: Points) -> None:
-        """Take the path that is followed, or was asked for last."""
+        """Process the path that the robot follows, or the latest one that was requested."""
         self._surround(plan=plan)
 
     def receive_scan(self, scan: Points, seconds: float) -> None:
-        """Take the points that the lidar sees, which are valid for this many seconds. It may be the same as before."""
+        """Process the points of the lidar, valid for this many seconds. They may be the same as before."""
         with self._lock:
             self._scan_until = self._now() + seconds
             if scan is self._surroundings.scan:
@@ -264,7 +264,7 @@ class Mirror:
         self._surround(scan=scan)
 
     def forget_surroundings(self) -> None:
-        """Trees, plan and scan are not heard any more: what they were is not shown later. The map stays as it is."""
+        """Discard trees, plan and scan, which are not received any more: they must not be shown later. Keep the map."""
         with self._lock:
             self._trees.forget_runs()
         self._surround(plan=(), scan=())
@@ -292,7 +292,7 @@ class Mirror:
             return self._freshness.silent(self._now(), listened)
 
     def sender_gone(self) -> None:
-        """Note that nobody sends snapshots any more, as the middleware reports."""
+        """Note that no publisher of snapshots is left, as the middleware reports."""
         with self._lock:
             self._freshness.sender_gone()
         self._tell(Change.LINK)
@@ -314,7 +314,7 @@ class Mirror:
                 self._log, self._events = NumberedList(LOG_LENGTH), NumberedList(LOG_LENGTH)
 
     def set_problem(self, problem: str) -> None:
-        """Say what is wrong with the link (empty: nothing), e.g. that both sides are of different versions."""
+        """Set the problem of the link (empty: none), e.g. that the sides have different versions."""
         with self._lock:
             changed, self._problem = self._problem != problem, problem
         if changed:
@@ -323,14 +323,14 @@ class Mirror:
     # Commands
 
     def give(self, command: OperatorCommand, timeout: float, label: str = '') -> TrackedCommand:
-        """Take a command to be sent, which the operator calls ``label``."""
+        """Queue a command, which the operator calls ``label``."""
         with self._lock:
             tracked = self._commands.give(command, self._now(), timeout, label)
         self._tell(Change.COMMAND)
         return tracked
 
     def due_commands(self, reachable: bool) -> list[OperatorCommand]:
-        """Return the commands to be sent now; ends those whose deadline is over."""
+        """Return the commands to send now; end those whose deadline is over."""
         with self._lock:
             before = len(self._commands.pending())
             send = self._commands.due(self._now(), reachable)
@@ -340,12 +340,12 @@ class Mirror:
         return send
 
     def send_stops_again(self) -> None:
-        """Hand out again the STOPs that wait for an answer: a new participant may not have received them."""
+        """Send again the STOPs that wait for an answer: a new participant may not have received them."""
         with self._lock:
             self._commands.send_stops_again(self._now())
 
     def next_command_time(self, reachable: bool) -> float | None:
-        """Time on the mirror's clock at which :meth:`due_commands` has something to do, or None."""
+        """Time on the mirror's clock of the next work for :meth:`due_commands`, or None."""
         with self._lock:
             return self._on_clock(self._commands.next_due(reachable))
 
@@ -355,14 +355,14 @@ class Mirror:
             return self._commands.passed_over()
 
     def command(self, command_id: str) -> TrackedCommand | None:
-        """Return what became of a command."""
+        """Return the result of a command."""
         with self._lock:
             return self._commands.get(command_id)
 
     # Known data
 
     def view(self) -> View:
-        """Return the picture at this moment, and how old it is."""
+        """Return the present view, with its age."""
         with self._lock:
             now = self._now()
             snapshot = self._snapshot
@@ -410,7 +410,7 @@ class Mirror:
             return self._on_clock(self._freshness.next_change(now))
 
     def _now(self) -> float:
-        """Return the time by which everything here is dated, s; it goes on while the computer sleeps."""
+        """Return the mirror's time, s, which includes the time that the computer sleeps."""
         self._asleep = max(self._asleep, self._seconds_asleep())
         return self._clock.now() + self._asleep
 
@@ -418,7 +418,7 @@ class Mirror:
         return None if time is None else time - self._asleep
 
     def _follow(self, snapshot: ExecutiveSnapshot) -> None:
-        """Keep where the robot has been since its run began."""
+        """Record the poses of the robot since its run began."""
         pose, driven = snapshot.robot_pose, self._surroundings.driven
         if self._snapshot is not None and self._snapshot.run_id != snapshot.run_id:
             driven = ()
@@ -496,7 +496,7 @@ class NumberedList(Generic[N]):
         self._known: OrderedDict[str, list[N]] = OrderedDict()
 
     def add(self, one: N) -> bool:
-        """Take one in; False when it is there already, or too old."""
+        """Add an item; return False when it is known already or too old."""
         known = self._known.setdefault(one.executive_id, [])
         place = bisect.bisect_left(known, one.sequence, key=lambda old: old.sequence)
         if place < len(known) and known[place].sequence == one.sequence:
@@ -510,11 +510,11 @@ class NumberedList(Generic[N]):
         return True
 
     def of(self, executive_id: str) -> list[N]:
-        """Return those of one start of the executive, in their order."""
+        """Return the items of one start of the executive, in their order."""
         return self._known.get(executive_id, [])
 
     def latest(self, count: int) -> tuple[N, ...]:
-        """Return the latest in their order, those of an earlier executive first."""
+        """Return the latest items in their order, those of an earlier executive first."""
         known = [one for of_executive in self._known.values() for one in of_executive]
         return tuple(known[-count:]) if count > 0 else ()
 

@@ -148,12 +148,12 @@ class MirroredTree:
         return self.last[uid - 1] if 0 < uid <= len(self.last) else MirroredStatus.IDLE
 
     def shown_status(self, uid: int) -> MirroredStatus:
-        """Return the status of a node; of one that is idle, how it ended before."""
+        """Return the status of a node; for an idle one, how it ended before."""
         status = self.status(uid)
         return status if status is not MirroredStatus.IDLE else self.last_end(uid)
 
     def seconds(self, uid: int) -> float:
-        """Return how long a node has had its status."""
+        """Return for how long a node has had its status."""
         return max(0.0, self.stamp - self.since[uid - 1]) if 0 < uid <= len(self.since) else 0.0
 
     @property
@@ -184,7 +184,7 @@ class Trees:
         self._changed: set[str] = set()  # those that came or went since the snapshot before
 
     def forget_runs(self) -> None:
-        """Forget all runs: they are not heard any more."""
+        """Forget all runs: trees are not received any more."""
         self._runs.clear()
 
     def receive_peers(self, executive_id: str, peers: Sequence[Peer], now: float) -> None:
@@ -204,7 +204,7 @@ class Trees:
                 self._runs[run_id] = replace(run, life=None, gone_at=now)
 
     def receive_structure(self, new: TreeNodes) -> None:
-        """Take the nodes of a run, unless it has others by now."""
+        """Process the nodes of a run, unless newer ones are known."""
         known = self._runs.get(new.run_id, MirroredTree(new.run_id, stamp=new.stamp))
         if new.structure < known.structure:
             return
@@ -213,7 +213,7 @@ class Trees:
         self._keep(_fitted(known, new.stamp))
 
     def receive_status(self, report: TreeReport, now: float = 0.0) -> bool:
-        """Take what has happened; False for a report that is not newer than what is known.
+        """Process a report of a run; return False for one that is not newer than what is known.
 
         ``now`` is in seconds on the reader's clock.
         """
@@ -250,7 +250,7 @@ class Trees:
         return True
 
     def runs(self, now: float = 0.0) -> tuple[MirroredTree, ...]:
-        """Return the runs whose nodes are known: those that go on first, then the others; the latest of each first."""
+        """Return the runs whose nodes are known: running ones first, then the others; the latest of each first."""
         for run_id, run in list(self._runs.items()):
             if run.gone_at is not None and now - run.gone_at > GONE_SECONDS:
                 del self._runs[run_id]
@@ -264,13 +264,13 @@ class Trees:
             del self._runs[next(over, next(iter(self._runs)))]
 
     def _peer(self, run: MirroredTree) -> Peer | None:
-        """Return what the executive says of the node that runs it, if it knows that."""
+        """Return what the executive reports about the node that runs it, if it knows that node."""
         if run.server:
             return self._peers.get(run.server)
         return next((peer for name, peer in self._peers.items() if name.rpartition('/')[2] == BT_SERVER), None)
 
     def _judged(self, run: MirroredTree, now: float) -> MirroredTree:
-        """Return the run as it is by what the executive says of its server."""
+        """Return the run, updated by what the executive reports about its server."""
         peer = self._peer(run)
         if run.sequence == 0 or run.finished or run.life is None or peer is None:
             return run
@@ -307,7 +307,7 @@ def _of(run: MirroredTree, structure: int, nodes: Sequence[MirroredNode]) -> Mir
 
 
 def _fitted(run: MirroredTree, stamp: float, count: int = 0) -> MirroredTree:
-    """With a status and a time for each node, also for those that nothing is known of."""
+    """Return the run with a status and a time for each node, also for nodes about which nothing is known."""
     count = max(count, len(run.nodes))
     missing = count - len(run.statuses)
     if missing <= 0:

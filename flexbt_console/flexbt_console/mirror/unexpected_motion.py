@@ -26,7 +26,7 @@ CALM_SECONDS: Final = 5.0
 
 @dataclass(frozen=True, slots=True)
 class UnexpectedMotion:
-    """A motion from where the robot should stand, in m and rad; ``why`` it should."""
+    """A motion away from where the robot should stand, in m and rad; ``why`` is the reason that it should stand."""
 
     why: str
     metres: float
@@ -34,7 +34,7 @@ class UnexpectedMotion:
 
 
 class UnexpectedMotionDetector:
-    """A detector that watches one robot by its snapshots."""
+    """A detector that watches one robot through its snapshots."""
 
     def __init__(self) -> None:
         self._should_since: float | None = None
@@ -44,7 +44,7 @@ class UnexpectedMotionDetector:
         self.motion: UnexpectedMotion | None = None
 
     def receive(self, snapshot: ExecutiveSnapshot) -> None:
-        """Take a snapshot that is newer than those before."""
+        """Process a snapshot that is newer than those before."""
         why, pose, now = _why_at_rest(snapshot), snapshot.robot_pose, snapshot.stamp
         if not why or pose is None or (self._should_since is not None and now < self._should_since):
             self._should_since = self._anchor = self.motion = None

@@ -60,7 +60,7 @@ class View:
 
     @property
     def live(self) -> bool:
-        """True if the picture may be taken for the present."""
+        """True if the picture may be shown as the present."""
         return self.link is LinkState.LIVE
 
     @property
@@ -94,7 +94,7 @@ class View:
 
     @property
     def drawn_trees(self) -> list[MirroredTree]:
-        """Return the trees to draw: those that run; while none does, those whose server is gone, as they were last."""
+        """Return the trees to draw: the running ones, or else the last state of those whose server is gone."""
         return self.running_trees or [run for run in self.trees if run.server_gone]
 
     @property
@@ -104,7 +104,7 @@ class View:
 
     @property
     def decision(self) -> Decision | None:
-        """The decision to answer first: the oldest, or that to which the operator has turned."""
+        """The decision to answer first: the oldest, or the one that the operator has chosen."""
         return self.decisions[0] if self.decisions else None
 
     def pending(self, decision_id: str) -> Decision | None:
@@ -112,7 +112,7 @@ class View:
         return next((decision for decision in self.decisions if decision.id == decision_id), None)
 
     def subject(self, decision: Decision) -> Subject | None:
-        """Return what a decision is about; None while that has not arrived, and when it is about nothing."""
+        """Return the subject of a decision; None if it has not arrived, or the decision has none."""
         found = self.subjects.get(decision.id)
         return found if found is not None and found.number == decision.subject_number else None
 
@@ -161,7 +161,7 @@ class View:
 
     @property
     def active_levels(self) -> tuple[str, ...]:
-        """Paths of all that is known to be active, from the outside in, each once: leaves, and containers around them.
+        """Paths of all that is known to be active, outermost first, each once: leaves, and containers around them.
 
         A container that waits for a decision is active, though all of its children may have ended.
         """
@@ -174,7 +174,7 @@ class View:
 
     @property
     def lockable_paths(self) -> tuple[str, ...]:
-        """Paths of what is active and can be left, so that a lock means something, the innermost first."""
+        """Paths of active states and containers that can be left and so locked, the innermost first."""
         levels = (path for path in self.active_levels if path != '/')
         return tuple(sorted(levels, key=lambda path: path.count('/'), reverse=True))
 
@@ -189,7 +189,7 @@ class View:
         return self.structure.state(path) if self.structure else None
 
     def outcomes(self, path: str) -> tuple[str, ...]:
-        """Return the declared outcomes of a state, from the structure or a decision about it; empty if unknown."""
+        """Return the declared outcomes of a state, from the structure or a decision; empty if unknown."""
         state = self.state(path)
         if state is not None:
             return state.outcomes

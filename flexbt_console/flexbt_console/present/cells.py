@@ -45,12 +45,12 @@ def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
 
 
 def width(text: str) -> int:
-    """Return the cells that a text takes."""
+    """Return the number of cells of a text."""
     return len(text) if text.isascii() else sum(map(_cells, f' {text}', text))
 
 
 def in_cells(text: str) -> list[str]:
-    """Return what stands in each cell; '' in the second one of a wide character."""
+    """Return the character in each cell; '' in the second one of a wide character."""
     cells: list[str] = []
     for begin, end, taken in split_graphemes(text)[0]:
         if taken == 0 and cells:

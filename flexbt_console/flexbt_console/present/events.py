@@ -33,7 +33,7 @@ SETTLE_SECONDS: Final = 0.3
 
 
 class Event(NamedTuple):
-    """Something that has changed: its name, the value for programs, and lines for people."""
+    """A change: its name, the value for programs, and lines for people."""
 
     name: str
     value: dict[str, Any]
@@ -55,7 +55,7 @@ class Follower:
         """Executive and number of the lines of the log, and of the events, that were there the last time."""
 
     def events(self, view: View) -> list[Event]:
-        """Return what is new. Heartbeats are not events, and there are none before an executive had the time to be
+        """Return the new events. Heartbeats are none, and none are reported before an executive could be received.
         received."""
         if view.listening:
             return []
@@ -87,7 +87,7 @@ class Follower:
         return events
 
     def _new(self, numbered: Sequence[N]) -> list[N]:
-        """Return the lines or events that were not there the last time."""
+        """Return the lines or events that are new since the last time."""
         if not numbered:
             return []
         kind = type(numbered[0])
@@ -107,7 +107,7 @@ class Follower:
 
 
 def _essence(view: View) -> ExecutiveSnapshot | None:
-    """Return the snapshot without what a heartbeat alone changes."""
+    """Return the snapshot without the fields that a heartbeat alone changes."""
     snapshot = view.snapshot
     if snapshot is None:
         return None

@@ -19,12 +19,12 @@ from flexbt_console.mirror.view import View
 
 
 def encode_json(value: Any) -> str:
-    """One line of JSON in ASCII: nothing in it can act on a terminal."""
+    """Return one line of JSON in ASCII, so that no text can control a terminal."""
     return json.dumps(_plain(value), allow_nan=False)
 
 
 def fields_of(record: Any, *left_out: str) -> dict[str, Any]:
-    """Return the fields of a record by their names, without these."""
+    """Return the fields of a record by name, without the excluded ones."""
     names = (field.name for field in dataclasses.fields(record))
     return {name: getattr(record, name) for name in names if name not in left_out}
 
@@ -79,7 +79,7 @@ def tree_json(run: MirroredTree, failures: Sequence[Sequence[MirroredNode]]) -> 
 
 
 def map_json(view: View) -> dict[str, Any]:
-    """Return what is around the robot, m. It does not include the cells of the map."""
+    """Return the surroundings of the robot, m, without the cells of the map."""
     around = view.drawn
     return {
         'map': fields_of(around.map, 'cells') if around.map is not None else None,
@@ -93,7 +93,7 @@ def map_json(view: View) -> dict[str, Any]:
 
 
 def result_json(name: str, tracked: TrackedCommand, exit_code: ExitCode, **more: Any) -> dict[str, Any]:
-    """Return what became of a command. ``duration`` is in seconds."""
+    """Return the result of a command. ``duration`` is in seconds."""
     return {
         'command': name,
         'id': tracked.command.id,

@@ -90,12 +90,12 @@ class Frame:
         return None if dot is None else (dot[0] // 2, dot[1] // 4)
 
     def centre(self, column: int, row: int) -> Point:
-        """Return the point in the middle of a character."""
+        """Return the point at the centre of a character."""
         return self.x + (2 * column + 1) * self.step, self.y + (4 * (self.rows - row) - 2) * self.step
 
 
 def frame_for(view: View, columns: int, rows: int) -> Frame:
-    """Return the smallest frame that shows all of the map, or all that is drawn where there is none."""
+    """Return the smallest frame that shows the whole map, or everything drawn if no map is known."""
     around, robot = view.drawn, view.robot_pose
     if around.map is not None:
         (left, bottom), (width, height) = (around.map.x, around.map.y), around.map.size
@@ -163,7 +163,7 @@ def _write(drawn: list[list[Cell]], frame: Frame, point: Point, sign: str, layer
 
 
 def _put(row: list[Cell], column: int, cell: Cell) -> None:
-    """Draw over a cell; of a wide character that stood there nothing is left."""
+    """Draw over a cell; erase both cells of a wide character that was there."""
     if not row[column][0]:
         row[column - 1] = ' ', row[column - 1][1]
     if column + 1 < len(row) and not row[column + 1][0]:
@@ -205,7 +205,7 @@ def map_lines(view: View, size: tuple[int, int]) -> list[str]:
 
 
 def where_text(view: View) -> str:
-    """Return where the robot is, and how long its plan is."""
+    """Return the pose of the robot and the length of its plan."""
     robot = view.robot_pose
     blind = blind_text(view.snapshot) if view.snapshot else ''
     where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else blind or 'pose unknown'
@@ -309,7 +309,7 @@ def map_image(view: View) -> Image:
 
 
 def save_map(file: Path, view: View) -> None:
-    """Write the map as PNG, whatever the name of the file ends with.
+    """Write the map as PNG, whatever the suffix of the file.
 
     Raises:
         UsageError: the file cannot be written.

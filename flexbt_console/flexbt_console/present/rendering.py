@@ -110,14 +110,14 @@ def autonomy_text(level: int) -> str:
 
 
 def where_lines(snapshot: ExecutiveSnapshot) -> list[str]:
-    """Return where the robot is, and why that is not known: then nobody watches whether it moves."""
+    """Return the pose of the robot, or why it is unknown: unexpected motion is not detected then."""
     pose, blind = snapshot.robot_pose, blind_text(snapshot)
     known = [pose_text(pose)] if pose is not None or not blind else []
     return [*known, *([Line(blind, Tone.WARNING)] if blind else [])]
 
 
 def blind_text(snapshot: ExecutiveSnapshot) -> str:
-    """Return that the pose is unknown or old, and what that means; '' if it is known."""
+    """Return that the pose is unknown or old, and the consequence; '' if it is known."""
     what = 'pose old' if snapshot.robot_pose is not None else 'pose unknown'
     return f'{what}: {one_line(snapshot.pose_problem)}; motion is not watched' if snapshot.pose_problem else ''
 
@@ -195,7 +195,7 @@ def decision_line(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
 
 
 def asked_text(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
-    """Return what a pending decision of a snapshot asks."""
+    """Return the question of a pending decision of a snapshot."""
     where = one_line(pending.path)
     prompt = f': {one_line(pending.prompt)}' if pending.prompt else ''
     if pending.kind is DecisionKind.INPUT:
@@ -215,7 +215,7 @@ def autonomy_needed(level: int) -> str:
 
 
 def reason_lines(pending: Decision, view: View) -> list[str]:
-    """Return the state's reason for wanting that, or the report that led to it; nothing when nothing was said."""
+    """Return the state's reason for the decision, or the report that led to it; nothing if neither is known."""
     reason = view.reasons.get(pending.id)
     if reason is None:
         return []
@@ -225,7 +225,7 @@ def reason_lines(pending: Decision, view: View) -> list[str]:
 
 
 def subject_lines(pending: Decision, view: View) -> list[str]:
-    """Return what a pending decision is about, or that it was not received; and what of it is not shown."""
+    """Return the subject of a pending decision, or that it was not received, and what part of it is not shown."""
     if lacking := view.lacks(pending):
         return [Line(f'{one_line(lacking)} NOT RECEIVED: the subject of this decision is not shown', Tone.ERROR)]
     subject = view.subject(pending)
@@ -246,7 +246,7 @@ def _subject_text(value: SubjectValue, view: View) -> str:
 
 
 def choice_line(pending: Decision) -> str:
-    """Return what may be chosen, numbered; the outcome that is wanted is marked."""
+    """Return the choices, numbered; the outcome that the state wants is marked."""
     return '  '.join(
         f'{number} {one_line(choice)}{"*" if choice == pending.outcome else ""}'
         for number, choice in enumerate(pending.choices, 1)
@@ -254,7 +254,7 @@ def choice_line(pending: Decision) -> str:
 
 
 def status_lines(view: View) -> list[str]:
-    """Return the whole picture."""
+    """Return the whole view."""
     shown = [_labelled('link', link_line(view))]
     shown += [_labelled('', alarm)] if (alarm := alarm_line(view)) else []
     if view.problem:
@@ -296,7 +296,7 @@ def _labelled(label: str, line: str) -> str:
 
 
 def not_paused_lines(state: ActiveState) -> list[str]:
-    """Return the activities of a paused state that go on anyway."""
+    """Return the activities of a paused state that continue nevertheless."""
     return [Line(f'still active: {one_line(text)}', Tone.WARNING) for text in state.not_paused]
 
 
@@ -408,7 +408,7 @@ def robot_line(robot: RobotOverview) -> str:
 
 
 def unreachable_text(view: View) -> str:
-    """Tell that a robot is not heard, for how long already, and what it did then."""
+    """Return that a robot is not heard, for how long, and what it did then."""
     if view.age is None:
         return 'unreachable: never heard'
     then = '  '.join(filter(None, (what_runs(view), *map(one_line, view.active_paths))))
@@ -416,7 +416,7 @@ def unreachable_text(view: View) -> str:
 
 
 def left_out_text(count: int, option: str = '--namespace') -> list[str]:
-    """Tell how many robots were found that are not listed, and the option that names one; nothing when all are."""
+    """Return how many robots were found but not listed, and the option that selects one; nothing if all are listed."""
     return [f'{count} more not listed; name one with {option}'] if count else []
 
 
@@ -464,7 +464,7 @@ def stamp_text(stamp: float) -> str:
 
 
 def command_result_lines(tracked: TrackedCommand) -> list[str]:
-    """Return what became of a command; continuation lines of the reason are indented."""
+    """Return the result of a command; continuation lines of the reason are indented."""
     name, duration = one_line(tracked.label, LABEL_LENGTH), tracked.duration
     is_stop = tracked.command.kind is CommandKind.STOP
     if tracked.state is CommandState.APPLIED:
@@ -497,7 +497,7 @@ def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
 
 
 def synthesis_lines(made: Synthesis) -> list[str]:
-    """Return the machine that was made, what was taken for granted, and how it is started; or why there is none."""
+    """Return the synthesized machine, its assumptions, and how to start it; or why none exists."""
     if not made.behavior:
         return [one_line(line) for line in made.explanation]
     return [

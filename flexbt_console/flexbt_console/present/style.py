@@ -11,7 +11,7 @@ from typing import Final, TextIO
 
 
 class Tone(Enum):
-    """The gravity of a line; the value is the colour of a terminal (ECMA-48, SGR)."""
+    """The severity of a line; the value is the colour of a terminal (ECMA-48, SGR)."""
 
     PLAIN = ''
     GOOD = '32'
@@ -22,12 +22,12 @@ class Tone(Enum):
 
 
 class Line(str):
-    """A line of text with its tone; where only the text is wanted, it is that text."""
+    """A line of text with its tone; usable wherever a string is."""
 
     __slots__ = ('tone',)
 
     def __new__(cls, text: str, tone: Tone) -> Line:
-        """Return the text, and what it is to its reader."""
+        """Return the text with a tone."""
         line = super().__new__(cls, text)
         line.tone = tone
         return line

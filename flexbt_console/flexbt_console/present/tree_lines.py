@@ -59,7 +59,7 @@ def tree_lines(run: MirroredTree, columns: int, rows: int, signs: Glyphs) -> lis
 
 
 def whole_tree_lines(run: MirroredTree, signs: Glyphs) -> list[str]:
-    """Return the whole tree, however much that is, and behind it what has failed, each with what failed by it."""
+    """Return the whole tree, of any length, then each failed node with the nodes that failed because of it."""
     shown = [_title(run), *(_node_line(run, node, depth, signs) for node, depth in _in_order(run, lambda node: True))]
     for leaf, *above in chains_of_failures(run):
         by_it = f', and so {", ".join(one_line(node.name) for node in above)}' if above else ''
@@ -144,7 +144,7 @@ def _closed_ways(run: MirroredTree) -> set[int]:
 
 
 def _acts(run: MirroredTree, node: MirroredNode) -> bool:
-    """Return whether a node does what the tree does now: it is of now, no condition, and has not failed."""
+    """Return whether a node is part of what the tree does now: recent, no condition, and not failed."""
     has_failed = run.status(node.uid) is MirroredStatus.FAILURE
     return _is_of_now(run, node) and node.kind is not MirroredNodeKind.CONDITION and not has_failed
 

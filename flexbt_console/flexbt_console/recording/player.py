@@ -74,7 +74,7 @@ class RunPlayer:
         self.go_to(0.0)
 
     def go_to(self, time: float, patience: float = math.inf) -> bool:
-        """Show what was known at a time, limited to the recording, from the nearest picture before it that was kept.
+        """Show the state at a time, limited to the recording, starting from the nearest stored picture before it.
 
         What was not read yet may take long: after ``patience`` seconds it is not there yet, which is False, and shows
         what was known at the :attr:`time` to which it has come. So calls with the same time lead there.
@@ -100,7 +100,7 @@ class RunPlayer:
         return end == wanted
 
     def _restore(self, number: int) -> None:
-        """Return what was known before a message, of which each :data:`KEPT_EACH`-th that was passed has been kept."""
+        """Return the state before a message; every :data:`KEPT_EACH`-th state passed was stored."""
         kept, map_frame = self._kept[number]
         self._clock = ManualClock()
         self.mirror = kept.copy(self._clock)
@@ -110,7 +110,7 @@ class RunPlayer:
         self._next, self._scan = number * KEPT_EACH, -1
 
     def _show_scan(self, end: int) -> None:
-        """Place the last scan before a message, by the transforms around it. Others are never looked at."""
+        """Place the last scan before a message, by the transforms around it. Earlier scans are never decoded."""
         latest = bisect.bisect_left(self._scans, end) - 1
         if latest < 0 or latest == self._scan:
             return
@@ -138,7 +138,7 @@ class RunPlayer:
         return message
 
     def next_said(self, by: int) -> float:
-        """Return the time of the next (1) or the last (-1) moment at which the executive said something."""
+        """Return the time of the next (1) or the previous (-1) message of the executive."""
         said = [time for time, one in zip(self._times, self._messages, strict=True) if one.topic in _SAID]
         if by > 0:
             return next((time for time in said if time > self.time), self.duration) + MOMENT
@@ -149,7 +149,7 @@ class RunPlayer:
         letters.
 
         Raises:
-            RefusedError: there is none from here on.
+            RefusedError: no such message follows.
         """
         wanted = text.lower()
         for time, one in zip(self._times, self._messages, strict=True):

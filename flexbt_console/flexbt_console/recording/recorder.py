@@ -83,7 +83,7 @@ class Recorder:
         self._readiness = node.create_timer(_LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _look(self) -> None:
-        """Discovery is over when all who are in the graph have found this node, and some time was given to it."""
+        """Wait until every node in the graph has discovered this one, plus a grace period."""
         node = self._runtime.node
         unheard = [
             one.topic for one in self._subscriptions if one.get_publisher_count() < node.count_publishers(one.topic)
@@ -150,7 +150,7 @@ class Recorder:
 
 
 def setup(runtime: NodeRuntime) -> None:
-    """Make the file, and begin."""
+    """Create the file, and start recording."""
     file, max_size = runtime.call(lambda: declare_parameters(runtime.node))
     writer = RunWriter(file)
     runtime.on_close(lambda: _close(writer, runtime))

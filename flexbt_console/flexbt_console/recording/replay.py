@@ -34,7 +34,7 @@ DISCOVERY_SECONDS: Final = 1.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Replay a file and give the exit code."""
+    """Replay a file and return the exit code."""
     make_streams_safe()
     options = _parser().parse_args(arguments)
     try:
@@ -73,7 +73,7 @@ def _rate(text: str) -> float:
 
 
 def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float = 0.0) -> int:
-    """Publish a run, and give the number of messages.
+    """Publish a run, and return the number of messages.
 
     Raises:
         UsageError: the file cannot be used.
@@ -138,7 +138,7 @@ class _Stage:
         return status
 
     def flush(self) -> None:
-        """Wait until the subscribers have got everything."""
+        """Wait until the subscribers have received everything."""
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=1))
 

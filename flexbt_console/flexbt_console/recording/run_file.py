@@ -94,7 +94,7 @@ class RunWriter:
 
     @property
     def problem(self) -> OSError | None:
-        """Why what was written last waits; None when it does not."""
+        """Why the last data wait to be written; None if none wait."""
         return self._stream.problem
 
     @property
@@ -103,7 +103,7 @@ class RunWriter:
         return self._stream.tell()
 
     def close(self) -> None:
-        """Write what is left, and the index."""
+        """Write the remaining data and the index."""
         with self._lock, contextlib.closing(self._stream):
             self._writer.finish()  # type: ignore[no-untyped-call]
 

@@ -36,7 +36,7 @@ class Local(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """The meaning of a line: send ``command``, which the operator sees as ``label``, or do ``local`` with ``line``."""
+    """The meaning of a line: send ``command``, shown to the operator as ``label``, or do ``local`` with ``line``."""
 
     local: Local = Local.NOTHING
     command: OperatorCommand | None = None
@@ -70,7 +70,7 @@ class Bound:
 
 
 def interpret(text: str, view: View, builder: CommandBuilder, bound: Bound) -> Meaning:
-    """Find out what a line means. Names of commands come first; then it is an answer.
+    """Interpret a line. Names of commands take precedence; other lines are answers.
 
     Raises:
         UsageError: it is not written as it has to be.
@@ -114,7 +114,7 @@ def _command(line: CommandLine, view: View, builder: CommandBuilder, bound: Boun
 
 
 def meaning_of(line: CommandLine, view: View, builder: CommandBuilder, label: str) -> Meaning:
-    """Return the meaning of a line that is checked and names all that it is about.
+    """Return the meaning of a checked line that names everything it refers to.
 
     Raises:
         ConsoleError: it cannot work now; nothing is sent.
@@ -125,7 +125,7 @@ def meaning_of(line: CommandLine, view: View, builder: CommandBuilder, label: st
 
 
 def _bind(line: CommandLine, view: View, bound: Bound) -> CommandLine:
-    """Return the line with the decision that it answers named in it."""
+    """Return the line with the identifier of the decision that it answers."""
     assert isinstance(line.spec.action, Send)
     answers = line.spec.action.answers
     if answers is None or line.has(DECISION) or answers.names_its_own(line, view):
@@ -231,7 +231,7 @@ class ShownDecision:
         self._shown = decision_id
 
     def known(self, decision_id: str) -> None:
-        """Note that the screen shows this decision now, which the operator has asked for."""
+        """Note that the screen shows this decision now, because the operator asked for it."""
         self._shown, self._left_at, self._replaced_at = decision_id, None, None
 
     def typed(self, text: str) -> None:
@@ -246,11 +246,11 @@ class ShownDecision:
 
     @property
     def bound(self) -> Bound:
-        """What the line is bound to."""
+        """The decision to which the line is bound."""
         return Bound(self._bound, self._hasty) if self._typing else Bound(self._shown)
 
     def take(self) -> Bound:
-        """Return what the line, which is finished, is bound to."""
+        """Return the binding of the finished line."""
         bound = self.bound
         self._typing = False
         return bound

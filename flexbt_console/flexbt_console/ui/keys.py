@@ -75,7 +75,7 @@ class KeyBinding:
 
 
 def has_map(view: View) -> bool:
-    """Return whether there is anything to draw on a map."""
+    """Return whether a map can be drawn."""
     around = view.drawn
     return bool(around.map or around.plan or around.driven or view.robot_pose or view.places)
 

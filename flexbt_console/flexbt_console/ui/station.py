@@ -69,7 +69,7 @@ class Station:
 
 
 class RobotRequest(NamedTuple):
-    """A question to the robot. ``timeout`` is in seconds; a synthesis has its own time limit."""
+    """A query to the robot. ``timeout`` is in seconds; a synthesis has its own time limit."""
 
     line: CommandLine
     timeout: float
@@ -112,7 +112,7 @@ class Session:
         self._executive = ''
 
     def turn_to(self, station: Station) -> None:
-        """Go on with another robot, or with the same one at another time."""
+        """Continue with another robot, or with the same one at another time."""
         self.station, self._executive = station, ''
 
     def interpret(self, text: str, view: View, bound: Bound) -> Meaning:
@@ -120,7 +120,7 @@ class Session:
         return interpret(text, view, self.station.builder, bound)
 
     def carry_out(self, meaning: Meaning, view: View) -> OperatorCommand | Reading | RobotRequest | None:
-        """Carry out as :meth:`Station.carry_out`, and follow the command that was sent."""
+        """Execute as :meth:`Station.carry_out`, and follow the command that was sent."""
         done = self.station.carry_out(meaning, view)
         if isinstance(done, OperatorCommand):
             self.follow(self.station.mirror, done.id)
@@ -132,7 +132,7 @@ class Session:
 
     @property
     def is_waiting(self) -> bool:
-        """True while more may be reported of a command."""
+        """True while a result of a command is still expected."""
         return bool(self._sent)
 
     def answers(self) -> list[list[str]]:

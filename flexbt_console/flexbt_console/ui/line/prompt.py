@@ -130,12 +130,12 @@ class Prompt:
         return self._shown.shown
 
     def refuse_paste(self, characters: int) -> None:
-        """Tell that a paste was too long for a line."""
+        """Report that a paste was too long for a line."""
         told = f'a paste of {characters} characters was dropped: the limit of a line is {MOST_TYPED}; nothing was done'
         self._print(_warned([told]))
 
     def _typed(self, text: str) -> None:
-        """Count a key as dealing with the decision on the screen."""
+        """Count a key as work on the decision on the screen."""
         # A line that is too long was cut, here or in the terminal's reader: it stays refused when it is made shorter.
         self._history.is_cut = bool(text) and (self._history.is_cut or len(text) > MOST_TYPED)
         if len(text) > MOST_TYPED + 1:
@@ -146,7 +146,7 @@ class Prompt:
         self._shown.typed(text)
 
     async def run(self) -> None:
-        """Read and do lines until the operator quits, or the terminal is gone."""
+        """Read and execute lines until the operator quits, or the terminal is gone."""
         self._loop = loop = asyncio.get_running_loop()
         self._over = asyncio.Event()
         self._mirror.add_listener(lambda change: self._wake(loop))
@@ -171,7 +171,7 @@ class Prompt:
                 raise error
 
     async def _read(self) -> None:
-        """Read and do lines until the operator quits."""
+        """Read and execute lines until the operator quits."""
         while True:
             try:
                 text = await self._prompt.prompt_async(set_exception_handler=False, handle_sigint=False)
@@ -190,13 +190,13 @@ class Prompt:
                 return
 
     async def _age(self) -> None:
-        """Redraw what time alone changes."""
+        """Redraw the parts that depend only on time."""
         while True:
             self._refresh()
             await asyncio.sleep(AGE_SECONDS)
 
     def _clear(self, text: str) -> None:
-        """Ctrl-C, as in a shell: it gives up what was typed."""
+        """Discard the typed line, as Ctrl-C does in a shell."""
         for held in self._held:
             self._print(_warned([f'{one_line(held.text)}: canceled; nothing was sent']))
         if not text.strip() and not self._held:
@@ -204,7 +204,7 @@ class Prompt:
         self._held.clear()
 
     def _do(self, text: str, bound: Bound) -> bool:
-        """Do what a line says; False to quit."""
+        """Execute a line; return False to quit."""
         view = self._mirror.view()
         try:
             meaning = self._session.interpret(text, view, bound)
@@ -228,7 +228,7 @@ class Prompt:
         return True
 
     def _do_held(self) -> None:
-        """Do what waited for a live link, or give it up."""
+        """Execute the line that waited for a live link, or discard it."""
         while self._held and ((is_live := self._mirror.view().live) or self._clock.now() >= self._held[0].until):
             held = self._held.popleft()
             if is_live:

@@ -199,13 +199,13 @@ class OperatorScreen(OrderedApp):
         return self._session.station
 
     def tell(self, text: Sequence[str]) -> None:
-        """Add lines of the console's own to the log."""
+        """Add lines from the console itself to the log."""
         snapshot = self._station.mirror.view().snapshot
         self._panes.log.tell(snapshot.stamp if snapshot is not None else 0.0, text)
         self._wake()
 
     def tell_error(self, error: Exception) -> None:
-        """Tell what was refused, or what is a fault of our own."""
+        """Report a refusal, or a fault of our own."""
         if isinstance(error, ConsoleError):
             self._warn(str(error))
         else:
@@ -216,7 +216,7 @@ class OperatorScreen(OrderedApp):
         self.tell([Line(line, Tone.WARNING) for line in escape_lines(text)])
 
     def _view(self) -> View:
-        """Return the picture, with the decision first to which the operator has turned."""
+        """Return the view, with the decision that the operator has chosen first."""
         return self._station.mirror.view().turned_to(self._turned_to)
 
     def key_read(self, key: str) -> None:
@@ -252,7 +252,7 @@ class OperatorScreen(OrderedApp):
         self._station.attention.touched(view, view.decision.id if view.decision is not None else None)
 
     def on_pane_resized(self) -> None:
-        """Draw for the size that there is now."""
+        """Draw for the present size."""
         self._wake()
 
     def on_input_changed(self) -> None:
@@ -273,7 +273,7 @@ class OperatorScreen(OrderedApp):
             self.draw()
 
     def draw(self) -> None:
-        """Draw what the mirror knows now; what has not changed is not drawn."""
+        """Draw the present state of the mirror; only changes are drawn."""
         self._is_planned = False
         self._drawn_at = self._clock.now()
         self._look_again()
@@ -322,7 +322,7 @@ class OperatorScreen(OrderedApp):
         self._ageing = asyncio.get_running_loop().call_later(AGE_SECONDS, self._age)
 
     def _age(self) -> None:
-        """Draw what time alone has changed: nothing of one robot that is at rest and heard."""
+        """Redraw the parts that depend only on time: none for a single robot that stands and is heard."""
         has_others = self._robots is not None and len(self._robots.fleet.names) > 1
         if has_others or self._session.is_waiting or _timeless(self._station.mirror.view()) != self._drawn:
             self._wake()
@@ -331,7 +331,7 @@ class OperatorScreen(OrderedApp):
     # Keys
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Return whether a key does that now; what is typed into a line or an open list is for these."""
+        """Return whether a key has an effect now; an open list or line receives typed characters instead."""
         if action not in (*self.OF_PANES, *self.OF_LINE, 'leave_mode'):
             return super().check_action(action, parameters)
         if len(self.screen_stack) > 1:
@@ -339,7 +339,7 @@ class OperatorScreen(OrderedApp):
         return action == 'leave_mode' or self._line.is_open == (action in self.OF_LINE)
 
     def action_stop_now(self) -> None:
-        """Stop, whatever is open."""
+        """Stop, whatever dialog is open."""
         self.action_press('stop')
 
     def action_press(self, action: str) -> None:
@@ -425,7 +425,7 @@ class OperatorScreen(OrderedApp):
             self.draw()
 
     def action_leave_mode(self) -> None:
-        """Leave what was begun; nothing is sent. Where it was scrolled, the latest is shown again."""
+        """Cancel the pending input; nothing is sent. Return a scrolled pane to the latest."""
         self._panes.map.leave()
         self._is_quitting = False
         self._line.close()
@@ -433,7 +433,7 @@ class OperatorScreen(OrderedApp):
         self.draw()
 
     def action_help_quit(self) -> None:
-        """Ctrl-C, which only aborts what was begun: it shows how to quit."""
+        """Cancel the pending input, and show how to quit (Ctrl-C)."""
         self.action_leave_mode()
         stop = '' if self._replay else ' Press ! or F8 to stop the robot.'
         self._warn(f'Ctrl-C clears what was typed. Press q to quit: {self._station.leaving}.{stop}')
@@ -443,20 +443,20 @@ class OperatorScreen(OrderedApp):
         self.action_press('leave')
 
     def action_slash(self) -> None:
-        """Type a command, or what is looked for in a recording."""
+        """Open the line for a command, or for a search in a recording."""
         self._line.open('/' if self._replay is not None else '')
 
     def action_complete(self) -> None:
-        """Complete the line that is typed."""
+        """Complete the typed line."""
         self._line.complete()
 
     def action_mark(self, by: int) -> None:
-        """Mark another one of what it may become."""
+        """Mark another completion."""
         self._line.mark(by)
         self.draw()
 
     def action_enter_line(self) -> None:
-        """Carry out the typed line. It belongs to the decision that was on the screen when typing began."""
+        """Execute the typed line. It belongs to the decision that was on the screen when typing began."""
         if self._line.take_marked():
             self.draw()
             return
@@ -472,7 +472,7 @@ class OperatorScreen(OrderedApp):
     # Actions
 
     def do(self, text: str) -> None:
-        """Do what a line says, as at the prompt; it is bound to the decision on the screen."""
+        """Execute a line, as at the prompt; it is bound to the decision on the screen."""
         view = self._view()
         self._carry_out(self._session.interpret(text, view, _shown(view)), view)
 
@@ -535,7 +535,7 @@ class OperatorScreen(OrderedApp):
             self._ask_to_insist(error, Entry(f'answer {answer} without seeing it', (answer,)), insist)
 
     def _ask_to_insist(self, error: NotShownError, entry: Entry, insist: Callable[[], None]) -> None:
-        """Ask whether something is to be sent although what it is about was not received."""
+        """Ask whether to send a command although its subject was not received."""
         self._warn(str(error))
         entries = [Entry('send nothing, and wait for it', ('wait',)), entry]
         self.open(ChoiceList('the subject was not received', entries), lambda number: insist() if number == 1 else None)
@@ -562,7 +562,7 @@ class OperatorScreen(OrderedApp):
         self.open(Overview(self._robots.fleet, self._panes.robot), self.switch)
 
     def switch(self, name: str) -> None:
-        """Go to another robot: all panes show it, and all commands are for it."""
+        """Switch to another robot: all panes show it, and all commands are for it."""
         if self._robots is None or name == self._panes.robot:
             return
         try:
@@ -600,7 +600,7 @@ class OperatorScreen(OrderedApp):
     _do_switch = _do_start
 
     def _fill_in(self, command: CommandSpec, behavior: Behavior) -> None:
-        """Have the form of a behavior filled in, and send its line, if the behavior is still what was in the form."""
+        """Open the form of a behavior, and send its line if the behavior has not changed meanwhile."""
 
         def filled(line: str) -> None:
             name = one_line(behavior.name)

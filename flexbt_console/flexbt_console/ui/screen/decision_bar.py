@@ -80,7 +80,7 @@ class Burst:
             raise RefusedError(f'{word!r} is a word, so "{key}" in it did nothing; press : to type a line')
 
     def check_enter(self) -> None:
-        """Raise RefusedError for an Enter that was typed in one go with more than a number that picks."""
+        """Raise RefusedError for an Enter that was typed in one go with more than the number of a choice."""
         if not _ALONE.fullmatch(self._text):
             raise RefusedError(
                 f'nothing was sent: Enter came just behind {self._text!r}. Look at the decision, and press Enter '
@@ -100,7 +100,7 @@ class Picking:
         self._pressed_at = -math.inf
 
     def drawn(self, view: View) -> None:
-        """Note that the screen shows this now."""
+        """Note that the screen shows this decision now."""
         shown = view.decision.id if view.decision else None
         self._shown.drawn(shown)
         if self._pick[0] != shown:
@@ -115,18 +115,18 @@ class Picking:
         self._shown.typed('key')
 
     def turned_to(self, decision_id: str) -> None:
-        """Note that the operator has chosen this decision from the list, and so knows it."""
+        """Note that the operator has chosen this decision from the list, and so has seen it."""
         self._pick = '', ''
         self._pressed_at = -math.inf
         self._shown.known(decision_id)
 
     def moved(self) -> None:
-        """Forget what was picked: the operator went to another robot, where each decision is new to the eye."""
+        """Forget the choice: the operator went to another robot, whose decisions are new to the operator."""
         self._pick = '', ''
         self._shown.drawn('')
 
     def picked(self, decision: Decision | None) -> str:
-        """Return what Enter answers: what was picked, or else the outcome that the state wants; '' is nothing."""
+        """Return the answer that Enter sends: the picked one, or else the outcome that the state wants; '' for none."""
         if decision is None:
             return ''
         if self._pick[0] == decision.id:
@@ -145,7 +145,7 @@ class Picking:
         self._pick = decision.id, decision.choices[number - 1]
 
     def confirm(self, view: View, builder: CommandBuilder) -> Meaning:
-        """Return the command for what is picked.
+        """Return the command for the picked answer.
 
         Raises:
             NotShownError: what the decision is about was not received.
@@ -210,7 +210,7 @@ def choice_texts(decision: Decision, state: StateStructure | None, signs: Glyphs
 
 
 def waiting_texts(view: View) -> list[str]:
-    """Return each decision that waits, with for how long, and what it asks."""
+    """Return each pending decision with its waiting time and its question."""
     snapshot = view.snapshot
     if snapshot is None:
         return []

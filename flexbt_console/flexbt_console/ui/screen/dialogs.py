@@ -118,11 +118,11 @@ class ChoiceList(ModalScreen[int | None]):
         self.query_one(OptionList).scroll_to_highlight()
 
     def on_input_changed(self) -> None:
-        """Show the entries that fit what is typed."""
+        """Show the entries that match the typed text."""
         self._filter()
 
     def _filter(self) -> str:
-        """Return what is typed; where it has changed, show what fits it, with nothing marked."""
+        """Return the typed text; if it has changed, show the matching entries, none of them marked."""
         typed = self.query_one(FindField).value
         if typed != self._filtered_by:
             self._filtered_by, self._marked = typed, None
@@ -160,7 +160,7 @@ class ChoiceList(ModalScreen[int | None]):
                 options.replace_option_prompt(str(number), self._row(number))
 
     def action_choose(self) -> None:
-        """Choose the entry that was marked, or whose name was typed; of anything else, say what is missing."""
+        """Choose the entry that was marked, or whose name was typed; otherwise show what is missing."""
         typed = self._filter()
         found = [self._marked] if self._marked is not None else self._named(typed)
         if len(found) == 1 and not (why := self._entries[found[0]].refusal):
@@ -208,7 +208,7 @@ class FormField(Input):
         self._choices = choices
 
     def action_step(self, by: int) -> None:
-        """Take the next of the choices."""
+        """Select the next choice."""
         if self._choices:
             place = self._choices.index(self.value) + by if self.value in self._choices else min(by, 0)
             self.value = self._choices[place % len(self._choices)]
@@ -216,7 +216,7 @@ class FormField(Input):
 
     @property
     def is_changed(self) -> bool:
-        """Return whether something else was filled in."""
+        """Return whether the value was changed."""
         return self.value != self._default
 
     def words(self) -> list[str]:
@@ -339,7 +339,7 @@ class StartForm(ModalScreen[str | None]):
             self.set_focus(self._fields[0])
 
     def action_send(self) -> None:
-        """Return the line; where a value cannot be used, say why, at its field."""
+        """Return the line; if a value cannot be used, show the reason at its field."""
         is_untouched = self.focused in (None, *self._fields[:1]) and not any(field.is_changed for field in self._fields)
         pressed_at, self._pressed_at = self._pressed_at, self._clock.now()
         if is_untouched and self._pressed_at - pressed_at < BURST_SECONDS:
@@ -375,11 +375,11 @@ class ReadingDialog(ModalScreen[None]):
             yield Pane()
 
     def on_mount(self) -> None:
-        """Give the text the keys that scroll."""
+        """Focus the text, so that it receives the keys that scroll."""
         self.set_focus(self.query_one(VerticalScroll))
 
     def on_pane_resized(self) -> None:
-        """Fold for the width that there is now."""
+        """Fold the lines to the present width."""
         for scroll in self.query(VerticalScroll):  # not any more, when it was closed meanwhile
             columns = scroll.scrollable_content_region.width
             scroll.query_one(Pane).show(styled(folded(self._text, columns)))
@@ -405,12 +405,12 @@ class MapImage(ModalScreen[None]):
             yield self._widget()
 
     def on_mount(self) -> None:
-        """Draw it at once."""
+        """Draw the image at once."""
         self.draw()
         self.set_interval(IMAGE_SECONDS, self.draw)
 
     def draw(self) -> None:
-        """Draw what is known now, unless that is on the screen."""
+        """Draw the present map, unless it is on the screen already."""
         view = self._view()
         shown = view.drawn, view.robot_pose, view.places, view.live
         if shown != self._drawn:
@@ -492,7 +492,7 @@ class Overview(ModalScreen[str | None]):
         self.draw()
 
     def on_input_changed(self) -> None:
-        """Show the robots that fit what is typed."""
+        """Show the robots that match the typed text."""
         self.draw()
 
     def _filter(self) -> list[RobotOverview]:
@@ -554,7 +554,7 @@ class Overview(ModalScreen[str | None]):
         self.dismiss(next(needing, None))
 
     def action_leave(self) -> None:
-        """Drop what was typed, or else leave the list."""
+        """Clear the typed text, or else close the list."""
         field = self.query_one(FindField)
         if field.value:
             field.value = ''

@@ -62,12 +62,12 @@ def status_text(view: View, columns: int, robot: str, others: str, operator: str
 
 
 def _with_end(text: str, end: str, columns: int) -> str:
-    """Return where both are too long, the first has a third of the columns."""
+    """Share the columns: if both texts are too long, the first gets a third."""
     return cut(cut(text, max(columns // 3, columns - width(end))) + end, columns)
 
 
 def others_text(robots: Sequence[RobotOverview], own: str) -> str:
-    """Return what the other robots need, in short, and how many of them are not heard; '' while there is neither."""
+    """Return the needs of the other robots, in short, and how many of them are not heard; '' if neither exists."""
     others = [one for one in robots if one.name != own]
     needing, unreachable = sum(one.needs_operator for one in others), sum(one.is_unreachable for one in others)
     told = [f'{needing} other{" needs" if needing == 1 else "s need"} you'] if needing else []
@@ -145,11 +145,11 @@ class CommandInput(Input):
 
     @property
     def is_open(self) -> bool:
-        """True while it is typed."""
+        """True while the operator types the line."""
         return self.has_class('typing')
 
     def open(self, text: str) -> None:
-        """Begin it with this; the next key is typed into it."""
+        """Open the line with this text; further keys are added to it."""
         decision = self._view().decision
         self.bound = Bound(decision.id if decision else None)
         self.disabled = False
@@ -159,7 +159,7 @@ class CommandInput(Input):
         self.screen.set_focus(self)
 
     def close(self) -> str:
-        """Return what was typed; it is gone."""
+        """Return the typed text, and close the line."""
         self.remove_class('typing')
         self.disabled = True
         self.screen.set_focus(None)
@@ -170,11 +170,11 @@ class CommandInput(Input):
         self._marked = 0
 
     def mark(self, by: int) -> None:
-        """Mark another one."""
+        """Mark another completion."""
         self._marked = min(max(0, self._marked + by), max(0, len(offers(self.value, self._view())) - 1))
 
     def take_marked(self) -> bool:
-        """Become what was marked with the arrows, which is to be seen before it is done; False when that is typed."""
+        """Insert the completion marked with the arrows, so that it is seen before it runs; False if it is typed."""
         is_another = self._marked > 0 and self._completed(self.value) != self.value
         if is_another:
             self.value = self._completed(self.value) or self.value
@@ -182,7 +182,7 @@ class CommandInput(Input):
         return is_another
 
     def complete(self) -> None:
-        """Become what is marked; at the end of the line, where that is seen."""
+        """Insert the marked completion, and move the cursor to the end of the line to show it."""
         if self.cursor_position == len(self.value):
             self.value = self._completed(self.value) or self.value
             self.cursor_position = len(self.value)

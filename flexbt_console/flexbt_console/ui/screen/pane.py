@@ -74,7 +74,7 @@ class Pane(Widget):
         self._rows: list[list[Segment]] = []
 
     def show(self, text: Text) -> None:
-        """Draw this, unless it is drawn already."""
+        """Draw these lines, unless they are drawn already."""
         if text == self._text:
             return
         before, self._text, no_row = self._rows, text, list[Segment]()

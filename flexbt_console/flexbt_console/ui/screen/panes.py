@@ -49,21 +49,21 @@ class Panes:
         self.moved()
 
     def moved(self) -> None:
-        """They show another robot from now on."""
+        """Show another robot from now on."""
         self.machine, self.map = MachinePane(self.signs), MapPane(self.signs)
         self.picking.moved()
         self.log.moved()
 
     def follow(self) -> None:
-        """Show what is of now, wherever it was scrolled to."""
+        """Return all panes to the present, whatever their scroll position."""
         self.machine.follow()
         self.log.follow()
 
     def scroll(self, mirror: Mirror, pages: int) -> None:
-        """Scroll by this many pages, or back, in the pane that has the focus, or else in the log.
+        """Scroll by this many pages (negative: back) the focused pane, or else the log.
 
         Raises:
-            RefusedError: there is nothing to scroll in it.
+            RefusedError: the pane cannot scroll.
         """
         if self.layout.focused == 'machine':
             self.machine.scroll(pages)
@@ -73,7 +73,7 @@ class Panes:
             self.log.scroll(mirror, -pages)
 
     def visible(self, view: View) -> tuple[str, ...]:
-        """Return those that have room: as they are laid out, and what is needed for what is done now."""
+        """Return the panes that have room, by the layout and by what the operator's present task needs."""
         visible = self.layout.visible('' if has_map(view) else 'map')
         if self.map.is_pointing and 'map' not in visible:
             visible = ('map',)

@@ -74,7 +74,7 @@ class ReplayBar:
         return self._played_from is not None
 
     def play_on(self) -> bool:
-        """Go to where the recording is now, or on to where it is wanted; whether it has moved."""
+        """Update the recording to the present time, or towards the requested one; return whether it has moved."""
         if self._wanted is not None:
             self._go_to(self._wanted)
             return True
@@ -88,7 +88,7 @@ class ReplayBar:
         return True
 
     def move(self, what: str) -> None:
-        """Do what a key of :data:`MOVES` stands for."""
+        """Execute a key of :data:`MOVES`."""
         if what == 'play':
             if not self.is_playing and self.player.time >= self.player.duration:
                 self._go_to(0.0)
@@ -103,7 +103,7 @@ class ReplayBar:
             self._go_to((self.player.time if self._wanted is None else self._wanted) + by)
 
     def find(self, text: str) -> None:
-        """Go to the next moment in which this is said, and stand there. Raises RefusedError when there is none."""
+        """Go to the next message that contains this text, and pause there. Raises RefusedError when none follows."""
         self._go_to(self.player.find(text))
         self._played_from = None
 

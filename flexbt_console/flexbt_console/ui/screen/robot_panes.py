@@ -69,11 +69,11 @@ class MachinePane:
         self._page = 1
 
     def scroll(self, pages: int) -> None:
-        """Show all of it, this many pages farther down."""
+        """Show the whole tree, this many pages farther down."""
         self._from = max(0, (self._from or 0) + pages * self._page)
 
     def follow(self) -> None:
-        """Show what is of now."""
+        """Return to the current part."""
         self._from = None
 
     def draw(self, view: View, columns: int, rows: int, nothing: str) -> Text:
@@ -225,16 +225,16 @@ class MapPane:
 
     @property
     def is_pointing(self) -> bool:
-        """True while there is a cursor."""
+        """True while the cursor is shown."""
         return self._cursor is not None
 
     @property
     def is_aimed(self) -> bool:
-        """Return whether there is a cursor that was moved or turned."""
+        """Return whether the cursor was moved or turned."""
         return self._cursor is not None and self._is_aimed
 
     def point(self, view: View) -> None:
-        """Put the cursor where the robot is, for the decision that waits. There has to be a map."""
+        """Put the cursor at the robot, for the pending decision. Requires a map."""
         robot = view.robot_pose
         if self._frame is None:  # it is hidden, and is drawn now
             self.draw(view, 2 * LEAST_COLUMNS, 2 * LEAST_ROWS)
@@ -259,11 +259,11 @@ class MapPane:
         return True
 
     def leave(self) -> None:
-        """Take the cursor away."""
+        """Remove the cursor."""
         self._cursor = None
 
     def lose(self, view: View) -> bool:
-        """Take the cursor away when what it answers is not what waits first any more; whether that was so."""
+        """Remove the cursor if its decision is not the first one any more; return whether it was removed."""
         if self._cursor is None or (view.decision is not None and view.decision.id == self._decision):
             return False
         self._cursor = None
@@ -343,7 +343,7 @@ class LogPane:
         self.follow()
 
     def follow(self) -> None:
-        """Show the latest."""
+        """Return to the latest lines."""
         self._held, self._back = [], 0
 
     def draw(self, mirror: Mirror, columns: int, rows: int) -> Text:

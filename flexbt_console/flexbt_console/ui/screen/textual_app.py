@@ -42,7 +42,7 @@ class OrderedApp(App[None]):
     _opening: AwaitMount | None = None
 
     def tell_error(self, error: Exception) -> None:
-        """Tell what was refused, or what is a fault."""
+        """Report a refusal or a fault."""
         raise NotImplementedError
 
     def key_read(self, key: str) -> None:
