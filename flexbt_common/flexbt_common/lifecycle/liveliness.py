@@ -60,6 +60,8 @@ from flexbt_core.clock.clock import Timer
 from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import one_line, sanitize_for_message
 
+from .systemd import SystemdReports
+
 LEASE_SECONDS: Final = 0.5
 """Time after which a watcher notices that the token is no longer asserted, s."""
 
@@ -174,11 +176,14 @@ class _HeldToken:
         self._problem = ''
         self._publishers: dict[str, Any] = {}
         self._said_at = self._watcher_found_at = -math.inf
+        self._systemd = SystemdReports()
         self.add_name(self._node.get_fully_qualified_name())
         self._clock = clock_health(runtime)
         self._clock.add_listener(self._clock_changed)
         runtime.health.on_late(self._tell_late)
         runtime.health.on_beat(self._assert)
+        runtime.health.on_beat(self._systemd.beat)
+        runtime.on_close(self._systemd.ending)
         runtime.on_close(lambda: self._publish(has_ended=True))
 
     def add_name(self, name: str) -> None:
@@ -206,6 +211,7 @@ class _HeldToken:
             if not is_ready:
                 self._unready[part] = why
             self._publish()
+        self._systemd.ready(not self._unready)
 
     def _clock_changed(self) -> None:
         if self._clock.is_missing is not (_CLOCK in self._unready):
