@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Comparison of two versions of a tree, or of a machine: the steps at which they can be told apart.
+"""Comparison of two versions of a tree, or of a machine: the steps at which they behave differently.
 
 Both make the same steps with the same answers from the start. Only differences that the environment and the operator
-can see count: what begins, with which inputs, what ends, what can happen next, and how long it takes. The controls and
-conditions by which a version gets there do not matter.
+can observe count: which nodes begin, with which inputs, which end, which labels are possible next, and the time that
+passes. The control nodes and conditions that lead there do not count.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _UNNAMED: Final = re.compile(r'::\d+$')
 
 @dataclass(frozen=True)
 class Difference:
-    """A step after which the versions can be told apart, in ``before`` and ``now``; ``lines`` are the shortest way to
-    it, which is the same in both."""
+    """A step after which the versions differ: the observations of it in ``before`` and ``now``. ``lines`` describe the
+    shortest path to it, which both versions share."""
 
     lines: tuple[str, ...]
     before: tuple[str, ...]
@@ -36,11 +36,11 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of comparing two versions in this many ``situations`` (pairs of both).
+    """The result of comparing two versions in this many ``situations`` (pairs of configurations).
 
-    ``differences`` are the first of each kind, the nearest first; ``more`` were found beside them.
-    ``is_complete``: all that can happen to both was followed, up to where they differ; otherwise ``stopped_by`` says
-    what ended it.
+    ``differences`` are the first of each kind, nearest first; ``more`` counts the others.
+    ``is_complete``: every common step was explored up to the first difference; otherwise ``stopped_by`` names the
+    limit that ended the search.
     """
 
     situations: int
@@ -69,14 +69,14 @@ def compare(
     *,
     most: int = 3,
 ) -> Comparison:
-    """Follow all that can happen to both of two versions, which are made anew at their beginnings, and tell the
-    ``most`` differences that are nearest to the beginning."""
+    """Explore two versions side by side from their initial configurations, and return at most ``most`` differences,
+    nearest to the start first. ``before`` and ``now`` make a new system."""
     return _SideBySide(_Version(before()), _Version(now()), limits or ExplorationLimits(), on_progress).result(most)
 
 
 def names_of(paths: Iterable[str]) -> dict[str, str]:
-    """Name that stay when something else is put in, for paths that do not: a node without a name has its number
-    among those of its type instead of that among all nodes."""
+    """Return names that stay stable when other nodes are inserted, by path: an unnamed node is numbered among the
+    nodes of its type, not among all nodes."""
     paths = list(paths)
     taken = frozenset(paths)
     counts: Counter[str] = Counter()
@@ -92,7 +92,7 @@ def names_of(paths: Iterable[str]) -> dict[str, str]:
             counts[f'{scope}{plain}'] += 1
             number = counts[f'{scope}{plain}']
             named = plain if number == 1 else f'{plain} ({number})'
-            if f'{above}{slash}{named}' not in taken:  # that name may be given to another
+            if f'{above}{slash}{named}' not in taken:  # otherwise another node has this name
                 break
         found[path] = f'{scope}{named}'
         return found[path]
@@ -101,11 +101,11 @@ def names_of(paths: Iterable[str]) -> dict[str, str]:
 
 
 class _Seen(NamedTuple):
-    """Observations of a step: lines, how it has ended, the time that went by, what has begun, what is possible then,
-    what is wrong with it (texts, by the property and the node), what was asked, and what is left after the end.
+    """Observations of a step: event lines, outcome, seconds passed, nodes begun, labels possible next, texts of
+    violations by property and node, nodes asked, and blackboard values left after the end.
 
-    What was asked, and what is left, is compared where both versions have it: a version need not ask, or write, what
-    makes no difference to it.
+    ``asked`` and ``handed_over`` are compared only where both versions have an entry: a version need not ask or write
+    anything that does not affect it.
     """
 
     lines: tuple[str, ...]
@@ -118,22 +118,22 @@ class _Seen(NamedTuple):
     handed_over: Mapping[str, str]
 
     def is_told_from(self, other: _Seen) -> bool:
-        """Return whether it can be told which of both was seen."""
+        """Return whether an observer could distinguish the two versions by this step."""
         return self[:5] != other[:5] or self.wrong.keys() != other.wrong.keys() or bool(self.differing(other))
 
     def differing(self, other: _Seen) -> frozenset[str]:
-        """Return what was asked with other inputs, and the keys that have other values after the end."""
+        """Return the paths that were asked with different inputs, and the keys with different values after the end."""
         asked = {name for name, parts in self.asked.items() if other.asked.get(name, parts) != parts}
         return frozenset(
             asked | {key for key, value in self.handed_over.items() if other.handed_over.get(key, value) != value}
         )
 
     def leads_where(self, other: _Seen) -> bool:
-        """Return whether the same has happened, so that what comes after it can be compared."""
+        """Return whether both steps had the same events, outcome and duration, so that their successors correspond."""
         return self[:3] == other[:3]
 
     def beside(self, other: _Seen) -> Iterator[str]:
-        """Yield what is seen, as lines that show what is not so in the other version."""
+        """Yield the observations as lines, with the details that differ from the other version."""
         if self.passed != other.passed:
             yield f'{self.passed:g} s go by'
         yield from self.lines
@@ -153,7 +153,7 @@ class _Seen(NamedTuple):
 
 
 class _Version:
-    """One of both, in names that they share."""
+    """One of the two versions, described by the names that both share."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -170,11 +170,11 @@ class _Version:
         return self._pattern.sub(lambda match: self._names[match.group()], text)
 
     def labels(self) -> dict[Label, Label]:
-        """Return what can happen, by the names of both."""
+        """Return the possible labels of the system, by their labels in shared names."""
         return {Label(*map(self.named, label)): label for label in self.system.labels()}
 
     def step(self, label: Label, choices: _SharedChoices) -> _Seen:
-        """Return what is seen of it."""
+        """Make a step and return its observations."""
         system, begin = self.system, self.system.clock.now()
         choices.asks(self.named)
         violations = system.step(label, choices)
@@ -194,7 +194,7 @@ class _Version:
 
 
 class _SharedChoices(EnvironmentChoices):
-    """The answers of one step of both versions: whenever one asks, it gets the answer that the other got."""
+    """The answers of one step in both versions: both get the same answer to the same question."""
 
     def __init__(self, given: Sequence[int] = ()) -> None:
         super().__init__(given)
@@ -203,7 +203,7 @@ class _SharedChoices(EnvironmentChoices):
         self._named: Callable[[str], str] = str
 
     def asks(self, named: Callable[[str], str]) -> None:
-        """From now on one asks that has these names."""
+        """Begin the questions of a version, which ``named`` maps to shared names."""
         self._named = named
         self._asked.clear()
 
@@ -219,7 +219,7 @@ class _SharedChoices(EnvironmentChoices):
 
 
 class _Place(NamedTuple):
-    """The way to a pair: from which other pair, by what."""
+    """The step by which a pair was first reached, and its source."""
 
     source: tuple[bytes, bytes]
     label: Label
@@ -255,7 +255,7 @@ class _SideBySide:
         )
 
     def _search(self) -> str:
-        """Follow all; what has ended it before."""
+        """Explore all pairs; return the limit that ended the search early, or ''."""
         first = (self._before.first, self._now.first)
         key = (first[0].key, first[1].key)
         self._from[key] = None
@@ -284,12 +284,12 @@ class _SideBySide:
     def _steps_from(
         self, pair: tuple[Configuration, Configuration]
     ) -> Iterator[tuple[Label, tuple[int, ...], _Seen, _Seen]]:
-        """Yield all steps that both can make, with what is seen of each. Both are where it leads to."""
+        """Yield the steps that both versions can make, with their observations, and leave both in the successor."""
         versions = (self._before, self._now)
         for version, configuration in zip(versions, pair, strict=True):
             version.system.restore(configuration)
         labels = [version.labels() for version in versions]
-        for name in [one for one in labels[0] if one in labels[1]]:
+        for name in [label for label in labels[0] if label in labels[1]]:
             for tried, choices in enumerate(_SharedChoices.all()):
                 if tried == ANSWERS_OF_A_STEP:
                     self._cut = f'more than {ANSWERS_OF_A_STEP} ways to answer in one step'
@@ -320,7 +320,7 @@ class _SideBySide:
 
 
 def _kind(label: Label, before: _Seen, now: _Seen) -> tuple[object, ...]:
-    """Return what differences of one kind have in common."""
+    """Return a key that is equal for differences of one kind."""
     if before.leads_where(now):
         begun = frozenset(before.begun) ^ frozenset(now.begun)
         wrong = frozenset(before.wrong) ^ frozenset(now.wrong)

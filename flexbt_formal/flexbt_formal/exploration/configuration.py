@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Configurations of running engines: saved, restored in place, and distinguished by what can follow from them.
+"""Configurations of running engines: saved, restored in place, and distinguished by their possible behavior.
 
-A configuration is the contents of all objects that can be reached from some roots. It is found by walking over them,
-so that it includes everything that an engine, a node or a state remembers; :class:`Layout` leaves out the parts that
-never change after a run is made (definitions, wiring, functions).
+A configuration holds the contents of all objects that are reachable from some roots. A walk over the objects collects
+them, so it includes all memory of an engine, a node or a state. :class:`Layout` excludes the parts that never change
+after a run is made (definitions, wiring, functions).
 
-Two configurations have the same key when they differ only in parts without influence on what follows: the time that has
-passed (of points in time only their order counts), messages for people, numbers that are only counted up, the contents
-of messages on a blackboard (only whether there is one).
+Two configurations have the same key if they differ only in parts that cannot affect later steps: the time that has
+passed (only the order of points in time counts), messages for people, monotonic counters, the contents of messages on
+a blackboard (only their presence counts).
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ _FIXED: Final = (
 )
 _ITERATORS: Final[tuple[type[Any], ...]] = (type(iter(())), type(iter([])))
 _ABSENT: Final = object()
-"""What a slot holds that is not set."""
+"""Stands for the value of an unset slot."""
 
 
 @dataclass(frozen=True)
 class Layout:
     """Rules for walking objects by their classes; a rule also applies to derived classes.
 
-    ``fixed``: objects that never change, or hold nothing that matters. ``constant``: attributes that never change.
-    ``ignored``: attributes that are kept and restored, but have no part in the key. ``views``: what the key has in the
-    place of an attribute. ``idle``: gives, for an object that is at rest now, the dictionaries and lists that are kept
-    of it, and that have no part in the key, since they are set when it begins; None for one that is not at rest.
+    ``fixed``: objects that never change, or hold nothing relevant. ``constant``: attributes that never change.
+    ``ignored``: attributes that are saved and restored, but excluded from the key. ``views``: functions that return a
+    replacement for an attribute in the key. ``idle``: functions that return the dictionaries and lists to save of an
+    inactive object, or None if it is active. The key excludes them, since the object sets them when it begins.
     """
 
     fixed: tuple[type[Any], ...] = ()
@@ -70,7 +70,7 @@ class Configuration:
     key: bytes
 
     def known_by(self, rest: Any) -> Configuration:
-        """Return the same, where nothing but this (what :mod:`marshal` takes) tells what follows."""
+        """Return this configuration with a key made only from ``rest``, a value that :mod:`marshal` supports."""
         return Configuration(self.parts, _digest(rest))
 
 
@@ -103,16 +103,16 @@ class _Kind:
         self.views = {name: view for name, view in views.items() if not name or name in self.names}
 
     def values(self, one: Any) -> tuple[Any, ...]:
-        """Return what the slots of an object hold."""
+        """Return the values of the slots of an object."""
         if self._get is not None:
             try:
                 return self._get(one)
-            except AttributeError:  # something was not set yet
+            except AttributeError:  # a slot is not set yet
                 pass
         return tuple(getattr(one, name, _ABSENT) for name in self.names)
 
     def restore(self, one: Any, held: tuple[Any, ...]) -> None:
-        """Have the slots of an object hold this."""
+        """Set the slots of an object to these values."""
         if all(map(is_, self.values(one), held)):
             return
         for name, value in zip(self.names, held, strict=True):
@@ -137,12 +137,12 @@ def _slots_of(kind: type[Any]) -> tuple[str, ...]:
 
 _Part = tuple[Any, Any, Any]
 _Fragments = list[dict[tuple[int, ...], tuple[_Part, bytes]]]
-"""Fragments of each root, by the contents of its slots: the data that restores it, and its text, if both are the same
-in all configurations."""
+"""Fragments of each root, by the ids of its slot values: the data that restores it, and its text in the key. Only roots
+whose data and text do not depend on the configuration have fragments."""
 _MOST_FRAGMENTS: Final = 1000
 """Maximum number of fragments of a root."""
 _QUIET: Final = b''
-"""The text of what has no part in the key."""
+"""The text of an object that the key excludes."""
 
 
 class StateSnapshotter:
@@ -169,12 +169,12 @@ class StateSnapshotter:
         self._fragments: _Fragments = [{} for _ in self._roots]
 
     def capture(self) -> Configuration:
-        """Return what everything holds now."""
+        """Return the current contents of all reachable objects."""
         self._begin_walk()
         ahead, parts, text = self._ahead, self._parts, self._text
         for place, fragments in enumerate(self._fragments):
             one = ahead[place]
-            if fragments:  # most objects hold what they have held before
+            if fragments:  # most objects have contents that were seen before
                 known = fragments.get(tuple(map(id, self._kind_of(type(one)).values(one))))
                 if known is not None:
                     parts.append(known[0])
@@ -185,7 +185,7 @@ class StateSnapshotter:
         while place < len(ahead):
             self._visit_any(ahead[place])
             place += 1
-        # Of points in time: past, now, or the place among those to come.
+        # A point in time is encoded as past (-1), now (0), or its rank among the future ones.
         now = self._clock.now()
         to_come = sorted({when for _, when in self._instants if when > now})
         ranks = {when: rank + 1 for rank, when in enumerate(to_come)}
@@ -195,7 +195,7 @@ class StateSnapshotter:
 
     @staticmethod
     def restore(configuration: Configuration) -> None:
-        """Have every object hold what it held then. What was made later is not reachable any more."""
+        """Restore the contents of every object. Objects that were made later become unreachable."""
         for one, how, held in configuration.parts:
             if how.__class__ is _Kind:
                 how.restore(one, held)
@@ -211,7 +211,7 @@ class StateSnapshotter:
     def _begin_walk(self) -> None:
         self._numbers = self._root_numbers.copy()
         self._ahead = list(self._roots)
-        self._quiet = set(self._unread)  # with what was reached only by what has no part in the key
+        self._quiet = set(self._unread)  # and objects that only these reach
         self._instants: list[tuple[int, float]] = []
         self._text: list[Any] = []
         self._parts: list[_Part] = []
@@ -276,7 +276,7 @@ class StateSnapshotter:
                 if name not in kind.constant:
                     self._attribute(one, kind, name, value)
             return
-        # What is the same in all configurations is kept.
+        # Cache the text of objects that only refer to roots and constants: it is the same in all configurations.
         number = self._numbers[id(one)]
         is_lasting = (
             number < len(self._roots)
@@ -289,12 +289,12 @@ class StateSnapshotter:
             fragment = _QUIET if id(one) in self._quiet else marshal.dumps(self._text[text:], 2)
             self._text[text:] = [fragment]
             fragments = self._fragments[number]
-            if len(fragments) >= _MOST_FRAGMENTS:  # such as a number that is counted up
+            if len(fragments) >= _MOST_FRAGMENTS:  # for example, of a counter
                 fragments.clear()
             fragments[tuple(map(id, held))] = part, fragment
 
     def _is_lasting(self, value: Any) -> bool:
-        """Return whether what stands for a value is the same in all configurations."""
+        """Return whether the encoding of a value is the same in all configurations."""
         if type(value) in _PLAIN or isinstance(value, Enum):
             return True
         number = self._numbers.get(id(value))
@@ -311,7 +311,7 @@ class StateSnapshotter:
             self._encode(value)
 
     def _quietly(self, walk: Callable[[Any], None], one: Any) -> None:
-        """Walk over what is restored, but has no part in the key."""
+        """Walk over objects that are restored, but excluded from the key."""
         text, instants, reached = len(self._text), len(self._instants), len(self._ahead)
         walk(one)
         del self._text[text:]

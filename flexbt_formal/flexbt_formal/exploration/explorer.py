@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Breadth first through all configurations of a system, so that the way to each is the shortest.
+"""Breadth-first search through all configurations of a system, so that the path to each is the shortest.
 
-Every step is one of the real engines, from a configuration that was restored. A share of the restored ones is compared
-with one that was reached by the steps from the beginning: a configuration that forgets something would be noticed.
+The real engines make every step, from a restored configuration. A sample of the restored configurations is compared
+with the result of replaying the steps from the start. This detects configurations that miss a part of the state.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from .model import Counterexample, EnvironmentChoices, Label, LabelEffect, Move,
 DEFAULT_SECONDS: Final = 60.0
 DEFAULT_CONFIGURATIONS: Final = 200_000
 ANSWERS_OF_A_STEP: Final = 4096
-"""Ways to answer in one step that are tried; there may be more where many conditions are asked in one tick."""
+"""Maximum number of answer combinations tried in one step; a tick that asks many conditions may have more."""
 _CHECKED: Final = 100
-"""One of this many configurations is compared with the result of the steps from the beginning."""
+"""One of this many configurations is compared with a replay from the start."""
 _ALIKE: Final = 3
 """Counterexamples of one property that are reported; the rest are counted."""
 
 
 OnProgress = Callable[[int, int], None]
-"""A function to which progress is reported often: the situations that are known, and those of them still to follow."""
+"""A progress callback that is called often, with the numbers of known and of unexpanded situations."""
 
 
 def unreported(*_: object) -> None:
@@ -42,8 +42,7 @@ def unreported(*_: object) -> None:
 @dataclass
 class ExplorationLimits:
     """Limits at which an exploration ends early: ``seconds`` of processor time, independent of other load, and a
-    number of configurations. ``whole`` is the time of which ``seconds`` are a part, where several
-    explorations share it."""
+    number of configurations. ``whole`` is the total time, s, if several explorations share it."""
 
     seconds: float = DEFAULT_SECONDS
     configurations: int = DEFAULT_CONFIGURATIONS
@@ -51,12 +50,12 @@ class ExplorationLimits:
 
     @property
     def told_seconds(self) -> str:
-        """The limit of time, as it was given."""
+        """The time limit in words, as the user set it."""
         return f'the time limit of {self.seconds if self.whole is None else self.whole:g} s'
 
 
 class RestoreError(AssertionError):
-    """A restored configuration differs from the result of its steps: something that is remembered is not saved."""
+    """A restored configuration differs from a replay of its steps: a part of the state is not saved."""
 
 
 def explore(
@@ -68,9 +67,9 @@ def explore(
     *,
     faults: int = 1,
 ) -> Report:
-    """Explore a system, which ``make`` makes anew at its beginning.
+    """Explore the system that ``make`` returns in its initial configuration.
 
-    It has to be able to end also when up to ``faults`` of its servers are gone for good, from any time. Raises
+    The system must still be able to end after up to ``faults`` of its servers fail permanently, at any time. Raises
     RestoreError.
     """
     return _Exploration(make, name, limits or ExplorationLimits(), on_progress, faults).report(bounds)
@@ -109,7 +108,7 @@ class _Exploration:
             self._on_progress(len(graph), len(ahead))
             system = self._system
             system.restore(configuration)
-            for label, answer, is_due in [(one, system.answer(one), system.is_due(one)) for one in system.labels()]:
+            for label, answer, is_due in [(each, system.answer(each), system.is_due(each)) for each in system.labels()]:
                 ahead += self._follow(configuration, label, answer, is_due)
             expanded += 1
             if expanded % _CHECKED == _CHECKED // 10:
@@ -125,8 +124,8 @@ class _Exploration:
     def _follow(
         self, configuration: Configuration, label: Label, answer: LabelEffect | None, is_due: bool
     ) -> list[Configuration]:
-        """Return all steps from a configuration with a label, which is ``answer``; the configurations that are new by
-        that."""
+        """Make all steps from a configuration with a label and return the new configurations. ``answer`` is the effect
+        of the label."""
         found: list[Configuration] = []
         system, graph = self._system, self._graph
         for tried, choices in enumerate(EnvironmentChoices.all()):
@@ -152,7 +151,7 @@ class _Exploration:
                 graph.add_turn(configuration.key, reached.key, move)
             if graph.add(reached.key, configuration.key, move, answer):
                 self._describe(reached.key)
-                # What is wrong once is not followed: all that comes after it would be wrong, too.
+                # Do not expand a configuration after a violation: its successors would show it too.
                 if is_sound:
                     found.append(reached)
                 else:
@@ -179,7 +178,7 @@ class _Exploration:
                 self._found[violation] = moves
 
     def _check_restore(self, configuration: Configuration) -> None:
-        """Compare a configuration with what the steps from the beginning lead to."""
+        """Compare a configuration with a replay of its steps. Raises RestoreError."""
         if self._at(self._graph.way_to(configuration.key)).capture().key != configuration.key:
             way = '; '.join(str(move.label) for move in self._graph.way_to(configuration.key))
             raise RestoreError(
@@ -187,12 +186,12 @@ class _Exploration:
             )
         self._checked += 1
 
-    # -- what it means -----------------------------------------------------------------------------------------------
+    # -- the report --------------------------------------------------------------------------------------------------
 
     def report(self, bounds: str) -> Report:
         """Search, and return the result."""
         is_collecting = gc.isenabled()
-        gc.disable()  # what is kept is needed, and all of it would be looked through over and over
+        gc.disable()  # the saved objects all stay alive, and each collection would scan them
         try:
             self._search()
         finally:
@@ -209,7 +208,7 @@ class _Exploration:
             self._note(violation, moves)
         for violation, moves in graph.lost(system.requirements.possible, self._position):
             self._note(violation, moves)
-        # What is wrong may be why something is never reached: after it nothing was followed.
+        # A violation may be the reason why something is never reached: its successors were not explored.
         is_known = self._is_complete and all(violation.is_lasting for violation in self._found)
         for missing in sorted(system.promised() - system.covered()) if is_known else ():
             text = f'{missing} is never reached: nothing that can happen leads to it'
@@ -282,12 +281,12 @@ class Moment(NamedTuple):
 
 
 def walk(make: Callable[[], System], moves: Iterable[Move]) -> Iterator[Moment]:
-    """Make the steps of a way on a new system, one by one.
+    """Make the steps of a path on a new system, and yield each.
 
-    Nothing more when the way is closed: a step of it cannot happen any more, or asks for something else.
+    Stop early if a step is not possible any more, or asks other questions.
     """
     system = make()
-    met: set[bytes] = set()  # since time has gone by, or something has come from outside
+    met: set[bytes] = set()  # since time passed, or an external event occurred
     for label, answers in moves:
         if label not in system.labels():
             return
@@ -308,8 +307,8 @@ def walk(make: Callable[[], System], moves: Iterable[Move]) -> Iterator[Moment]:
 def narrate(
     make: Callable[[], System], moves: tuple[Move, ...], about: Collection[Violation] | None = None
 ) -> list[str]:
-    """Return what happens on a way, a line for each step and for what follows from it, on a new system. Of what is
-    wrong with it only what it is ``about`` is told; None: all."""
+    """Replay a path on a new system, and return a line for each step and each of its events. Of the violations, include
+    only those in ``about``; None: all."""
     lines = [f'it begins: {make().position()}']
     for number, moment in enumerate(walk(make, moves), start=1):
         lines.append(f'{number}. {moment}')
@@ -319,8 +318,8 @@ def narrate(
 
 
 def replay(make: Callable[[], System], moves: tuple[Move, ...]) -> list[Violation]:
-    """Return what is wrong on a way, found by a new system that makes its steps; for tests.
+    """Replay a path on a new system, and return its violations; for tests.
 
-    Nothing when the way is closed, as in :func:`walk`.
+    Stop early if a step is not possible any more, as in :func:`walk`.
     """
     return [violation for moment in walk(make, moves) for violation in moment.violations]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The configurations that were reached, and the steps between them: ways, dead ends, traps."""
+"""The configurations that were reached, and the steps between them: paths, deadlocks, traps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flexbt_core.monitors.requirements import Possible
 from .model import LabelEffect, Move
 
 _Ways = frozenset[LabelEffect | None]
-"""Ways to make a step without a stop: the effects of the servers' answers, and None for a step that needs none."""
+"""Ways to make a step without a stop: the effects of the servers' answers, and None for a step without one."""
 _STOPS: _Ways = frozenset()
 _ANY: _Ways = frozenset((None,))
 _Before = dict[bytes, list[tuple[bytes, _Ways]]]
@@ -21,10 +21,10 @@ _Before = dict[bytes, list[tuple[bytes, _Ways]]]
 
 
 class ConfigurationGraph:
-    """Configurations by their keys, from the ``first`` one on.
+    """A graph of configurations, by key, that starts with ``first``.
 
-    ``unfinished`` are those whose steps were not made, ``broken`` those after something was wrong: nothing is known of
-    what follows.
+    ``unfinished`` are those that were not fully expanded, ``broken`` those after a violation: the successors of both
+    are unknown.
     """
 
     def __init__(self, first: bytes) -> None:
@@ -33,7 +33,7 @@ class ConfigurationGraph:
         """Configurations whose end is decided."""
         self.waiting: set[bytes] = set()
         self.asking: set[bytes] = set()
-        """Configurations in which a person is asked and can also do something other than answer."""
+        """Configurations in which a person is asked and can also do something else."""
         self.unfinished: set[bytes] = set()
         self.broken: set[bytes] = set()
         self.depth = 0
@@ -49,7 +49,7 @@ class ConfigurationGraph:
         return len(self._from)
 
     def add(self, key: bytes, source: bytes, move: Move, answer: LabelEffect | None = None) -> bool:
-        """Add a step, and what it leads to; whether that is new. ``answer`` is that of a server, if the step is one."""
+        """Add a step; return whether its target is new. ``answer`` is the answer of a server that causes it, if any."""
         after = self._after.setdefault(source, {})
         ways = after.setdefault(key, _STOPS)
         if not move.label.is_stop and answer not in ways:
@@ -64,7 +64,7 @@ class ConfigurationGraph:
         return True
 
     def way_to(self, key: bytes) -> tuple[Move, ...]:
-        """Return the shortest way from the beginning."""
+        """Return the shortest path from the start."""
         moves: list[Move] = []
         come = self._from[key]
         while come is not None:
@@ -75,10 +75,10 @@ class ConfigurationGraph:
     def problems(
         self, position: Callable[[tuple[Move, ...]], str], faults: int
     ) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
-        """Yield where nothing can happen any more, and where it cannot end any more although it could before.
+        """Yield deadlocks, and configurations from which the system can no longer end although it could before.
 
-        That also where up to ``faults`` servers are gone for good: then what needs them does not succeed any more. What
-        nobody causes is no way out then; a person who is asked is one.
+        Also check this after up to ``faults`` servers fail permanently, so that actions that need them never succeed.
+        An uncaused event does not count as a way to end then; a question to a person does.
         """
         stuck = {key for key in self._from if self._is_stuck(key)}
         if stuck:
@@ -109,12 +109,12 @@ class ConfigurationGraph:
                     yield Violation(Property.CAN_END, ', '.join(gone), text), way
 
     def add_turn(self, source: bytes, key: bytes, move: Move) -> None:
-        """Add a step in which no time goes by and nothing comes from outside."""
+        """Add a step in which no time passes and no external event occurs."""
         self._turns.setdefault(source, {}).setdefault(key, move)
 
     def round(self) -> tuple[Move, ...] | None:
-        """Return the shortest way to, and once along, a round of such steps; None when there is none."""
-        # Those to which no such step leads are on no round, so neither are those to which only these lead.
+        """Return the shortest path to a cycle of such steps, and once along it; None without a cycle."""
+        # Repeatedly remove configurations without a predecessor: they are on no cycle.
         leading = Counter(key for keys in self._turns.values() for key in keys)
         ahead = [key for key in self._turns if not leading[key]]
         while ahead:
@@ -126,7 +126,7 @@ class ConfigurationGraph:
         return next(((*self.way_to(key), *moves) for key, moves in rounds if moves), None)
 
     def _way_back(self, first: bytes) -> list[Move]:
-        """Return the shortest way from a configuration back to itself; empty when there is none."""
+        """Return the shortest path from a configuration back to itself; empty if none exists."""
         before: dict[bytes, tuple[bytes, Move]] = {}
         ahead = deque([first])
         while ahead and first not in before:
@@ -143,14 +143,14 @@ class ConfigurationGraph:
         return moves[::-1]
 
     def comes_about(self, event: str, source: bytes) -> None:
-        """Note that a step from there, which is not a stop, causes an event that has to stay possible."""
+        """Record that a step from ``source``, other than a stop, causes an event that must stay possible."""
         self._leading.setdefault(event, set()).add(source)
 
     def lost(
         self, possible: Iterable[Possible], position: Callable[[tuple[Move, ...]], str]
     ) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
-        """Yield where something is not possible any more although nothing has stopped it, and where a stop ends
-        nothing."""
+        """Yield configurations where a required event became impossible without a stop, and where even a stop does not
+        end the system."""
         before = self._before()
         going_on = self._going_on()
         for one in possible:
@@ -169,7 +169,7 @@ class ConfigurationGraph:
                 yield Violation(Property.RECOVERY, where, text), way
 
     def _going_on(self) -> set[bytes]:
-        """Return the configurations that are reached without a stop, from where it is open how it ends."""
+        """Return the configurations that are reachable without a stop, and whose end is not decided."""
         found, ahead = {self._first}, [self._first]
         while ahead:
             for key, ways in self._after.get(ahead.pop(), {}).items():
@@ -179,24 +179,24 @@ class ConfigurationGraph:
         return found - self.over
 
     def unlimited(self) -> list[str]:
-        """Return the servers without whose answer it cannot end, once they were asked: nothing limits how long that
-        takes."""
+        """Return the servers that can prevent the end by never answering a request: no time limit applies to
+        them."""
         before = self._before()
         can_end = self._can_end(before, frozenset())
         return [one for one in sorted(self._servers) if can_end - self._can_end(before, frozenset(), silent=one)]
 
     def can_end_by_itself(self) -> bool:
-        """Return whether there is, or may be, a way from the beginning to an end without a stop."""
+        """Return whether an end is, or may be, reachable from the start without a stop."""
         return self._first in self._can_end(self._before(), frozenset())
 
     def _shortest(self, keys: set[bytes], position: Callable[[tuple[Move, ...]], str]) -> tuple[tuple[Move, ...], str]:
-        """Return the shortest way to one of them, and where that is. Of several as short: the one that was found
-        first."""
+        """Return the shortest path to one of ``keys``, and its position in words. Among equally short ones, return the
+        first found."""
         way = self.way_to(next(key for key in self._from if key in keys))
         return way, position(way) if way else 'the beginning'
 
     def _open(self, key: bytes) -> bool:
-        """Return whether it is not known what follows."""
+        """Return whether the successors are unknown."""
         return key in self.unfinished or key in self.broken
 
     def _is_stuck(self, key: bytes) -> bool:
@@ -205,7 +205,7 @@ class ConfigurationGraph:
         return all(after == key or not ways for after, ways in self._after.get(key, {}).items())
 
     def _before(self, *, is_stopped: bool = False) -> _Before:
-        """Return the steps without a stop, by what they lead to; with ``is_stopped`` all of them."""
+        """Return the steps without a stop, by their targets; with ``is_stopped``, all steps."""
         before: _Before = {}
         for source, steps in self._after.items():
             for key, ways in steps.items():
@@ -216,10 +216,10 @@ class ConfigurationGraph:
     def _can_end(
         self, before: _Before, gone: frozenset[str], silent: str | None = None, *, is_caused: bool = False
     ) -> set[bytes]:
-        """Return the configurations from which an end can be reached without a stop, or might be.
+        """Return the configurations from which an end is, or may be, reachable without a stop.
 
-        Nothing succeeds that needs a server that is ``gone``, and nothing comes from the one that is ``silent``. With
-        ``is_caused`` nothing happens that only somebody outside can cause, and who is asked may end it.
+        Actions that need a server in ``gone`` never succeed, and the server ``silent`` never answers. With
+        ``is_caused``, exclude steps that need an outside cause, and count a question to a person as a possible end.
         """
         ends = {key for key, ended in self.ended.items() if ended is not None or self._open(key)}
 
@@ -234,7 +234,7 @@ class ConfigurationGraph:
 
 
 def _sources(targets: set[bytes], before: _Before, is_way: Callable[[LabelEffect | None], bool]) -> set[bytes]:
-    """From where one of these is reached by steps that can be made so, themselves included."""
+    """Return ``targets`` and the configurations that reach them by steps that ``is_way`` accepts."""
     found, ahead = set(targets), list(targets)
     while ahead:
         for source, ways in before.get(ahead.pop(), ()):

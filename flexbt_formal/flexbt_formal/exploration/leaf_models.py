@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Models of the leaves of a tree in an exploration: they can do everything that the real ones may do.
+"""Models of the leaves of a tree in an exploration: they show every behavior that the real ones may show.
 
-An action is RUNNING until the environment gives its result; halted, it goes on until the environment confirms that it
-has ended, and like an ActionLeaf of the BT server it does not begin while something of its tree is still ending. What
-is done within a tick, and a condition, is answered anew in each tick. A decorator that looks at the robot lets its
-child begin, or not.
+An action is RUNNING until the environment returns its result. After a halt it continues until the environment confirms
+its end. Like an ActionLeaf of the BT server, it waits with its start while canceled work of its tree is still ending.
+Conditions and actions that finish within a tick get a new answer in each tick. A decorator that depends on the robot
+may start its child or not.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ class LeafKind(Enum):
 class LeafModel:
     """The behavior that a node may show.
 
-    ``results`` are those that it may give. ``resources`` are actuators that it has while it works. A GATE that does not
-    let its child begin gives ``otherwise``; one that ``begins_first`` lets it begin when it is ticked first. The tree
-    does not wait for one that ``ignores_cancel`` once it was halted. An ACTION that ``answers_soon`` may have its
-    result at once, where that is the one that it had before: what it asks is there, and has not changed.
+    ``results`` are its possible results. ``resources`` are the actuators that it uses while it works. A GATE that does
+    not start its child returns ``otherwise``; with ``begins_first``, its first tick always starts the child. After a
+    halt, the tree does not wait for a node that ``ignores_cancel``. An ACTION that ``answers_soon`` may return its
+    previous result at once: the server is ready, and its answer has not changed.
     """
 
     kind: LeafKind
@@ -68,7 +68,7 @@ LeafModels = Callable[[NodeDefinition], LeafModel]
 """A function that returns the model of a node."""
 
 REAL: Final = LeafModel(LeafKind.REAL)
-# What decides by the robot, or by messages, whether its child begins. GoalUpdater only hears of goals.
+# Decorators that start their child depending on the robot or on messages. GoalUpdater only receives goals.
 _GATES: Final = {
     'PathLongerOnApproach': LeafModel(LeafKind.GATE, otherwise=SUCCESS, begins_first=False),
     'GoalUpdatedController': LeafModel(LeafKind.GATE),
@@ -80,15 +80,15 @@ _REACTIVE: Final = frozenset(('ReactiveSequence', 'ReactiveFallback', 'WhileDoEl
 LIMITERS: Final = frozenset(
     ('RateController', *(id for id, model in _GATES.items() if model.kind is LeafKind.GATE and model.begins_first))
 )
-"""Decorators that let their child begin only so often, which makes a difference only where they are ticked again."""
+"""Decorators that limit how often their child starts, which has an effect only if they are ticked again."""
 
 
 LISTENERS: Final = frozenset(('GoalUpdated', 'GlobalUpdatedGoal'))
-"""Conditions on what has changed since they were asked before: asked once, at a beginning, they hear nothing."""
+"""Conditions on changes since their previous tick: if ticked only once, at the start, they detect nothing."""
 
 
 def leaf_model(definition: NodeDefinition) -> LeafModel:
-    """Return what stands for a node of which no more is known than its class, its ports and its skill."""
+    """Return the model of a node, derived only from its class, its ports and its skill."""
     manifest = definition.manifest
     module = manifest.node_class.__module__
     if definition.tree_id is not None:
@@ -105,7 +105,7 @@ def leaf_model(definition: NodeDefinition) -> LeafModel:
     is_instant = manifest.kind is NodeKind.CONDITION or issubclass(manifest.node_class, SyncAction)
     declared = manifest.outcomes
     possible = declared.possible(definition.values, ()).results if declared is not None else _RESULTS
-    results = tuple(one for one in _RESULTS if one in possible)
+    results = tuple(result for result in _RESULTS if result in possible)
     if is_instant:
         return LeafModel(LeafKind.INSTANT, results or _RESULTS, own)
     soon = issubclass(manifest.node_class, StatefulAction) and manifest.node_class.answers_soon
@@ -113,13 +113,13 @@ def leaf_model(definition: NodeDefinition) -> LeafModel:
 
 
 class Environment:
-    """State that all models share: what is open, and the answers of the current step.
+    """State that all models share: the open actions, and the answers of the current step.
 
-    ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths,
-    with what the tree waits for.
-    ``answers`` were given in the step that is under way, in which the leaves ``begun`` began, and conditions and
-    decorators that look at the robot were ``asked``, each with what ``described`` returned then. ``due`` is when an
-    attempt has to be given up, by its skill. ``events`` are what has happened in the step, for people.
+    ``open`` are the working actions, by path. ``canceling`` are the halted ones that have not ended, by path, with
+    the unfinished work that the tree waits for.
+    Of the current step: ``answers`` by path; ``begun``, the leaves that began; ``asked``, the conditions and
+    decorators that were ticked, both with the result of ``described`` at that time; and ``events``, lines for people.
+    ``due`` is the deadline of an attempt by its skill, by path, s.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class Environment:
         self.found = found
 
     def asks(self) -> None:
-        """Begin a step: nothing was answered in it, and what was measured before may have changed."""
+        """Begin a step: clear the answers and the measured facts, which may have changed."""
         self.events.clear()
         self.begun = []
         self.asked = {}
@@ -147,7 +147,7 @@ class Environment:
         self.facts.measured.clear()
 
     def begin(self, action: ModelAction) -> None:
-        """Note that an action begins to work."""
+        """Record the start of an action."""
         self.facts.begins(action.path, action.needs, self.found)
         self.open[action.path] = action
         if action.declared is not None and action.declared.deadline is not None:
@@ -157,7 +157,7 @@ class Environment:
         self.events.append(f'{action.path} begins')
 
     def end(self, path: str) -> None:
-        """Note that an action has ended by its result."""
+        """Record that an action has ended with a result."""
         self.open.pop(path, None)
         self.due.pop(path, None)
 
@@ -171,7 +171,7 @@ class Environment:
             self.found(Violation(Property.DEADLINE, path, text))
 
     def cancel(self, action: ModelAction) -> None:
-        """Note that an action was halted."""
+        """Record that an action was halted."""
         self.end(action.path)
         self.facts.works(action.needs)
         if not action.model.ignores_cancel:
@@ -184,14 +184,14 @@ class Environment:
             self.events.append(f'{action.path} is halted')
 
     def confirm(self, path: str) -> None:
-        """Note that a halted action has ended."""
+        """Record that a halted action has ended."""
         unfinished = self.canceling.pop(path)
         if unfinished is not None:
             unfinished.done()
 
 
 def write_outputs(node: TreeNode, environment: Environment, status: NodeStatus) -> None:
-    """Write what the real node would with this result: its outputs, or the error codes alone."""
+    """Write the outputs that the real node would write with this result; without SUCCESS only the error codes."""
     for name, port in node.ports.items():
         value = node.port_values.get(name)
         if not port.writable or value is None or value.key is None:
@@ -231,18 +231,18 @@ class _Model(LeafNode):
 
     @property
     def server(self) -> str:
-        """Name of what the node needs to succeed: its type, with the name of the server where the tree gives one."""
+        """Name of the server that the node needs to succeed: its type, and the server name if the tree sets one."""
         given = (self.port_values.get(port) for port in ('server_name', 'service_name'))
         name = next((value.text for value in given if value is not None and value.key is None), '')
         return f'{self.id} ({name})' if name else self.id
 
     def read(self) -> None:
-        """Read what the real node would. Raises PortError."""
+        """Read the inputs that the real node reads. Raises PortError."""
         for name in self.needed:
             self.get_input(name)
 
     def lacks_an_input(self) -> bool:
-        """Return whether an input that is given points to what was never written."""
+        """Return whether an input refers to a blackboard entry that was never written."""
         keys = (
             value.key for name, value in self.port_values.items() if name in self.ports and self.ports[name].readable
         )
@@ -250,21 +250,21 @@ class _Model(LeafNode):
         return any(entry is None or entry.value is EMPTY for entry in entries)
 
     def write(self, status: NodeStatus) -> None:
-        """Write what the real node would with this result, which brings about what its skill says."""
+        """Write the outputs for this result, and apply the effects of the skill."""
         write_outputs(self, self.environment, status)
         self.environment.facts.ends(self.path, self.needs, status)
 
     def answer(self) -> NodeStatus:
-        """Return a result that the environment gives at once: the same one as long as no time goes by."""
+        """Return an immediate result from the environment: the same one within a step."""
         results = self.model.results
         known = self.environment.answers
         if self.path not in known:
-            known[self.path] = self.environment.choices.choose(self.path, [one.name for one in results])
+            known[self.path] = self.environment.choices.choose(self.path, [result.name for result in results])
         return results[known[self.path]]
 
 
 class ModelInstant(_Model):
-    """A leaf that is done within one tick: a condition, or an action that only computes."""
+    """A leaf that finishes within one tick: a condition, or an action that only computes."""
 
     __slots__ = ()
 
@@ -272,8 +272,8 @@ class ModelInstant(_Model):
         try:
             self.read()
             self.environment.facts.begins(self.path, self.needs, self.environment.found)
-            # A condition on something that is not there does not hold.
-            described = self.environment.described(self)  # it may write what it has read
+            # A condition whose input is missing fails.
+            described = self.environment.described(self)  # before `write`, which may change its inputs
             status = FAILURE if self.kind is NodeKind.CONDITION and self.lacks_an_input() else self.answer()
             self.write(status)
         except Exception as error:
@@ -298,7 +298,7 @@ class ModelAction(_Model, StatefulAction):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self.result: NodeStatus | None = None
-        self.is_asked_anew = False  # in each tick, while what is behind it works
+        self.is_asked_anew = False  # in each tick, while a later sibling works
         self.before: NodeStatus | None = None  # its last result, if that matters
         self.is_waiting = False
 
@@ -315,8 +315,8 @@ class ModelAction(_Model, StatefulAction):
         return RUNNING
 
     def _answers_at_once(self) -> bool:
-        """Return whether its result is there in the tick in which it begins; once in a step, as an answer takes some
-        time."""
+        """Return whether its result is available in the tick that starts it; at most once in a step, since an answer
+        takes time."""
         known = self.environment.answers
         if self.path in known:
             return False
@@ -345,7 +345,7 @@ class ModelAction(_Model, StatefulAction):
 
 
 def mark_asked_anew(nodes: Iterable[TreeNode]) -> None:
-    """Mark the actions that a reactive control ticks before others, anew in each tick, in the nodes of a tree."""
+    """Mark the actions of a tree that a reactive control node ticks again in each tick, before a later child."""
     for node in nodes:
         asked = list(node.attached[:-1]) if node.id in _REACTIVE else []
         for one in asked:
@@ -355,7 +355,7 @@ def mark_asked_anew(nodes: Iterable[TreeNode]) -> None:
 
 
 class ModelGate(Decorator):
-    """A gate that lets its child begin, or not; a running child is ticked."""
+    """A decorator that may start its child or not; it always ticks a running child."""
 
     __slots__ = ()
 
@@ -383,7 +383,7 @@ _CLASSES: Final[Mapping[LeafKind, type[Any]]] = {
 
 
 def substitute(definition: NodeDefinition, model: LeafModel) -> NodeDefinition:
-    """Return the definition of what stands for a node."""
+    """Return the definition of a node with its class replaced by the model."""
     if model.kind is LeafKind.REAL:
         return definition
     manifest = definition.manifest
@@ -412,9 +412,9 @@ _WORDS: Final = re.compile(r"'([^']*)'|(?<![\w.])(\d+\.\d+|\d+)|\b(true|false)\b
 
 
 def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
-    """Values that make a difference to scripts, by keys: each constant of the same part, and what is beside it.
+    """Return the values that affect scripts, by key: each constant in the same part, and its neighbors.
 
-    Keys that are compared have them in common: in ``a > 3 && b == a && kind == 'van'`` those of a are those of b.
+    Keys that are compared share their values: ``a`` and ``b`` in ``a > 3 && b == a && kind == 'van'``.
     """
     found: dict[str, dict[tuple[type[Any], Any], None]] = {}
     for script in scripts:
@@ -425,7 +425,7 @@ def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
                 keys, values = {**group[0], **keys}, group[1] + values
             groups.append((keys, values))
         for keys, values in groups:
-            # 1, 1.0 and True are equal, and not the same here.
+            # 1, 1.0 and True are equal, but must stay distinct here.
             of_part = dict.fromkeys((type(value), value) for value in (True, False, *values))
             for key in keys:
                 found.setdefault(key, {}).update(of_part)
@@ -433,7 +433,7 @@ def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
 
 
 def _parts(script: str) -> list[tuple[dict[str, None], list[Any]]]:
-    """Return for each part of a script its keys, and its constants with what is beside each."""
+    """Return the keys of each part of a script, and its constants with their neighbors."""
     parts: list[tuple[dict[str, None], list[Any]]] = [({}, [])]
     for text, number, truth, name, end in _WORDS.findall(script):
         keys, values = parts[-1]
@@ -451,7 +451,7 @@ def _parts(script: str) -> list[tuple[dict[str, None], list[Any]]]:
 
 
 def fitting(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Return those of a type; of an unknown type, numbers or texts where there are any, and each once."""
+    """Return the distinct values of a type; if it is unknown, prefer numbers and strings to booleans."""
     of_type = [one for one in values if kind is None or type(one) is kind.python_type]
     plain = of_type if kind is not None else [one for one in of_type if type(one) is not bool]
     return tuple(dict.fromkeys(plain or of_type))
@@ -463,5 +463,5 @@ def some_value(kind: PortType | None) -> Any:
         return 'value'
     try:
         return kind.python_type()
-    except Exception:  # code of the type: then anything stands for it
+    except Exception:  # the type may run any code: use a placeholder then
         return 'value'

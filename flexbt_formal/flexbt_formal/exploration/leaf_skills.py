@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Knowledge of an exploration about the needs of skills: from conditions, and from effects of skills."""
+"""Facts that an exploration knows from conditions and from effects of skills, to check preconditions."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from flexbt_core.skills.literals import Literal
 from flexbt_core.skills.skill import OutcomeClass, Skill
 
 _MARK: Final = '\0'
-"""Mark in the name of a blackboard entry whose value is not known: no text of a tree contains it."""
+"""Mark in the name of a blackboard entry with an unknown value. No text of a tree contains it."""
 
 
 class Needs(NamedTuple):
-    """The needs and effects of a leaf, with the values of its ports in place of parameters.
+    """The preconditions and effects of a leaf, with the values of its ports in place of parameters.
 
-    ``effects`` are those of its results, and whether that is how things are now, rather than what it has changed.
-    ``ends`` are places of arguments, by predicates of which one object holds at most there. ``changes`` is what may be
-    different once it has begun, with any result: None for anything, if its effects are not declared.
-    ``is_at_once``: it does its work within a tick.
+    ``effects`` are the literals of each result, and True if the leaf has measured them rather than caused them.
+    ``ends`` is the index of the exclusive argument of a predicate: at most one object holds there. ``changes`` are the
+    literals that the leaf may affect once it has begun, with any result; None for all, if its effects are not declared.
+    ``is_at_once``: it finishes within a tick.
     """
 
     preconditions: tuple[Literal, ...] = ()
@@ -39,9 +39,9 @@ class Needs(NamedTuple):
 
 
 def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Entry, str]) -> Needs:
-    """Return the skill of a leaf as its ports bind it; literals of what they do not tell are left out.
+    """Return the needs of a leaf, with its skill bound by its ports; literals with unbound parameters are omitted.
 
-    ``names`` are those of entries of blackboards, which have other keys in other sub-trees; the new ones are added.
+    ``names`` maps blackboard entries, whose keys differ between sub-trees, to unique names; new ones are added.
     """
     if skill is None:
         return Needs()
@@ -72,8 +72,8 @@ def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Entry, str]) -> Ne
 
 
 def _is_asked_otherwise(leaf: TreeNode, skill: Skill, told: Mapping[str, str]) -> bool:
-    """Return whether a condition is given more than what its literals are about, and not its default: with another
-    limit, or of another topic, it says something else."""
+    """Return whether a condition has a non-default port that its literals do not mention, such as another limit or
+    another topic: then its result does not prove them."""
     about = {told.get(name, name) for name in skill.parameters}
     return any(
         port in leaf.ports and port not in about and not _is_default(leaf.ports[port], value)
@@ -82,7 +82,7 @@ def _is_asked_otherwise(leaf: TreeNode, skill: Skill, told: Mapping[str, str]) -
 
 
 def _is_default(port: Port, value: PortValue) -> bool:
-    """Return whether a port is given its default, in any notation."""
+    """Return whether a port has its default value, in any notation."""
 
     def meant(given: Any) -> Any:
         if isinstance(given, str) and port.type is not None and port.type.from_text is not None:
@@ -96,7 +96,7 @@ def _is_default(port: Port, value: PortValue) -> bool:
 
 
 def _object(leaf: TreeNode, port: str, names: dict[Entry, str]) -> str | None:
-    """Return what a port is given: a text, or the name of an entry; None for an entry that is not there."""
+    """Return the text of a port, or the name of its entry; None if that entry does not exist."""
     value = leaf.port_values[port]
     if value.key is None:
         return str(value.text)
@@ -107,10 +107,10 @@ def _object(leaf: TreeNode, port: str, names: dict[Entry, str]) -> str | None:
 
 
 class Facts:
-    """Literals that hold: of each atom that something needs, whether it holds, and what has shown that.
+    """Truth values of the atoms that some leaf needs, each with the path of the leaf that established it.
 
-    ``lasting`` are the effects of skills, until something else is known. ``measured`` are the results of conditions, as
-    long as no time goes by. What was known of an entry of a blackboard is forgotten when it is written.
+    ``lasting`` are effects of skills, valid until they are contradicted. ``measured`` are results of conditions, valid
+    while no time passes. A write to a blackboard entry discards the facts about it.
     """
 
     def __init__(self) -> None:
@@ -121,7 +121,7 @@ class Facts:
         self._written: dict[str, int] = {}
 
     def need(self, needs: Needs) -> None:
-        """Something needs this, so that it is of interest."""
+        """Track the atoms of these preconditions."""
         self._needed |= {str(one.atom): one.atom for one in needs.preconditions}
 
     def refresh(self) -> None:
@@ -146,18 +146,18 @@ class Facts:
         self.works(needs)
 
     def works(self, needs: Needs) -> None:
-        """Forget what a leaf that works, or has worked until now, may change."""
+        """Forget the facts that a leaf may change, while it works or when it ends."""
         if not self._needed:
             return
         changes = needs.changes
         changed = self._needed if changes is None else {atom for one in changes for atom in self._near(one, needs)}
         for atom in changed:
             self.lasting.pop(atom, None)
-            if needs.is_at_once:  # otherwise it was measured before it has begun, or after its end
+            if needs.is_at_once:  # a longer action begins after, or ends before, the measurement
                 self.measured.pop(atom, None)
 
     def ends(self, path: str, needs: Needs, status: NodeStatus) -> None:
-        """Note what the result of a leaf brings about, or says."""
+        """Record the facts that the result of a leaf causes or proves."""
         if not self._needed:
             return
         self.refresh()
@@ -167,13 +167,13 @@ class Facts:
         for effect in effects:
             near = list(self._near(effect, needs))
             self._forget(near)
-            if not any(_MARK in one for one in effect.arguments):  # what is not it, but near, is another object
+            if not any(_MARK in one for one in effect.arguments):  # any other near atom names another object
                 others = [atom for atom in near if not any(_MARK in one for one in self._needed[atom].arguments)]
                 known |= dict.fromkeys(others, (False, path))
         known |= {atom: (one.positive, path) for one in effects if (atom := str(one.atom)) in self._needed}
 
     def _near(self, effect: Literal, needs: Needs) -> Iterator[str]:
-        """Yield the atoms that may be that of an effect, or cannot hold together with it."""
+        """Yield the atoms that may equal that of an effect, or exclude it."""
         place = needs.ends.get(effect.predicate) if effect.positive else None
         for atom, one in self._needed.items():
             if one.predicate == effect.predicate and all(

@@ -49,13 +49,13 @@ PAUSE: Final = 'operator pauses'
 RESUME: Final = 'operator resumes'
 
 _DEFAULT: Final = '(default)'
-"""Value of a key that was never written, where it is read."""
+"""The value that a read of a key returns if nothing has written it."""
 _TRANSITIONS: Final = 60
 _WAKES: Final = 50
 
 
 class Operator(Enum):
-    """The activity of the operator: none; answers to questions; or also forcing, pausing and resuming."""
+    """What the operator does: nothing; answer questions; or also force, pause and resume."""
 
     NONE = 'none'
     ANSWERS = 'answers'
@@ -115,7 +115,7 @@ _CONSTANT: Final = {
 _IGNORED: Final = {
     MachineRun: frozenset(('decision_count', '_recent', '_transitions', 'message', 'calling')),
     LeafRun: frozenset(('entered_at',)),
-    # Without a violation it follows from where the run is.
+    # As long as there is no violation, the state of the run determines these.
     MachineMonitor: frozenset(('_visits', '_approvals', '_holders', '_is_ending', '_outcome')),
     VirtualClock: frozenset(('time',)),
 }
@@ -123,7 +123,7 @@ _VIEWS: Final = {Decision: {'': lambda decision: (decision.kind.name, decision.p
 
 
 class _Counted:
-    """The used part of the bounds, and the events since the beginning."""
+    """The part of the bounds that is used up, and whether the run was started and stopped."""
 
     def __init__(self) -> None:
         self.is_started = False
@@ -133,11 +133,11 @@ class _Counted:
 
 
 class MachineSystem(System, RunReader):
-    """A machine with its own clock. ``models`` returns the model of a state; ``requirements`` are checked, too.
+    """A machine with its own clock. ``models`` returns the model of a state; ``requirements`` are also checked.
 
-    With ``reduces``, situations after a stop differ only in what has not halted yet, and of children of a container
-    that are interchangeable, and in the same situation, one is followed (where nothing is required, which might be
-    about one of them).
+    With ``reduces``, configurations after a stop differ only in the states that have not halted yet. Of interchangeable
+    children of a container that are in the same situation, only one is explored; not if there are requirements, which
+    could concern one of them.
     """
 
     def __init__(
@@ -197,9 +197,9 @@ class MachineSystem(System, RunReader):
         self._alike = interchangeable(self._definition) if reduces and not requirements else []
         self._is_starting = False
         self._moved = ''
-        """Cause of the current step: the subject of its label."""
+        """Subject of the label of the current step."""
 
-    # -- what an exploration needs -----------------------------------------------------------------------------------
+    # -- interface of System -----------------------------------------------------------------------------------------
 
     def capture(self) -> Configuration:
         self._note_work()
@@ -212,8 +212,8 @@ class MachineSystem(System, RunReader):
         self._at_work.update(one.coming.path for one in self.run.regions() if one.coming is not None)
 
     def _rest(self) -> Any:
-        """Return what tells apart how it goes on once it was stopped, or has ended. Nothing is entered any more: what
-        was left halts, or is given up, and then it is told what is wrong with the end."""
+        """Return the values that determine the behavior after a stop or an end. The run enters no more states: it
+        halts those that it has left, or stops waiting for them. Then the end is checked."""
         run, environment, clock = self.run, self._environment, self.clock
         if run.outcome is not None:
             return run.outcome, sorted(environment.ending)
@@ -269,12 +269,12 @@ class MachineSystem(System, RunReader):
         return [one for one in labels if not any(is_inside(one.subject, path) for path in left_out)]
 
     def _same(self) -> Iterator[Sequence[str]]:
-        """Yield what is interchangeable, and in the same situation. What is being canceled has its own time."""
+        """Yield groups of interchangeable children in the same situation, without those that are being canceled."""
         self._note_work()
         ending = self._environment.ending
         regions = {
             region.path: region
-            for region in reversed(list(self.run.regions()))  # that of a machine has its path, too, and comes after
+            for region in reversed(list(self.run.regions()))  # a machine shares the path of its region
             if not any(is_inside(path, region.path) for path in ending)
         }
         for group in self._alike:
@@ -285,8 +285,8 @@ class MachineSystem(System, RunReader):
             yield from (paths for paths in found.values() if len(paths) > 1)
 
     def _images(self, path: str) -> Iterator[str]:
-        """Return a path, and those where another one of what is interchangeable comes by a step like this one, which
-        may be after what was left out long before."""
+        """Return a path and its mirror images in interchangeable children, which the same step would reach, even where
+        they were omitted much earlier."""
         found = [(path, self._moved)]
         for group in self._alike:
             found += [
@@ -398,11 +398,11 @@ class MachineSystem(System, RunReader):
         return [node.path for node in self._definition.nodes()]
 
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """States with their types, which keys of their machines their own keys are, and what they were made with."""
+        """Return the paths of the states that began, with their types, remapped keys and parameters."""
         return [(path, self._described(self._states[path])) for path in self._environment.begun]
 
     def asked(self) -> Mapping[str, tuple[str, ...]]:
-        """Return when it begins, the userdata that machines are given."""
+        """Return the default userdata of the machines if the step is the start, else nothing."""
         return self._given_userdata if self._is_starting else {}
 
     def _described(self, leaf: StateDefinition) -> tuple[str, ...]:
@@ -417,15 +417,15 @@ class MachineSystem(System, RunReader):
         return frozenset(f'{node.path} > {outcome}' for node in self._definition.nodes() for outcome in node.outcomes)
 
     def promised(self) -> frozenset[str]:
-        """Return the outcomes of the machine, and its states, except those that need an answer which is never given."""
+        """Return the outcomes of the machine, and its states; nothing without an operator to answer questions."""
         if self._bounds.operator is Operator.NONE:
             return frozenset()
         return frozenset((*(f'/ > {outcome}' for outcome in self._definition.outcomes), *self._states))
 
-    # -- what is idle -----------------------------------------------------------------------------------------------
+    # -- inactive nodes ---------------------------------------------------------------------------------------------
 
     def _idle_leaf(self, leaf: LeafRun) -> list[Any] | None:
-        """Return what is kept of a state that is not active: it begins anew when it is entered."""
+        """Return the data to save of an inactive state, which resets when it is entered; None if it is active."""
         return None if leaf.path in self._at_work else _kept_of_leaf(leaf)
 
     def _idle_container(self, container: ContainerRun) -> list[Any] | None:
@@ -500,7 +500,7 @@ class MachineSystem(System, RunReader):
 
 
 def _shared_writes(machine: MachineDefinition) -> dict[str, frozenset[str]]:
-    """Return, by the paths of the states, what they write while others may and others read: userdata, blackboards."""
+    """Return the userdata and blackboard keys that a state writes while parallel states may use them, by path."""
     states = {node.path: node.state.unwrapped for node in machine.nodes() if isinstance(node, StateDefinition)}
     found = {
         path: state.model.outputs if isinstance(state, ModelState) else frozenset() for path, state in states.items()

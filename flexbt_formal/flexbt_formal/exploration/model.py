@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The terms of an exploration: choices, steps, what is wrong, what was covered."""
+"""The terms of an exploration: choices, labels, steps, systems, counterexamples, reports."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .virtual_time import VirtualClock
 
 
 class EnvironmentChoice(NamedTuple):
-    """An answer that was given: to what, what was possible, and the place of what was taken."""
+    """An answer to a question: the question, the options, and the index of the chosen one."""
 
     question: str
     options: tuple[str, ...]
@@ -28,17 +28,17 @@ class EnvironmentChoice(NamedTuple):
 
 
 class EnvironmentChoices:
-    """The answers of one step: the ``given`` ones, then the first option of each further question."""
+    """The answers of one step: those in ``given``, then the first option of each further question."""
 
     def __init__(self, given: Sequence[int] = ()) -> None:
         self._given = tuple(given)
         self.made: list[EnvironmentChoice] = []
 
     def choose(self, question: str, options: Sequence[str]) -> int:
-        """Return the place of the answer among the options. With one option nothing is asked.
+        """Return the index of the chosen option. A question with one option is not recorded.
 
         Raises:
-            IndexError: what was given is none of the options: it belongs to another system.
+            IndexError: a given answer is not among the options, because it belongs to another system.
         """
         if len(options) == 1:
             return 0
@@ -51,12 +51,12 @@ class EnvironmentChoices:
 
     @property
     def answers(self) -> tuple[int, ...]:
-        """All answers, as places."""
+        """Indices of all chosen options."""
         return tuple(one.taken for one in self.made)
 
     @classmethod
     def all(cls) -> Iterator[Self]:
-        """Yield the choices of each way to answer in a step; those that follow depend on what a step has asked."""
+        """Yield each combination of answers. Use each in a step before the next: its questions determine the others."""
         ahead: list[tuple[int, ...]] = [()]
         while ahead:
             choices = cls(ahead.pop())
@@ -70,11 +70,11 @@ class EnvironmentChoices:
             ahead += reversed(others)
 
 
-# What an exploration speaks of: steps, what is wrong, what was covered.
+# Steps, violations, coverage.
 
 
 class Label(NamedTuple):
-    """An event from outside in a step: its ``kind``, the ``subject`` that it happens to, and a ``value``."""
+    """The external event of a step: its ``kind``, the ``subject`` that it affects, and a ``value``."""
 
     kind: str
     subject: str = ''
@@ -95,30 +95,30 @@ class Label(NamedTuple):
 
 
 STOP: Final = 'stop'
-"""The kind of label by which everything is stopped."""
+"""The kind of label that stops the system."""
 
 START: Final = 'start'
-"""The kind of label by which it begins."""
+"""The kind of label that starts the system."""
 
 TIMER: Final = 'time goes by'
-"""The kind of label by which the next time comes for which something waits."""
+"""The kind of label that advances the clock to the next deadline or timer."""
 
 OPERATOR: Final = 'operator'
-"""With this the other kinds of labels begin that are the operator's."""
+"""Prefix of the other kinds of labels that the operator causes."""
 
 
 class Move(NamedTuple):
-    """A step: what happens, and how the environment answers what is asked in it, as places among what is possible."""
+    """A step: its label, and the answers of the environment, as indices of the options."""
 
     label: Label
     answers: tuple[int, ...] = ()
 
 
 class LabelEffect(NamedTuple):
-    """The effect of a label that ends something which needs a server or an external cause.
+    """The effect of a label that ends an action which needs a server or an external cause.
 
     ``server`` is the one that it needs ('' for none). ``is_caused``: the system itself causes it; otherwise only an
-    outside cause makes it happen, such as a client that cancels a goal.
+    external cause does, such as a client that cancels a goal.
     """
 
     server: str
@@ -132,7 +132,7 @@ def servers_gone(number: int) -> str:
 
 
 class System(ABC):
-    """A system to explore: engines with an environment, and a clock of their own. A step is deterministic but for the
+    """A system to explore: engines with an environment and a virtual clock. A step is deterministic except for its
     choices."""
 
     requirements: Requirements
@@ -146,44 +146,44 @@ class System(ABC):
         self._found: list[Violation] = []
 
     def capture(self) -> Configuration:
-        """Return what it is in now."""
+        """Return the current configuration."""
         return self._memory.capture()
 
     def restore(self, configuration: Configuration) -> None:
-        """Be in that again."""
+        """Restore a configuration of this system."""
         self._memory.restore(configuration)
 
     @abstractmethod
     def labels(self) -> Sequence[Label]:
-        """Return what can happen now; none when it has ended."""
+        """Return the labels that are possible now; none after the end."""
 
     @abstractmethod
     def answer(self, label: Label) -> LabelEffect | None:
-        """Return what a label that is possible now tells of a server, or of who causes it; None when it tells
-        nothing."""
+        """Return the effect of a label that is possible now; None if it involves neither a server nor an external
+        cause."""
 
     def is_due(self, label: Label) -> bool:
-        """Return whether a label that is possible now is that of a time that has come already: none goes by, and
-        nothing comes from outside."""
+        """Return whether a label that is possible now is a timer that is already due, so that no time passes and no
+        external event occurs."""
         return label.kind == TIMER and self.clock.is_due(self._next_due())
 
     @abstractmethod
     def _next_due(self) -> float | None:
-        """Return the next time for which something waits."""
+        """Return the next time at which a timer or deadline is due, s; None without one."""
 
     @abstractmethod
     def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:
-        """Let it happen, with all that follows at once; what is wrong with that."""
+        """Apply a label and everything that follows at once; return the violations."""
 
     def _note(self, violation: Violation) -> None:
-        """Add what is wrong with a step, once."""
+        """Add a violation of the current step, once."""
         if violation not in self._found:
             self._found.append(violation)
 
     @property
     @abstractmethod
     def ended(self) -> str | None:
-        """Outcome; None while it goes on."""
+        """Outcome; None while the system runs."""
 
     @property
     @abstractmethod
@@ -192,12 +192,12 @@ class System(ABC):
 
     @property
     def written(self) -> frozenset[str]:
-        """Keys of the outermost blackboard that it has written for its successors up to now."""
+        """Keys of the outermost blackboard that the system has written so far."""
         return frozenset()
 
     @property
     def waits(self) -> str:
-        """Name of the one that it visibly waits for; '' if it waits for none."""
+        """Name of the person or state that the system visibly waits for; '' if it waits for none."""
         return ''
 
     @property
@@ -207,49 +207,49 @@ class System(ABC):
 
     @abstractmethod
     def position(self) -> str:
-        """Return where it is, in words."""
+        """Return a description of the active nodes, for people."""
 
     def happened(self) -> Sequence[str]:
-        """Return what has happened in the last step, a line each."""
+        """Return the events of the last step, and the position, a line each."""
         return [*self._events, self.position()]
 
     @abstractmethod
     def covered(self) -> frozenset[str]:
-        """Return what was taken up to now of :meth:`coverable`, with all steps that were made on this object."""
+        """Return the part of :meth:`coverable` that all steps on this object have covered."""
 
     @abstractmethod
     def coverable(self) -> frozenset[str]:
-        """Transitions and nodes that there are."""
+        """Return all transitions and nodes."""
 
     @abstractmethod
     def promised(self) -> frozenset[str]:
-        """Return what of these is wrong when it can never be taken."""
+        """Return the transitions and nodes that must be reachable."""
 
     def idle(self) -> Iterable[Violation]:
-        """Return what has never made a difference, with all steps that were made on this object, and should."""
+        """Return a violation for each node that should have an effect, and had none in any step on this object."""
         return ()
 
-    # -- what two versions of a system are compared by ---------------------------------------------------------------
+    # -- comparison of two versions of a system ---------------------------------------------------------------------
 
     @abstractmethod
     def paths(self) -> Sequence[str]:
-        """Return what labels and lines name, in the order in which it stands in the file."""
+        """Return the paths that labels and lines mention, in the order of the file."""
 
     @abstractmethod
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """Return what has begun to work in the last step, or was done at once: its path, and its type and inputs."""
+        """Return the path of each node that began in the last step, with its type and inputs."""
 
     @abstractmethod
     def asked(self) -> Mapping[str, tuple[str, ...]]:
-        """Return what has looked at the robot in the last step without any work: by its path, its type and inputs."""
+        """Return the type and inputs of each node that only checked a condition in the last step, by path."""
 
     def handed_over(self) -> Mapping[str, str]:
-        """Plain values that others find on the blackboard when it has ended by itself, by their keys."""
+        """Return the plain values on the blackboard after an end without a stop, by key."""
         return {}
 
 
 def livelock(system: System) -> Violation:
-    """Return what is wrong when a system has come back to where it is, and no time has gone by."""
+    """Return the violation of a system that has returned to its configuration without time passing."""
     where = system.position()
     text = f'it goes round without any time going by, and waits for nothing: {where}'
     return Violation(Property.NO_LIVELOCK, where, text)
@@ -257,7 +257,7 @@ def livelock(system: System) -> Violation:
 
 @dataclass(frozen=True)
 class Counterexample:
-    """A violation, and the shortest way to it, which ``lines`` describe in words."""
+    """A violation, and the shortest path to it, which ``lines`` describe in words."""
 
     violation: Violation
     moves: tuple[Move, ...]
@@ -268,10 +268,10 @@ class Counterexample:
 class Report:
     """The result of an exploration.
 
-    ``is_complete``: everything that the bounds allow was followed; otherwise ``stopped_by`` says what ended it.
-    ``bounds`` says of what it was all. ``ends`` are the ways to end that were found, ``uncovered`` what was never
-    taken. ``written`` are the keys that are written whenever it has ended so, by the ways to end. ``make`` makes the
-    system anew, at its beginning.
+    ``is_complete``: everything within ``bounds`` was explored; otherwise ``stopped_by`` names the limit that ended it.
+    ``ends`` counts the final configurations of each outcome. ``uncovered`` are the transitions and nodes that were
+    never taken. ``written`` are the keys that are always written at the end, by outcome. ``make`` returns a new system
+    in its initial configuration.
     """
 
     name: str
@@ -299,7 +299,7 @@ class Report:
 
     @property
     def is_proof(self) -> bool:
-        """True if everything was explored. What follows a violation is not, except that something never happens."""
+        """True if everything was explored. A violation prevents that, except one about something that never happens."""
         never = (Property.REACHABLE, Property.LIMITS, Property.LISTENS)
         return self.is_complete and all(one.violation.property in never for one in self.counterexamples)
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Models of the states of a machine, and which of its children are interchangeable.
 
-A state is active until the environment gives its outcome; one that is left before has something to end (a goal, a
-service call), until the environment confirms that. What is computed at once is answered at once. An operator's
-decision is asked as the real one asks it.
+A state is active until the environment returns its outcome. If it is left earlier, its goal or service call is
+unfinished until the environment confirms the end. A state that only computes gets its outcome at once. A decision asks
+the operator as the real state does.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ class StateModelKind(Enum):
 class StateModel:
     """The behavior that a state may show.
 
-    ``outcomes`` are those that it may give (None: all that it declares). ``resources`` are actuators that it has while
-    it is active. ``ends_later``: what it has begun has to be canceled, and confirmed, when it is left before its end.
-    ``not_written``: outcomes with which it leaves its output keys as they were. ``suggestion`` is that of a DECISION.
-    ``reads`` are what it needs of the blackboards of trees when it begins, ``writes`` what is there after an outcome,
-    and ``outputs`` what it is known to write there while it works.
-    ``server`` is what it needs to succeed ('' for nothing), ``successes`` are the outcomes by which it does, and
-    ``canceled`` those that occur only when an outside cause cancels what it has begun.
+    ``outcomes`` are the possible ones (None: all that it declares). ``resources`` are the actuators that it uses while
+    it is active. ``ends_later``: if it is left before its end, its work must be canceled, and the cancel confirmed.
+    ``not_written``: outcomes that leave its output keys unchanged. ``suggestion`` is that of a DECISION.
+    ``reads`` are the keys on the blackboards of trees that it needs when it begins, ``writes`` those that exist after
+    an outcome, and ``outputs`` those that it writes while it works.
+    ``server`` is the one that it needs to succeed ('' for none), ``successes`` are its successful outcomes, and
+    ``canceled`` those that occur only if an external cause cancels its work.
     """
 
     kind: StateModelKind
@@ -67,11 +67,11 @@ StateModels = Callable[[StateDefinition], StateModel]
 """A function that returns the model of a state."""
 
 _UNSUCCESSFUL: Final = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT, OutcomeClass.CANCELED)
-"""A state that ends so has not written its outputs."""
+"""With these classes of outcomes, a state does not write its outputs."""
 
 
 def state_model(definition: StateDefinition) -> StateModel:
-    """Return what stands for a state of which no more is known than its class and its skill."""
+    """Return the model of a state, derived only from its class and its skill."""
     state = definition.state.unwrapped
     kind = StateModelKind.INSTANT if state.is_instant else StateModelKind.WORK
     ends_later = type(state).halting is not EventState.halting
@@ -89,13 +89,13 @@ def state_model(definition: StateDefinition) -> StateModel:
 
 
 def parameters_of(state: EventState) -> tuple[str, ...]:
-    """Return what distinguishes a state from another one of its class: attributes whose values can be compared."""
+    """Return the comparable attributes of a state, which distinguish it from others of its class."""
     common = vars(EventState()).keys() - {'desired_rate'}
     return plain_values({name: value for name, value in vars(state.unwrapped).items() if name not in common})
 
 
 def plain_values(values: Mapping[str, object]) -> tuple[str, ...]:
-    """Return those that can be compared, as `name=value`."""
+    """Return the comparable values, as `name=value`."""
     return tuple(f'{name.lstrip("_")}={text}' for name, value in values.items() if (text := _shown(value)))
 
 
@@ -112,7 +112,7 @@ def _shown(value: object, depth: int = 5) -> str:
         return [_shown(one, depth - 1) for one in values]
 
     if isinstance(value, FunctionType):
-        # An empty cell, of what is not assigned yet, has no contents.
+        # A cell of an unassigned variable has no contents.
         bound = inner(getattr(cell, 'cell_contents', None) for cell in value.__closure__ or ())
         digest = blake2b(f'{_code(value.__code__)} {bound}'.encode(), digest_size=4)
         return f'{value.__name__} ({digest.hexdigest()})'
@@ -129,17 +129,17 @@ def _shown(value: object, depth: int = 5) -> str:
 
 
 def _code(code: CodeType) -> str:
-    """Return what a function does, wherever it stands in its file."""
+    """Return a text of the instructions of a function, independent of its position in the file."""
     constants = [_code(one) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
     return f'{code.co_code!r} {code.co_names} {constants}'
 
 
 class MachineEnvironment:
-    """State that all models share: what is active, the answers of the current step, and the paths of the states that
-    have ``begun`` in it.
+    """State that all models share: the active states, and for the current step its answers and the paths of the states
+    that have ``begun``.
 
-    ``active`` are the states that work, ``ending`` those that were left and have something to end, by their paths;
-    ``overdue`` are those that nothing waits for any more. ``board`` is what is on the blackboards of trees.
+    ``active`` are the working states, ``ending`` those that were left with unfinished work, both by path. ``overdue``
+    are the paths that the run no longer waits for. ``board`` holds the keys on the blackboards of trees.
     """
 
     def __init__(self, found: Callable[[Violation], None]) -> None:
@@ -179,7 +179,7 @@ class ModelState(EventState):
 
     @property
     def results(self) -> tuple[str, ...]:
-        """Outcomes that it may give."""
+        """Possible outcomes."""
         return self.model.outcomes if self.model.outcomes is not None else self.outcomes
 
     def on_enter(self, userdata: UserData) -> None:
@@ -222,14 +222,14 @@ class ModelState(EventState):
         return 'what it has begun is not confirmed canceled' if self.own_path in self.environment.ending else None
 
     def confirm(self) -> None:
-        """End what was to end."""
+        """Confirm the end of unfinished work."""
         del self.environment.ending[self.own_path]
         self.environment.overdue.discard(self.own_path)
         self.wake()
 
 
 def modelled(machine: MachineDefinition, models: StateModels, environment: MachineEnvironment) -> MachineDefinition:
-    """Return the machine with models in the place of its states; time-outs and further attempts around them stay."""
+    """Return the machine with models in place of its states; wrappers for time-outs and retries are kept."""
     children = {
         label: modelled(child, models, environment)
         if isinstance(child, MachineDefinition)
@@ -254,18 +254,18 @@ def _modelled_state(
 
 # Children of concurrency containers that are interchangeable, such as robots that do the same.
 #
-# Where two of them are in the same situation, what can happen to the one is the mirror image of what can happen to the
-# other: to follow one of them is enough. What is left out is left out only there, so that all that is followed happens
-# as it is told, and the nearest way to something wrong is as long as without.
+# If two of them are in the same situation, their possible steps mirror each other, so it is enough to explore one. The
+# reduction only omits labels and never changes a configuration. So every reported path is a real one, and the shortest
+# path to a violation is as long as without the reduction.
 
 InterchangeableGroup = tuple[str, ...]
 """The paths of children that are interchangeable, in their order."""
 
 
 def interchangeable(machine: MachineDefinition) -> list[InterchangeableGroup]:
-    """Return those of all containers in a machine of models, outermost first. None of them has its own time: of
-    two that are due at once, the first may end what the other is in. Neither has one priority, which is the first
-    one's."""
+    """Return the groups of all containers in a machine of models, outermost first. Children with a timer are excluded:
+    if two are due at once, the first may end the container of the other. So are priority containers, whose first child
+    takes precedence."""
     return [group for node in machine.nodes() if isinstance(node, MachineDefinition) for group in _groups(node)]
 
 
@@ -284,8 +284,8 @@ def _groups(container: MachineDefinition) -> Iterator[InterchangeableGroup]:
 
 
 def _ends(container: MachineDefinition, one: str = '', other: str = '') -> list[tuple[str, Any]]:
-    """Return when a container ends, with two of its children exchanged. The order of conditions only matters where they
-    have different outcomes."""
+    """Return the end conditions of a container with two of its children exchanged. The order of conditions only matters
+    between different outcomes."""
     exchanged = {one: other, other: one}
     return [
         (outcome, {frozenset((exchanged.get(label, label), by) for label, by in one.children) for one in conditions})
@@ -294,11 +294,11 @@ def _ends(container: MachineDefinition, one: str = '', other: str = '') -> list[
 
 
 def _shape(node: StateDefinition | MachineDefinition) -> Any:
-    """Return all of a child but its place: what is not the same is not interchangeable."""
+    """Return a description of a child without its path. Interchangeable children have equal ones."""
     around = dict(node.transitions), dict(node.remap), node.outcomes
     if isinstance(node, StateDefinition):
         state = node.state
-        if not isinstance(state, ModelState):  # one that is real, or has a time or attempts around it
+        if not isinstance(state, ModelState):  # a real state, or a wrapper for a time-out or retries
             return node.path
         keys = set(state.input_keys), set(state.output_keys)
         return *around, *keys, state.model, state.is_instant, state.runs_while_blocked

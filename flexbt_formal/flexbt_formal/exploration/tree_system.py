@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A behavior tree with its environment, as the BT server runs it: ticked when something has happened, or it is time."""
+"""A behavior tree with its environment, as the BT server runs it: ticked after each event and at each timer."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ STOPPED: Final = 'stopped'
 SUCCEEDS: Final = f'={SUCCESS.name}'
 """The end of a tree by success, among what it promises."""
 _PLAIN: Final = (bool, int, float, str)
-"""Types of values that are compared and shown; of others only counts whether they are there."""
+"""Types of values that are compared and shown; of other values only the presence counts."""
 _ROUNDS: Final = 200
 """Ticks in a row that count as a livelock."""
 
@@ -124,13 +124,13 @@ TREE_LAYOUT: Final = Layout(
         Facts: frozenset(('_written',)),
         TreeContext: frozenset(('earliest',)),
         Tree: frozenset(('_failure',)),
-        # Without a violation it follows from where the tree is.
+        # As long as there is no violation, the state of the tree determines these.
         TreeMonitor: frozenset(('_open', 'going_on', '_acting', '_ending', '_starting', '_is_taken')),
         VirtualClock: frozenset(('time',)),
     },
     views={
         TreeNode: {
-            # Of a number of writes that was seen only matters whether there were more.
+            # The number of writes seen only matters in relation to the current number.
             '_seen': lambda node: node._seen == node._entry.sequence,
             '_count': lambda node: 0 if _is_unlimited(node) else node._count,
         }
@@ -148,12 +148,12 @@ def _is_unlimited(node: Any) -> bool:
 
 
 def _goes_on_for_ever(node: TreeNode) -> bool:
-    """Return whether a node is there to begin its child again and again, until it fails or is stopped."""
+    """Return whether a node restarts its child without limit, until it fails or is stopped."""
     return node.id == 'KeepRunningUntilFailure' or (node.id == 'Repeat' and _is_unlimited(node))
 
 
 class _PortUse(NamedTuple):
-    """A port that is bound to a key: what its node says of it (None if only its name is known), the key, the entry."""
+    """A port that is bound to a key: the declared port (None if only its name is known), the key, the entry."""
 
     node: TreeNode
     port: Port | None
@@ -164,10 +164,10 @@ class _PortUse(NamedTuple):
 class TreeSystem(System):
     """A tree with its own clock.
 
-    ``models`` returns the model of a node. ``given`` are keys that are on the blackboard from the beginning; so are
-    those that something reads and nothing in the tree writes. ``requirements`` are checked after each tick.
-    ``observed`` are keys that others read, after its end. With ``reduces``, keys that nothing reads do not distinguish
-    situations.
+    ``models`` returns the model of a node. ``given`` are keys that are on the blackboard from the start, as are those
+    that the tree reads and never writes. ``requirements`` are checked after each tick. ``observed`` are keys that
+    others read after the end of the tree. With ``reduces``, keys that nothing reads do not distinguish
+    configurations.
     """
 
     def __init__(
@@ -250,7 +250,7 @@ class TreeSystem(System):
         )
 
     def _unread(self, scripts: Iterable[str], uses: Iterable[_PortUse]) -> list[Entry]:
-        """Return the entries that nothing reads. None, when a node that is not ours may look at any."""
+        """Return the entries that nothing reads; none if the tree has a custom node, which may read any entry."""
         known = (isinstance(node, _MODELS) or type(node).__module__.startswith(_OURS) for node in self.tree.nodes)
         if not all(known):
             return []
@@ -263,8 +263,8 @@ class TreeSystem(System):
         return [entry for _, entry in entries if entry not in read]
 
     def _written_keys(self, unread: Collection[Entry], uses: Iterable[_PortUse]) -> Mapping[str, Sequence[str]]:
-        """By the paths of the nodes, the keys that they write and that something may read. A port of which only the
-        name is known may be an input."""
+        """Return the keys that nodes write and others may read, by path. A port without a declaration may be an input,
+        so it does not count."""
         found: dict[str, list[str]] = defaultdict(list)
         for node, port, _, entry in uses:
             writes = port is not None and port.writable and (port.declares or not port.readable)
@@ -273,7 +273,7 @@ class TreeSystem(System):
         return found
 
     def _give(self, declared: Mapping[str, Entry], uses: Iterable[_PortUse]) -> tuple[str, ...]:
-        """Write what is there from the beginning; the keys, as they are called nearest to the root."""
+        """Write the initial entries; return their keys, each by its name nearest to the root."""
         read: dict[Entry, str] = {}
         needed: set[Entry] = set()
         written: set[Entry] = set()
@@ -301,11 +301,11 @@ class TreeSystem(System):
                     self._questions.append((key, entry, options))
                 found.append((key, entry in needed))
         self.needed = frozenset(key for key, is_needed in found if is_needed)
-        """Keys of ``given`` without which a node fails."""
+        """Keys in ``given`` that a node requires."""
         return tuple(sorted({key for key, _ in found}))
 
     def _tested(self) -> dict[Entry, tuple[Any, ...]]:
-        """Values that make a difference to scripts, by entries, under any name in a sub-tree."""
+        """Return the values that affect scripts, by entry, under any name in a sub-tree."""
         found: dict[Entry, tuple[Any, ...]] = {}
         for subtree in self.tree.subtrees:
             for key, values in self._environment.values.items():
@@ -314,13 +314,13 @@ class TreeSystem(System):
                     found[entry] = found.get(entry, ()) + values
         return found
 
-    # -- what an exploration needs -----------------------------------------------------------------------------------
+    # -- interface of System -----------------------------------------------------------------------------------------
 
     def capture(self) -> Configuration:
         configuration = super().capture()
         if self._run.result is None:
             return configuration
-        # Nothing follows any more, but that what was canceled ends.
+        # Only the ends of canceled actions can follow.
         canceling, written = sorted(self._environment.canceling), sorted(self.written & self._observed)
         return configuration.known_by((self._run.result, canceling, written))
 
@@ -416,8 +416,8 @@ class TreeSystem(System):
         return {key: repr(entry.value) for key, entry in entries if type(entry.value) in _PLAIN}
 
     def _described(self, node: TreeNode) -> tuple[str, ...]:
-        """Return the type of a leaf, its inputs and outputs: the keys, and values of inputs that are plain, as they are
-        now."""
+        """Return the type of a leaf, and its ports with their keys and, for inputs of plain types, their current
+        values."""
         return (node.id, *(self._port_text(node, name) for name in sorted(node.port_values)))
 
     def _port_text(self, node: TreeNode, name: str) -> str:
@@ -439,13 +439,13 @@ class TreeSystem(System):
         return frozenset(node.path for node in self.tree.nodes)
 
     def promised(self) -> frozenset[str]:
-        """Return all nodes, and success unless the tree says that it goes on for ever: a node that nothing can ever
-        tick is dead. The tree need not be able to fail."""
+        """Return all nodes, and success unless the tree repeats without limit: a node that is never ticked is
+        dead code. A tree that cannot fail is allowed."""
         return self.coverable() if any(map(_goes_on_for_ever, self.tree.nodes)) else self.coverable() | {SUCCEEDS}
 
     def idle(self) -> Iterable[Violation]:
-        """Yield decorators that never kept their child from beginning, and conditions on changes that are only asked
-        where nothing works that a change could end."""
+        """Yield violations for decorators that never delayed their child, and for conditions on changes that are ticked
+        only while no action works that a change could end."""
         for node in self._limiters:
             if node.uid not in self._withheld:
                 text = (
@@ -515,7 +515,7 @@ class TreeSystem(System):
 
 
 class _Run:
-    """Knowledge of the tree's host about the run."""
+    """State of the run that the host of the tree keeps."""
 
     def __init__(self) -> None:
         self.is_started = False

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The time of an exploration: a clock that stands still, and points in time that are distinct from durations.
+"""The time of an exploration: a clock that advances on request, and points in time that are distinct from durations.
 
-An engine remembers either points in time or durations. Only the former change as time goes by, and only their order
-matters for what can happen. So the clock returns :class:`Instant`, which arithmetic keeps: a point and a duration make
-a point, two points a duration.
+An engine remembers either points in time or durations. Only the former change as time passes, and only their order
+affects the possible steps. So the clock returns :class:`Instant`, and arithmetic preserves the type: a point plus a
+duration is a point, the difference of two points a duration.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Instant(float):
 
 
 class VirtualTimer:
-    """A callback that is due at some time; None when it is not to be called any more."""
+    """A callback that is due at ``when``, s; the callback is None after a call or a cancel."""
 
     __slots__ = ('callback', 'when')
 
@@ -36,41 +36,41 @@ class VirtualTimer:
         self.callback: Callable[[], None] | None = callback
 
     def cancel(self) -> None:
-        """Have it not called."""
+        """Prevent the call."""
         self.callback = None
 
 
 class VirtualClock:
-    """A clock that advances only on request. For one thread; a state of it can be kept and restored."""
+    """A clock that advances only on request. For one thread. Its state can be saved and restored."""
 
     def __init__(self) -> None:
         self.time = Instant(0.0)
         self.timers: list[VirtualTimer] = []
 
     def now(self) -> float:
-        """Time in seconds, an Instant."""
+        """Return the time in seconds, an Instant."""
         return self.time
 
     def call_at(self, when: float, callback: Callable[[], None]) -> VirtualTimer:
-        """As in :class:`Clock`; a timer that is due already waits for the next :meth:`go_to`."""
+        """Schedule a call as :class:`Clock` does; a timer that is already due waits for the next :meth:`go_to`."""
         timer = VirtualTimer(when, callback)
         self.timers = [*(one for one in self.timers if one.callback is not None), timer]
         return timer
 
     def wall_seconds(self, when: float) -> float | None:
-        """None: no wall time moves this clock."""
+        """Return None: wall time does not move this clock."""
         return None
 
     def next_timer(self) -> float | None:
-        """Return when the first timer is due; None when there is none."""
+        """Return the time at which the first timer is due; None without a timer."""
         return min((one.when for one in self.timers if one.callback is not None), default=None)
 
     def is_due(self, when: float | None) -> bool:
-        """Return whether this time has come."""
+        """Return whether the clock has reached this time."""
         return when is not None and when <= self.time
 
     def go_to(self, when: float) -> None:
-        """Go on to a time, if it is not past, and call what is due by then, in order."""
+        """Advance to a time, unless it is past, and call the timers that are due by then, in order."""
         while True:
             due = [one for one in self.timers if one.callback is not None and one.when <= when]
             if not due:
