@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writing machines: in Python as in FlexBE, typed, or in YAML - and the checks that they pass."""
+"""Machines written as in FlexBE, as typed Python, or as YAML, and the checks before they run."""

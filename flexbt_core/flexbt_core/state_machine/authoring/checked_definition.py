@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a machine as written to the checked definition that can run: ``define`` reports every problem at once."""
+"""Turn a machine as written into a checked definition that can run; ``define`` reports all problems at once."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _Value = TypeVar('_Value')
 
 
 def define(machine: Machine) -> MachineDefinition:
-    """Check a machine as a whole and make its definition.
+    """Check a whole machine and return its definition.
 
     Raises:
-        MachineError: with every problem of it.
+        MachineError: the machine has problems; the error lists all of them.
     """
     problems = list(problems_of(machine))
     if problems:
@@ -84,7 +84,7 @@ def _define(
 
 def _transition(machine: Machine, labels: set[str], child: Child, outcome: str) -> Transition:
     target = child.transitions.get(outcome)
-    if machine.kind is StateKind.CONCURRENCY and target is None:  # drawn to what it contributes to
+    if machine.kind is StateKind.CONCURRENCY and target is None:  # drawn to the outcome of its condition
         ended = child.label, outcome
         target = next((one.outcome for one in machine.conditions if ended in one.children), None)
     level = child.autonomy.get(outcome, machine.autonomy)
@@ -95,13 +95,13 @@ def _fixed(mapping: Mapping[_Key, _Value]) -> Mapping[_Key, _Value]:
     return MappingProxyType(dict(mapping))
 
 
-# Everything that is wrong with a machine, found before it runs.
+# Problems of a machine, found before it runs.
 
 RESERVED: Final = (PREEMPTED, ERROR)
 
 
 def problems_of(root: Machine) -> Iterator[str]:
-    """Yield what is wrong with a machine and everything in it, in the order of the states."""
+    """Yield the problems of a machine and of all its descendants, in the order of the states."""
     yield from _reserved(ROOT_PATH, root.outcomes)
     yield from _keys(ROOT_PATH, root)
     yield from _machine(root, ROOT_PATH, {id(root): ROOT_PATH})
@@ -202,9 +202,8 @@ def _reachability(path: str, machine: Machine) -> Iterator[str]:
 
 
 def _read_inputs(node: EventState | Machine, around: tuple[Machine, ...] = ()) -> Iterable[str]:
-    """Return the input keys that have to be given: of a machine, those that something in it reads, or that it hands
-    out."""
-    if isinstance(node, EventState) or node in around:  # a machine in itself is reported elsewhere
+    """Return the input keys that need a value. For a machine: those that one of its states reads or that it outputs."""
+    if isinstance(node, EventState) or node in around:  # a machine inside itself is reported elsewhere
         return node.input_keys
     read, written = set[str](), set[str]()
     for child in node.children:
@@ -234,14 +233,14 @@ def _data_flow(path: str, machine: Machine) -> Iterator[str]:
             yield f"{path}: the output key '{key}' of the machine is written by none of its states{near}"
 
 
-# What is wrong with the conditions of a concurrency container, so that it could not end as it should.
+# Problems of the conditions of a concurrency container that would keep it from ending as intended.
 
 _SEARCHED: Final = 20_000
 """Combinations of outcomes that are checked; what is beyond is noticed when it happens."""
 
 
 def problems_of_conditions(path: str, container: Machine) -> Iterator[str]:
-    """Yield what is wrong with the conditions."""
+    """Yield the problems of the conditions."""
     problems = list(_names(path, container))
     yield from problems
     if not container.conditions:
@@ -273,7 +272,7 @@ def _names(path: str, container: Machine) -> Iterator[str]:
 
 
 def outcomes_of(state: EventState | Machine) -> tuple[str, ...]:
-    """Outcomes by which a state, or a machine as its states are connected, can end."""
+    """Return the outcomes by which a state can end, or a machine with its transitions."""
     if isinstance(state, EventState):
         return state.outcomes
     if state.kind is StateKind.CONCURRENCY:
@@ -292,13 +291,13 @@ def outcomes_of(state: EventState | Machine) -> tuple[str, ...]:
 
 
 def _uncovered(possible: Mapping[str, Sequence[str]], conditions: Sequence[EndCondition]) -> dict[str, str] | None:
-    """Outcomes of all children for which no condition holds; None when there are none, or none was found in time."""
+    """Return outcomes of all children for which no condition holds; None if the search finds none in time."""
     labels = list(possible)
     ended: dict[str, str] = {}
     searched = 0
 
     def search(left: Sequence[EndCondition]) -> bool:
-        """Return whether what is chosen up to now can go on so that none of the conditions ``left`` holds."""
+        """Return whether the choice so far can be completed so that no condition in ``left`` holds."""
         nonlocal searched
         searched += 1
         if searched > _SEARCHED or any(one.holds(ended) for one in left):

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Data-flow analysis of userdata, on a machine as a graph of states: which keys are written before a state reads them,
-and by which states.
+"""Data-flow analysis of userdata on the graph of states: which states write a key before another state reads it.
 
-A state is assumed to write the keys that it declares, with every outcome. A machine writes those of its output keys
-that its states write on a path to the outcome. It has its declared inputs from the beginning; whether they were really
-written is checked in the machine around it.
+The analysis assumes that a state writes all keys that it declares, with every outcome. A machine writes the output
+keys that its states write on a path to the outcome. It has its declared inputs from the beginning; the check of the
+parent machine finds out whether they were written.
 """
 
 from __future__ import annotations
@@ -23,23 +22,23 @@ _NOTHING: Keys = frozenset()
 
 @dataclass(frozen=True, slots=True)
 class WrittenKeys:
-    """Keys that are written on some way to a place, and those that are written on each way."""
+    """The keys written on at least one path to a point, and the keys written on every path."""
 
     may: Keys = _NOTHING
     must: Keys = _NOTHING
 
     def then(self, other: WrittenKeys) -> WrittenKeys:
-        """Return what is written on ways that go on."""
+        """Return the keys written on this path followed by ``other``."""
         return WrittenKeys(self.may | other.may, self.must | other.must)
 
     def beside(self, other: WrittenKeys) -> WrittenKeys:
-        """Return what is written where ways meet."""
+        """Return the keys written where this path and ``other`` meet."""
         return WrittenKeys(self.may | other.may, self.must & other.must)
 
 
 @dataclass(frozen=True, slots=True)
 class KeyRead:
-    """A key that ``path`` reads: ``key`` is its own name of it, ``name`` the machine's, ``writers`` write it there."""
+    """A key that ``path`` reads as ``key``; its machine calls it ``name``, and ``writers`` write it there."""
 
     path: str
     key: str
@@ -53,8 +52,8 @@ class KeyRead:
 
 @dataclass(frozen=True, slots=True)
 class WriteRace:
-    """A key of the concurrency container ``path`` that several of its children, the ``writers``, write, by ``states``
-    in them."""
+    """A key of the concurrency container ``path`` that several children (``writers``) write; ``states`` are the states
+    in them that do."""
 
     path: str
     name: str
@@ -64,7 +63,7 @@ class WriteRace:
 
 @dataclass(frozen=True, slots=True)
 class LostWrite:
-    """A key ``name`` that ``path`` writes in ``machine``, which does not hand it out to its ``reader`` outside."""
+    """A key ``name`` that ``path`` writes in ``machine``, while its ``reader`` outside does not get it as an output."""
 
     path: str
     name: str
@@ -73,27 +72,27 @@ class LostWrite:
 
 
 def problems_of_reads(machine: MachineDefinition) -> Iterator[str]:
-    """Yield the reads of keys that cannot have been written on any way to the state."""
+    """Yield the reads of keys that no path to the state writes."""
     for read in _reads(machine, is_sure=False):
         yield f'{read}; only {" and ".join(read.writers)} writes it, and no way leads from there to here'
 
 
 def unsure_reads(machine: MachineDefinition) -> list[KeyRead]:
-    """Return the reads of keys that are not written on every way to the state. They may still be correct."""
+    """Return the reads of keys that some paths to the state do not write. They may still be correct."""
     never = set(_reads(machine, is_sure=False))
     return [read for read in _reads(machine, is_sure=True) if read not in never]
 
 
 def races(machine: MachineDefinition) -> Iterator[WriteRace]:
-    """Yield the keys whose last writer depends on chance, if they may be read then."""
+    """Yield the keys whose last writer depends on timing, if they may be read afterwards."""
     for node in machine.nodes():
         if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
             yield from _races_in(node)
 
 
 def lost_writes(machine: MachineDefinition) -> Iterator[LostWrite]:
-    """Yield what is written in a machine, neither read there nor handed out, while a key of this name is read
-    outside."""
+    """Yield the keys written in a machine that are neither read there nor output, while a state outside reads a key
+    of the same name."""
     for child in machine.children.values():
         if not isinstance(child, MachineDefinition):
             continue
@@ -125,8 +124,8 @@ def _races_in(container: MachineDefinition) -> Iterator[WriteRace]:
 
 
 def _state_writes(node: StateOrMachine) -> Iterator[tuple[str, str]]:
-    """Yield what states write in a child, by the names of its machine, and which. Defaults are not chance: they are
-    written first."""
+    """Yield each key that a child writes, by its name in the parent, with the state that writes it. Defaults do not
+    race: they are written first."""
     if isinstance(node, StateDefinition):
         yield from ((name, node.path) for name in _names(node))
         return
@@ -155,7 +154,7 @@ def _reads(machine: MachineDefinition, *, is_sure: bool) -> Iterator[KeyRead]:
 
 
 def _input_keys(node: StateOrMachine) -> Iterator[str]:
-    """Keys that have to be there. A machine does without what it has a default of, and what nothing in it reads."""
+    """Return the keys that need a value. A machine needs no key that has a default or that nothing in it reads."""
     if isinstance(node, StateDefinition):
         yield from node.state.input_keys
     else:
@@ -163,13 +162,13 @@ def _input_keys(node: StateOrMachine) -> Iterator[str]:
 
 
 def _names(node: StateOrMachine, among: Container[str] | None = None) -> set[str]:
-    """Return what a child may write, by the names of its machine; ``among`` restricts it to some of its own names."""
+    """Return the keys that a child may write, by their names in the parent; ``among`` restricts its own names."""
     keys = node.state.output_keys if isinstance(node, StateDefinition) else node.output_keys
     return {node.remap.get(key, key) for key in keys if among is None or key in among}
 
 
 def _on_entry(machine: MachineDefinition) -> dict[str, WrittenKeys]:
-    """Return what is written in a machine, since it was entered, when each of its children is entered."""
+    """Return, for each child, the keys that are written when the child is entered, since the machine was entered."""
     effects = {label: _effects(child) for label, child in machine.children.items()}
     if machine.kind is StateKind.CONCURRENCY:
         may = {
@@ -185,9 +184,9 @@ def _on_entry(machine: MachineDefinition) -> dict[str, WrittenKeys]:
         for outcome, effect in effects[label].items():
             target = machine.children[label].transitions[outcome].state
             if target is not None:
-                there = found[label].then(effect)
+                after = found[label].then(effect)
                 before = found.get(target)
-                now = there if before is None else before.beside(there)
+                now = after if before is None else before.beside(after)
                 if now != before:
                     found[target] = now
                     ahead.append(target)
@@ -195,7 +194,7 @@ def _on_entry(machine: MachineDefinition) -> dict[str, WrittenKeys]:
 
 
 def _effects(node: StateOrMachine) -> dict[str, WrittenKeys]:
-    """Return what a child writes when it is left by each outcome, by the names of its machine."""
+    """Return, for each outcome of a child, the keys that it writes, by their names in the parent."""
     if isinstance(node, StateDefinition):
         names = frozenset(_names(node))
         return dict.fromkeys(node.outcomes, WrittenKeys(names, names))
@@ -206,7 +205,7 @@ def _effects(node: StateOrMachine) -> dict[str, WrittenKeys]:
 
 
 def _at_end(machine: MachineDefinition) -> dict[str, WrittenKeys]:
-    """Return what is written in a machine when it ends by each outcome that it can end by."""
+    """Return, for each outcome by which a machine can end, the keys that are written in it."""
     effects = {label: _effects(child) for label, child in machine.children.items()}
     ends: dict[str, WrittenKeys] = {}
     if machine.kind is StateKind.CONCURRENCY:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Machines and containers in Python, in two forms: FlexBE's context manager with ``add``, and ``children`` that are
-given at once, which a type checker understands.
+"""Machines and containers in Python, in two forms: FlexBE's context manager with ``add``, and a list of ``children``,
+which a type checker understands.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from flexbt_core.state_machine.model.definition import Child, EndCondition, Mach
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import StateMachineError
 
-# Which machines are open, innermost last; per thread and task, so that several can be built at the same time.
+# Machines with an open ``with`` block, innermost last; per thread and task, so several can be built at the same time.
 _open_machines: ContextVar[tuple[OperatableStateMachine, ...]] = ContextVar('open_machines', default=())
 
 
 class OperatableStateMachine(Machine):
-    """A state machine, or a state that is one. Its first child is the initial one.
+    """A state machine, nested or not. Its first child is the initial one.
 
-    Either as in FlexBE::
+    Written as in FlexBE::
 
         machine = OperatableStateMachine(outcomes=['finished'])
         with machine:
@@ -34,7 +34,7 @@ class OperatableStateMachine(Machine):
         machine = OperatableStateMachine(outcomes=['finished'], children=[
             Child('Wait', WaitState(2.0), {'done': 'finished'}, autonomy={'done': Autonomy.Low})])
 
-    ``userdata`` has defaults, by their keys; more are given as ``machine.userdata.key = value``.
+    ``userdata`` holds the default of each key; ``machine.userdata.key = value`` adds more.
     """
 
     def __enter__(self) -> OperatableStateMachine:
@@ -63,15 +63,15 @@ class OperatableStateMachine(Machine):
 
 
 class ConcurrencyContainer(OperatableStateMachine):
-    """A machine all children of which are active at once.
+    """A machine whose children are all active at once.
 
-    ``conditions`` are pairs of an outcome of the container and a list of pairs, label of a child and an outcome of it:
-    as soon as all of those have ended so, what is still active is left, and the container ends by the outcome. Of
-    several conditions that hold the first one counts. A child that has ended stays so until the container is entered
-    again. ``transitions`` of a child may name outcomes of the container; they are only drawn.
+    Each of ``conditions`` pairs an outcome of the container with a list of (child label, child outcome) pairs. As soon
+    as all these children have ended so, the container leaves its active children and ends by the outcome. If several
+    conditions hold, the first one counts. A child that has ended stays ended until the container is entered again.
+    ``transitions`` of a child may lead to outcomes of the container; they are only drawn.
 
-    The children share the userdata of the container. What one writes the others read from then on; where several write
-    the same key, the last one counts.
+    The children share the userdata of the container. They see each other's writes at once; if several write the same
+    key, the last write counts.
     """
 
     kind = StateKind.CONCURRENCY
@@ -97,10 +97,10 @@ class ConcurrencyContainer(OperatableStateMachine):
 
 
 class PriorityContainer(OperatableStateMachine):
-    """A machine that pauses everything active in other children of the containers around it.
+    """A machine that pauses all active states in other children of the containers around it.
 
-    That is told by on_pause, and by on_resume when the container was left and has halted. A priority container in it
-    has priority over the rest of it; one elsewhere is entered when this one is over.
+    Their on_pause is called, and on_resume when the container was left and has halted. A nested priority container
+    has priority over the rest of this one; another one elsewhere is entered after this one has ended.
     """
 
     kind = StateKind.PRIORITY

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Time-outs and further attempts for any state: states around a state, which can be put around each other.
+"""Time-outs and retries for any state, as wrappers that can be nested.
 
-``with_timeout(state, 5.0)`` is left by ``timeout`` when the state takes longer. ``with_retry(state, 3)`` leaves the
-state and enters it again when it fails. Both have the keys of the state, and its outcomes.
+``with_timeout(state, 5.0)`` ends by ``timeout`` if the state takes longer. ``with_retry(state, 3)`` leaves the state
+and enters it again when it fails. Both have the keys and the outcomes of the state.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ TIMEOUT: Final = 'timeout'
 
 
 def with_timeout(state: EventState, seconds: float, outcome: str = TIMEOUT) -> EventState:
-    """Return the state, but left by ``outcome`` when it has been active for this long.
+    """Return the state wrapped so that it is left by ``outcome`` after ``seconds``.
 
-    Its on_exit is called with the reason TIMED_OUT then. The time counts on the clock of the state: it stands still
-    while the state is paused. While the operator is asked for an outcome, nothing is timed out.
+    Its on_exit is then called with the reason TIMED_OUT. The time counts on the state's clock, which stops while the
+    state is paused. The state does not time out while the operator is asked for an outcome.
 
     Raises:
-        StateError: the time is not positive, or it is not a state (a machine is none).
+        StateError: the time is not positive, or ``state`` is not a state (a machine is not one).
     """
     return _Timeout(state, seconds, outcome)
 
@@ -34,20 +34,20 @@ def with_timeout(state: EventState, seconds: float, outcome: str = TIMEOUT) -> E
 def with_retry(
     state: EventState, attempts: int, on: Collection[str] = ('failed',), *, delay: float = 0.0
 ) -> EventState:
-    """Return the state, but entered again, ``attempts`` times in all, when it wants to be left by an outcome of ``on``.
+    """Return the state wrapped so that an outcome in ``on`` enters it again, up to ``attempts`` attempts in total.
 
-    Before that its on_exit is called with the reason REPEATED, it halts, and ``delay`` seconds go by. When it
-    does not halt, it is left by its outcome. Its exceptions are faults, not failures to try again.
+    Before each retry its on_exit is called with the reason REPEATED, it halts, and ``delay`` seconds pass. If it
+    does not halt, it is left by its outcome. Exceptions of the state are faults and cause no retry.
 
     Raises:
-        StateError: there are no attempts, ``on`` has something that is not an outcome of the state, or it is not a
-        state.
+        StateError: ``attempts`` is too small, ``on`` holds a text that is not an outcome of the state, or ``state``
+        is not a state.
     """
     return _Retry(state, attempts, on, delay)
 
 
 class StateWrapper(EventState):
-    """A state around another one, with the same properties. Everything that the engine reports applies to both."""
+    """A state around another one, with the same properties. Each callback is forwarded to the inner state."""
 
     def __init__(self, inner: EventState, extra_outcomes: Collection[str] = ()) -> None:
         given: Any = inner
@@ -69,7 +69,7 @@ class StateWrapper(EventState):
 
     @property
     def time_limit(self) -> float:
-        """Seconds after which an attempt of the innermost state is given up; infinity for never."""
+        """Time limit of one attempt of the innermost state in s; infinity for none."""
         return self.inner.time_limit if isinstance(self.inner, StateWrapper) else math.inf
 
     @property
@@ -129,7 +129,7 @@ class StateWrapper(EventState):
         self.inner.exit_reason = reason
         self.inner.on_exit(userdata)
 
-    # The place in a run is that of the innermost state: it wakes, logs and asks as if nothing were around it.
+    # The innermost state is bound to the run: it wakes, logs and asks as if nothing were around it.
 
     @property
     def bound_to(self) -> StateHost | None:
@@ -206,7 +206,7 @@ class _Retry(StateWrapper):
         outcome = super().execute(userdata)
         if outcome not in self._on or self._attempt >= self._attempts:
             return outcome
-        assert outcome is not None  # since it is one of those to try again on
+        assert outcome is not None  # since it is in ``on``
         self._failed_by = outcome
         self._next_at = self.clock.now() + self._delay
         self._rest_until = self.clock.now() + EXIT_TIMEOUT
@@ -226,7 +226,7 @@ class _Retry(StateWrapper):
             super().on_resume(userdata)
 
     def _go_on(self, userdata: UserData, failed_by: str) -> str | None:
-        """Begin the next attempt when it is time, and the state has halted."""
+        """Begin the next attempt once its time has come and the state has halted."""
         now = self.clock.now()
         halting = self.halting()
         if halting is not None and now >= self._rest_until:

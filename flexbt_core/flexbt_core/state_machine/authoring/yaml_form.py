@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""State machines as YAML, of states that exist.
+"""State machines written in YAML, made of existing states.
 
-The text names states, machines and data; it holds no code, and names no module. The reader provides the
-existing states. Names are taken as they are written: ``off`` is a name, not a truth value. A state with ``retry`` is
-entered again, ``attempts`` times in all, when it would be left by an outcome of ``on`` (:func:`with_retry`). ::
+The text names states, machines and data; it holds no code and names no module. The reader provides the existing
+states. Names are read literally: ``off`` is a name, not a boolean. A state with ``retry`` is entered again when it
+would be left by an outcome in ``on``, up to ``attempts`` attempts in total (:func:`with_retry`). ::
 
     machine:
       outcomes: [finished, failed]
@@ -61,7 +61,7 @@ def read_machine(text: str, states: States, source: str = '<text>') -> MachineDe
     """Return the checked definition of the machine in a text.
 
     Raises:
-        MachineError: with every problem of it, each as ``source:line: what``.
+        MachineError: the machine has problems; the error lists each as ``source:line: problem``.
     """
     return _Reader(states, source).read(text)
 

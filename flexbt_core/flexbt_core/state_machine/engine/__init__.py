@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run of a machine: regions, leaves, operator commands, monitors, resuming elsewhere."""
+"""A run of a machine: regions, leaves, events, operator commands, and resuming in another run."""

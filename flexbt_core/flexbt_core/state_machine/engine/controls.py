@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Settings of the operator for a run: autonomy, locks and breakpoints; and which parts of the run are paused."""
+"""Operator settings of a run (autonomy, locks, breakpoints), and which parts of the run are paused."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from flexbt_core.state_machine.model.definition import ROOT_PATH, MachineDefinit
 
 
 class Controls:
-    """The settings of the operator for one run, by the paths of its states and machines."""
+    """The operator's settings for one run, by the paths of its states and machines."""
 
     def __init__(self, definition: MachineDefinition, level: int) -> None:
         self._levels = {node.path: level for node in definition.nodes()}
@@ -18,11 +18,11 @@ class Controls:
         self.breakpoints: set[str] = set()
 
     def __contains__(self, path: object) -> bool:
-        """Return whether there is such a state or machine."""
+        """Return whether the run has a state or machine at ``path``."""
         return path in self._levels
 
     def level(self, path: str) -> int:
-        """Return the level that holds for a state or machine: the one that was set last for it, or for what is around
+        """Return the level of a state or machine: the one that was set last for it or for a machine around
         it."""
         return self._levels[path]
 
@@ -33,7 +33,7 @@ class Controls:
                 self._levels[path] = level
 
     def levels(self) -> dict[str, int]:
-        """Return the level of the root, and of each sub-tree that has another one than what is around it."""
+        """Return the level of the root, and of each sub-tree whose level differs from its parent's."""
         return {
             path: level
             for path, level in self._levels.items()
@@ -41,20 +41,20 @@ class Controls:
         }
 
     def may_pass(self, path: str, required: int) -> bool:
-        """Return whether a state or machine may be left without the operator, by an outcome that requires a level."""
+        """Return whether the level allows an outcome that requires ``required`` without the operator."""
         return path not in self.breakpoints and is_autonomous(required, self._levels[path])
 
     def restore(self, levels: Mapping[str, int], locked: Iterable[str], breakpoints: Iterable[str]) -> None:
-        """Take over what was set for another run of the machine; ``levels`` is what :meth:`levels` gave."""
-        for path in sorted(levels):  # what is around something comes first
+        """Restore the settings of another run of the machine; ``levels`` comes from :meth:`levels`."""
+        for path in sorted(levels):  # parents first
             self.set_level(levels[path], path)
         self.locked = set(locked)
         self.breakpoints = set(breakpoints)
 
     def move_to(self, definition: MachineDefinition) -> None:
-        """Hold for another machine: what both have keeps its settings, what is new has those of what is around it."""
+        """Switch to another machine: nodes in both keep their settings, new nodes inherit their parent's level."""
         levels: dict[str, int] = {}
-        for node in definition.nodes():  # what is around something comes first
+        for node in definition.nodes():  # parents first
             around = levels.get(_around(node.path), self._levels[ROOT_PATH])
             levels[node.path] = self._levels.get(node.path, around)
         self._levels = levels
@@ -66,14 +66,14 @@ def _around(path: str) -> str:
     return path.rpartition('/')[0] or ROOT_PATH
 
 
-# What of a run is paused: all of it by the operator, or what is apart from a priority container that is active.
+# The paused parts of a run: all of it (by the operator), or everything outside an active priority container.
 
 
 class Pausing:
     """The parts of one run that are paused, by the paths of its states and machines.
 
-    ``priority`` is the path of the priority container for which everything else is paused. ``has_changed`` is true
-    until the states have been notified.
+    ``priority`` is the path of the priority container that pauses everything else. ``has_changed`` is true until the
+    states have been notified.
     """
 
     __slots__ = ('_containers', 'has_changed', 'is_paused', 'priority')
@@ -82,24 +82,24 @@ class Pausing:
         self.is_paused = False
         self.priority: str | None = None
         self.has_changed = False
-        self._containers: list[str] = []  # priority containers that are active, each inside the one before
+        self._containers: list[str] = []  # active priority containers, each inside the previous one
 
     def set_paused(self, is_paused: bool) -> None:
-        """Pause everything, or let it go on."""
+        """Pause or resume everything."""
         self.is_paused = is_paused
         self.has_changed = True
 
     def give_priority(self, path: str) -> None:
-        """Pause everything that is apart from a priority container."""
+        """Pause everything outside a priority container."""
         self._set_containers([*self._containers, path])
 
     def release(self, path: str) -> None:
-        """Nothing of what is in a state or machine has priority any more."""
+        """End the priority of everything in a state or machine."""
         if self._containers:
             self._set_containers([one for one in self._containers if not is_inside(one, path)])
 
     def holds(self, path: str) -> bool:
-        """Return whether a state or machine is to be paused."""
+        """Return whether a state or machine must be paused."""
         return self.is_paused or (self.priority is not None and are_apart(path, self.priority))
 
     def _set_containers(self, containers: list[str]) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The part of a run that its regions, containers and leaves use, and the wait for a halt."""
+"""The interface of a run for its regions, containers and leaves, and the time-out for halting."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _LOOP_SHOWN: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class RunLimits:
-    """Limits of a run: seconds that a state may take to halt, and the end of the run in all; transitions in a step.
+    """Limits of a run: seconds for a state to halt and for the whole run to end, and transitions per step.
 
-    More transitions in one step count as a livelock, which ends the run.
+    More transitions in one step are a livelock, which ends the run.
     """
 
     exit_timeout: float = EXIT_TIMEOUT
@@ -41,7 +41,7 @@ class RunLimits:
 
 @dataclass(frozen=True, slots=True)
 class RunEnd:
-    """The end of a run, and why its states are left by that."""
+    """The end of a run, with the reason that its states get in on_exit."""
 
     outcome: str
     message: str
@@ -49,12 +49,12 @@ class RunEnd:
 
 
 RunningCallback = tuple[str, str]
-"""One call of a callback of a state: path and name. Compare it by identity: each call is an object of its own. It is
-no class, since one is made for each call, and a tuple takes an eighth of the time."""
+"""One call of a callback of a state: path and name. Compare it by identity: each call makes a new object. It is a
+tuple because that takes an eighth of the time of a class, for each call."""
 
 
 class Engine(ABC):
-    """The part of a run that its parts use. Everything except :meth:`wake` is for the thread of the run."""
+    """The interface of a run for its parts. Call everything except :meth:`wake` on the thread of the run."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class Engine(ABC):
         self.readings: defaultdict[type[RunEvent], list[Callable[[Any], None]]] = defaultdict(list)
         """The methods of the readers, by the types of the events that they read."""
         self.calling: RunningCallback | None = None
-        """The callback of a state that is being called; for other threads too."""
+        """The running callback of a state; other threads may read it."""
         self.decision_count = 0
         """Number of decisions that the run has requested from the operator; the next one gets the next number as id."""
         self._steady = steady
@@ -87,40 +87,40 @@ class Engine(ABC):
             self.add_reader(reader)
 
     def wake(self) -> None:
-        """Ask the host for a step. From any thread."""
+        """Request a step from the host. Callable from any thread."""
         if self._wake_event is not None:
             self._wake_event.set()
 
     def tell(self, event: RunEvent) -> None:
-        """Give an event to its readers, in their order."""
+        """Pass an event to its readers, in order."""
         for read in self.readings[type(event)]:
             read(event)
 
     def add_reader(self, reader: RunReader) -> None:
-        """Give the events of the run to a reader from now on."""
+        """Pass future events of the run to a reader."""
         self._readers.append(reader)
         for kind, read in reader.methods().items():
             self.readings[kind].append(read)
 
     def fail(self, message: str) -> None:
-        """End the run as an error: it cannot continue."""
+        """End the run with the outcome 'error', since it cannot continue."""
         if self._end is None:
             self._end = RunEnd(ERROR, message, ExitReason.FAULT)
 
     def new_decision(
         self, kind: DecisionKind, path: str, outcome: str, outcomes: tuple[str, ...], required: int, prompt: str
     ) -> Decision:
-        """Return a decision with a new id, which the operator was not asked yet."""
+        """Return a decision with a new id. The caller asks the operator."""
         self.decision_count += 1
         number = str(self.decision_count)
         return Decision(number, kind, path, outcome, outcomes, required, prompt, self.clock.now())
 
     def new_halt_wait(self) -> HaltTimeout:
-        """Something to wait with for what is left; the run is woken when its time is over."""
+        """Return a time-out for a child that is left to halt; it wakes the run when the time is up."""
         return HaltTimeout(self._steady, self._limits.exit_timeout, self.wake)
 
     def count_transition(self, path: str) -> None:
-        """Watch for livelocks: something is left."""
+        """Count a transition, and end the run if it is in a livelock."""
         self._transitions += 1
         self._recent.append(path)
         if self._transitions > self._limits.transitions:
@@ -131,14 +131,14 @@ class Engine(ABC):
 
     @abstractmethod
     def locked_inside(self, top: str) -> list[str]:
-        """Return what is active and locked in a state or machine, itself included."""
+        """Return the active and locked nodes in a state or machine, itself included."""
 
 
-# Waiting until what was left has halted: it may have something to finish, as a goal to cancel, but not forever.
+# A state that was left may need time to halt, such as to cancel a goal, but it must not block the run forever.
 
 
 class HaltTimeout:
-    """The wait for one thing at a time to halt: ``timeout`` seconds at most; ``wake`` is called at their end."""
+    """A time-out of ``timeout`` seconds for one halt at a time; calls ``wake`` when it expires."""
 
     def __init__(self, steady: Clock, timeout: float, wake: Callable[[], None]) -> None:
         self.timeout = timeout
@@ -148,7 +148,7 @@ class HaltTimeout:
         self._timer: Timer | None = None
 
     def is_over(self, halting: str | None) -> bool:
-        """Return whether to go on, as nothing is ``halting`` or the time is up. The time begins with the first "no"."""
+        """Return whether to continue: nothing is ``halting``, or the time is up. The first False starts the time."""
         if halting is not None:
             if self._until is None:
                 self._until = self._steady.now() + self.timeout
@@ -160,7 +160,7 @@ class HaltTimeout:
         return True
 
     def cancel(self) -> None:
-        """Wait no more; the next wait has its full time again."""
+        """Stop waiting; the next wait has its full time again."""
         self._until = None
         if self._timer is not None:
             self._timer.cancel()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The events of a run, and the readers of them.
 
-A run is a stream of events. The engine makes each in one place and gives it to the readers at once, in their order.
-They come on the thread of the run, except :class:`Logged`, which a state may cause on any thread, and
-:class:`CommandDecided` of a command that comes after the end.
+The engine makes each type of event in one place and passes it to the readers at once, in order. It does so on the
+thread of the run, with two exceptions: a state may cause :class:`Logged` on any thread, and :class:`CommandDecided`
+for a command after the end comes on the thread of the command.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ class RunReader:
     """Types of the events that it reads; () for all of them. The engine makes none without a reader."""
 
     def read(self, event: RunEvent) -> None:
-        """Take an event in."""
+        """Handle an event."""
 
     def methods(self) -> Mapping[type[RunEvent], Callable[[Any], None]]:
-        """Return what takes the events of each type in. A reader with a method for each type has them called here."""
+        """Return the handler for each type of event. Override it to handle each type with a method."""
         return dict.fromkeys(self.reads or RunEvent.__subclasses__(), self.read)
 
     def next_wake(self) -> float | None:
-        """Return when the run must be stepped again at the latest for this reader, on the clock of the run."""
+        """Return the latest time of the next step that this reader needs, on the run's clock; None for no need."""
         return None
 
 
@@ -48,10 +48,10 @@ class RunReader:
 
 @dataclass(slots=True)
 class RunStarted(RunEvent):
-    """The run begins; nothing was entered yet.
+    """The run begins; no state has been entered yet.
 
-    One that goes on where another was ``is_resumed``: then these states are ``active`` already and are not entered
-    again, and ``approved`` are the outcomes, by path, that the operator has allowed.
+    A run that continues another one is ``is_resumed``. Then the states in ``active`` are active already and are not
+    entered again; ``approved`` maps paths to outcomes that the operator has allowed.
     """
 
     is_resumed: bool
@@ -68,33 +68,33 @@ class RunPaused(RunEvent):
 
 @dataclass(slots=True)
 class MachineSwitched(RunEvent):
-    """The run goes on with another machine; the active states stay as they are."""
+    """The run continues with another machine; the active states stay active."""
 
     definition: MachineDefinition
 
 
 class RunRested(RunEvent):
-    """Nothing more can happen until something wakes the run."""
+    """The run is idle until something wakes it."""
 
     __slots__ = ()
 
 
 class RunEnding(RunEvent):
-    """The run is being left for good: nothing may be entered any more."""
+    """The run ends: it enters no more states."""
 
     __slots__ = ()
 
 
 @dataclass(slots=True)
 class HaltAwaited(RunEvent):
-    """The end of the run waits for ``text`` to halt; '' when everything has."""
+    """The end of the run waits for ``text`` to halt; '' when everything has halted."""
 
     text: str
 
 
 @dataclass(slots=True)
 class RunEnded(RunEvent):
-    """The run has ended, and everything has halted or is no longer waited for."""
+    """The run has ended. Everything has halted, or the run has stopped waiting for it."""
 
     outcome: str
     message: str
@@ -119,7 +119,7 @@ class StateExited(RunEvent):
 
 @dataclass(slots=True)
 class StatePaused(RunEvent):
-    """A state stands still from now on, or goes on."""
+    """A state was paused or resumed."""
 
     path: str
     is_paused: bool
@@ -127,7 +127,7 @@ class StatePaused(RunEvent):
 
 @dataclass(slots=True)
 class OutcomeTaken(RunEvent):
-    """A state or machine is left next by an outcome that it wants, which requires a level of autonomy."""
+    """A state or machine is about to be left by an outcome, which requires a level of autonomy."""
 
     path: str
     outcome: str
@@ -138,8 +138,8 @@ class OutcomeTaken(RunEvent):
 class StateLeft(RunEvent):
     """A state or machine was left, and has halted.
 
-    ``target`` is the path of what follows, ``=OUTCOME`` of the machine around it, or '' for a child of a concurrency
-    container that goes on without it. One that is repeated has no outcome, and follows itself.
+    ``target`` is the path of the next state or machine, ``=OUTCOME`` of the parent machine, or '' for a child of a
+    concurrency container that continues without it. A repeated node has no outcome and its own path as target.
     """
 
     path: str
@@ -150,7 +150,7 @@ class StateLeft(RunEvent):
 
 @dataclass(slots=True)
 class ContainerEnded(RunEvent):
-    """Everything in a concurrency container has halted; it wants an outcome."""
+    """All children of a concurrency container have halted; it wants to be left by an outcome."""
 
     path: str
     outcome: str
@@ -158,7 +158,7 @@ class ContainerEnded(RunEvent):
 
 @dataclass(slots=True)
 class Faulted(RunEvent):
-    """A state raised or did not halt, or a command raised."""
+    """A state or a command raised, or a state did not halt."""
 
     path: str
     text: str
@@ -178,28 +178,28 @@ class Logged(RunEvent):
 
 @dataclass(slots=True)
 class DecisionAsked(RunEvent):
-    """The operator is asked."""
+    """The run asks the operator for a decision."""
 
     decision: Decision
 
 
 @dataclass(slots=True)
 class DecisionClosed(RunEvent):
-    """A decision is no longer pending, with any result."""
+    """A decision is no longer pending, whatever the result."""
 
     decision: Decision
 
 
 @dataclass(slots=True)
 class DecisionTaken(RunEvent):
-    """The operator has confirmed what a decision asks for."""
+    """The operator has confirmed a decision."""
 
     decision_id: str
 
 
 @dataclass(slots=True)
 class OutcomeForced(RunEvent):
-    """The operator wants a state or machine to be left by an outcome."""
+    """The operator has forced an outcome of a state or machine."""
 
     path: str
     outcome: str
@@ -207,7 +207,7 @@ class OutcomeForced(RunEvent):
 
 @dataclass(frozen=True, slots=True)
 class TransitionBlocked(RunEvent):
-    """A state or machine is not left by an outcome that it wants, since that would leave what is ``locked``."""
+    """A state or machine wants an outcome but stays, since a transition would leave the nodes in ``locked``."""
 
     path: str
     outcome: str
@@ -216,7 +216,7 @@ class TransitionBlocked(RunEvent):
 
 @dataclass(slots=True)
 class TransitionUnblocked(RunEvent):
-    """No lock prevents the state or machine from being left any more, or it wants something else."""
+    """A state or machine is no longer blocked by a lock, or it wants another outcome."""
 
     path: str
 
@@ -247,9 +247,9 @@ class BreakpointSet(RunEvent):
 
 @dataclass(slots=True)
 class CommandDecided(RunEvent):
-    """A command had its effect (``refusal`` is None), or was refused with a reason. Once for each command.
+    """A command was applied (``refusal`` is None) or refused with a reason. Sent once for each command.
 
-    ``command_id`` is the id that was given with it.
+    ``command_id`` is the id from the caller of the command.
     """
 
     command_id: object

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A state in a run: its callbacks in their order, each guarded."""
+"""A state in a run: calls its callbacks in order, and turns their exceptions into faults."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class _Raised(Enum):
 
 
 class LeafRun:
-    """One state for the length of a run, of which it is the host; entered and left any number of times.
+    """The host of one state during a run; the state is entered and left any number of times.
 
-    ``outcome`` is what the state wants to be left by, ``choice`` what it lets the operator choose: prompt and
-    suggestion.
-    ``is_entered`` says whether ``on_exit`` is owed to it. All methods but :meth:`wake` are for the thread of the run.
+    ``outcome`` is the outcome that the state wants to be left by. ``choice`` is the prompt and the suggestion of a
+    question to the operator. ``is_entered`` is true until ``on_exit`` is called. Call all methods except :meth:`wake`
+    on the thread of the run.
     """
 
     def __init__(self, engine: Engine, definition: StateDefinition) -> None:
@@ -56,23 +56,23 @@ class LeafRun:
         self._woken = False
         self._wake_times: list[float] = []
         self._next_poll: float | None = None
-        self._successor: EventState | None = None  # replaces the state when it is entered next
+        self._successor: EventState | None = None  # replaces the state at its next entry
         self._never_halted: str | None = None
 
-    # -- what the state uses -----------------------------------------------------------------------------------------
+    # -- for the state ----------------------------------------------------------------------------------------------
 
     @property
     def services(self) -> Any:
-        """Services that the host provides."""
+        """Services of the host."""
         return self._engine.services
 
     def wake(self) -> None:
-        """Execute the state soon; from any thread."""
+        """Execute the state soon. Callable from any thread."""
         self._woken = True
         self._engine.wake()
 
     def wake_at(self, time: float) -> None:
-        """Execute the state at a time, too."""
+        """Execute the state also at ``time``, in s of its clock."""
         if time not in self._wake_times:
             heapq.heappush(self._wake_times, time)
 
@@ -81,16 +81,16 @@ class LeafRun:
         self.choice = (prompt, suggestion)
 
     def log(self, severity: Severity, text: str) -> None:
-        """Tell the operator something."""
+        """Log a line for the operator."""
         self._engine.tell(Logged(severity, self.path, text))
 
     # -- the life of the state ---------------------------------------------------------------------------------------
 
     def check_free(self) -> None:
-        """Check that the state can be taken for this run.
+        """Check that no other run has the state.
 
         Raises:
-            StateError: another run has it.
+            StateError: the state is part of another run.
         """
         if self.state.bound_to is not None:
             raise StateError(
@@ -98,21 +98,21 @@ class LeafRun:
             )
 
     def bind(self) -> None:
-        """Take the state for this run."""
+        """Bind the state to this run."""
         self.state.bind(self)
 
     def start(self) -> bool:
-        """Before the run; whether the state raised."""
+        """Call on_start of the state before the run. Return whether it raised."""
         return self.call('on_start', self.state.on_start) is _Raised.RAISED
 
     def stop(self) -> None:
-        """After the run, once for each state that was started here."""
+        """Call on_stop after the run, once for each state that was started here."""
         for state in (self.state, self._successor):
             if state is not None:
                 self._retire(state)
 
     def stay(self, definition: StateDefinition) -> None:
-        """Become part of another machine. ``definition.state``, started already, takes over when this visit is over."""
+        """Move to another machine. ``definition.state``, already started, replaces the state at its next entry."""
         if self._successor is not None:
             self._retire(self._successor)
         self.definition = definition
@@ -120,14 +120,14 @@ class LeafRun:
         self._successor.bind(self)
 
     def move(self, scope: Scope) -> None:
-        """Have the userdata of a machine, as it is now: what was read of it before is copied again."""
+        """Use the userdata of a machine, and drop copies of values that were read before."""
         if self._userdata is not None and self._userdata._scope is scope:
             self._userdata._copies.clear()
         else:
             self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self)
 
     def restore(self, scope: Scope, outcome: str) -> None:
-        """Wait to be left by an outcome, as it did in the run that was interrupted. It is not entered for that."""
+        """Wait again to be left by an outcome, as in the interrupted run, without entering the state."""
         self.move(scope)
         self._begin()
         self.outcome = outcome
@@ -139,36 +139,36 @@ class LeafRun:
             self.state, self._successor = self._successor, None
         self.move(scope)
         self._begin()
-        self._woken = True  # executed at once after it was entered
+        self._woken = True  # execute at once after on_enter
         self.is_entered = True
         self.state.exit_reason = None
         self.state.is_resumed = is_resumed
-        self._engine.tell(StateEntered(self.path))  # already now, since on_enter may take long
+        self._engine.tell(StateEntered(self.path))  # report it first, since on_enter may take long
         if self.call('on_enter', self.state.on_enter, self._userdata) is _Raised.RAISED:
             self._fail()
 
     def advance(self) -> bool:
-        """Execute the state if there is a reason to; whether it wants something now, or has raised."""
+        """Execute the state if it is due. Return whether it wants an outcome or a choice, or raised."""
         if not self._is_running or not self._is_due():
             return False
         outcome = self.call('execute', self._execute)
         if outcome is _Raised.RAISED:
             self._fail()
-            return True  # the run may end by that, and nothing else is to begin before
+            return True  # the fault may end the run, so nothing else may begin first
         self.outcome = outcome
         return self.outcome is not None or self.choice is not None
 
     def leave(self, reason: ExitReason) -> None:
         """Call on_exit, once for each time the state was entered.
 
-        A state that raises here fails if it is left by its own outcome; what others decided stands.
+        If on_exit raises, a state that is left by its own outcome fails; for other reasons the transition stands.
         """
         if not self.is_entered:
             return
         self.is_entered = False
         if self.is_paused:
             self.is_paused = False
-            self.clock.go_on()  # what it finishes now may take its time
+            self.clock.go_on()  # its last work may need time
             self._engine.tell(StatePaused(self.path, False))
         self.state.exit_reason = reason
         if self._engine.readings[StateExited]:
@@ -178,7 +178,7 @@ class LeafRun:
             self._fail()
 
     def pause(self) -> None:
-        """Pause the state: it is not executed until it is resumed, and its time stands still."""
+        """Pause the state: stop its clock and do not execute it until it is resumed."""
         self.is_paused = True
         self.clock.stop()
         if self.call('on_pause', self.state.on_pause) is _Raised.RAISED:
@@ -193,8 +193,8 @@ class LeafRun:
             self._fail()
 
     def halting(self) -> str | None:
-        """Return what has not halted yet of the state that was left. One that raised is not asked again:
-        the answer is unknown."""
+        """Return the work of the left state that has not halted yet, or None. If this raises, the state is not
+        asked again: the answer is unknown."""
         if self._never_halted is not None:
             return self._never_halted
         if type(self.state).halting is EventState.halting:  # most states have nothing to wait for
@@ -205,31 +205,31 @@ class LeafRun:
         return halting
 
     def activity(self) -> list[str] | None:
-        """Return what the state says that it is doing; None when it raised."""
+        """Return the activity that the state reports; None if it raised."""
         return self._lines('activity', self.state.activity)
 
     def progress(self) -> Progress | None:
-        """Return how far the state says that it has come; None when it does not, or raised."""
+        """Return the progress that the state reports; None if it has none or raised."""
         progress = self.call('progress', self.state.progress)
         return progress if isinstance(progress, Progress) else None
 
     def not_paused(self) -> list[str] | None:
-        """Return what the state says that goes on while it is paused; None when it raised."""
+        """Return the work that continues while the state is paused, as it reports it; None if it raised."""
         return self._lines('not_paused', self.state.not_paused) if self.is_paused else []
 
     def next_wake(self) -> float | None:
-        """Return when it is to be executed next, apart from wake-ups, on the clock of the run."""
+        """Return the time of the next execution without a wake-up, on the run's clock."""
         due = self._due()
         return None if due is None or self.is_paused or not self._is_running else self.clock.on_base(due)
 
     @property
     def _is_running(self) -> bool:
-        """True if the state is executed, not frozen until the operator has decided."""
+        """True if the state is executed: it is not frozen until a decision of the operator."""
         return self.choice is None and (self.outcome is None or self.runs_while_blocked)
 
     @property
     def runs_while_blocked(self) -> bool:
-        """True if the state is executed although it wants an outcome."""
+        """True if the state is executed while it waits to be left by an outcome."""
         return self.state.runs_while_blocked and self.exit_reason is ExitReason.OUTCOME and self.is_entered
 
     def _begin(self) -> None:
@@ -250,7 +250,7 @@ class LeafRun:
         return due
 
     def _is_due(self) -> bool:
-        """Return whether there is a reason to execute the state, which is taken by that."""
+        """Return whether the state is due, and clear the reason."""
         if not self._woken:
             due = self._due()
             if due is None or due > self.clock.now():
@@ -288,7 +288,7 @@ class LeafRun:
             self._engine.fail(f'{self.path} raised, and has no outcome {FAILED!r} to leave by')
 
     def _retire(self, state: EventState) -> None:
-        """Nothing follows for this state."""
+        """Call on_stop of a state and unbind it."""
         if state.bound_to is self:
             try:
                 self.call('on_stop', state.on_stop)
@@ -298,7 +298,7 @@ class LeafRun:
     def call(
         self, what: str, callback: Callable[..., _Result], *arguments: object
     ) -> _Result | Literal[_Raised.RAISED]:
-        """Return what a callback of the state gives. All of them are called here, and the run shows which it is."""
+        """Call a callback of the state and return its result. The run shows the callback while it runs."""
         set_called_state(self.state)
         engine = self._engine
         outer, engine.calling = engine.calling, (self.path, what)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of an operator, for :meth:`MachineRun.command`, which applies them between two steps.
+"""Operator commands for :meth:`MachineRun.command`, which applies them between two steps.
 
-Each returns why it is refused, or None. A command that would change nothing is refused as well, so that each has
-exactly one effect or a reason.
+Each returns the reason for a refusal, or None. A command that would change nothing is refused too, so that each
+command has either an effect or a reason.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .run import MachineRun
 
 
 def confirm(run: MachineRun, decision_id: str) -> str | None:
-    """Let what a decision asks for happen."""
+    """Confirm a pending decision: the run takes the outcome that it suggests."""
     region = _deciding(run, decision_id)
     if region is None or region.decision is None:
         return _no_decision(run, decision_id)
@@ -32,7 +32,7 @@ def confirm(run: MachineRun, decision_id: str) -> str | None:
 
 
 def force(run: MachineRun, path: str, outcome: str, decision_id: str = '') -> str | None:
-    """Leave a state or machine by an outcome. ``decision_id`` is the decision that it overrides, or ''."""
+    """Leave an active state or machine by an outcome. ``decision_id`` is the decision that this overrides, or ''."""
     found = _active(run, path)
     if isinstance(found, str):
         return found
@@ -68,8 +68,8 @@ def repeat(run: MachineRun, path: str) -> str | None:
 
 
 def set_autonomy(run: MachineRun, level: int, path: str = '') -> str | None:
-    """Set the level of the run, or of the sub-tree ``path``. It replaces the levels of the sub-trees in it, and a line
-    for the operator names them."""
+    """Set the autonomy level of the run, or of the sub-tree ``path``. It replaces the levels of nested sub-trees; a
+    line for the operator lists these."""
     top = path or ROOT_PATH
     if level not in AUTONOMY_NAMES:
         return no_level(level)
@@ -86,10 +86,10 @@ def set_autonomy(run: MachineRun, level: int, path: str = '') -> str | None:
 
 
 def pause(run: MachineRun) -> str | None:
-    """Pause the run: no state is executed or left, and time does not pass for the active ones.
+    """Pause the run: it executes and leaves no state, and the clocks of the active states stop.
 
-    Their on_pause is called. Commands that would leave something are refused until :func:`resume`, others are not. A
-    stop works as ever. What was left before goes on to halt, but nothing is entered after it.
+    Their on_pause is called. Until :func:`resume`, commands that would leave a state or machine are refused; other
+    commands and a stop work as usual. States that are already halting continue to halt, but no state is entered.
     """
     if run.is_paused:
         return 'the run is paused already'
@@ -99,7 +99,7 @@ def pause(run: MachineRun) -> str | None:
 
 
 def resume(run: MachineRun) -> str | None:
-    """Go on after :func:`pause`."""
+    """Resume the run after :func:`pause`."""
     if not run.is_paused:
         return 'the run is not paused'
     run.pausing.set_paused(False)
@@ -108,16 +108,16 @@ def resume(run: MachineRun) -> str | None:
 
 
 def lock(run: MachineRun, path: str) -> str | None:
-    """Block each transition that would leave a state or machine, also by leaving what is around it.
+    """Block each transition that would leave a state or machine, including those that leave a machine around it.
 
-    The outcome that it wants is kept until then, a forced one too. A stop is not blocked, and neither is
-    :func:`repeat` of the locked one itself. What is not active yet is locked in when it is entered.
+    A wanted outcome, also a forced one, is kept until :func:`unlock`. A stop is not blocked, nor is :func:`repeat` of
+    the locked node itself. A node that is not active yet becomes locked when it is entered.
     """
     return _mark(run, run.controls.locked, LockSet, path, 'is locked')
 
 
 def unlock(run: MachineRun, path: str) -> str | None:
-    """Undo :func:`lock`: what was blocked happens, if nothing else prevents it."""
+    """Undo :func:`lock`: blocked transitions happen, unless something else prevents them."""
     return _unmark(run, run.controls.locked, LockSet, path, 'is locked')
 
 
@@ -127,7 +127,7 @@ def set_breakpoint(run: MachineRun, path: str) -> str | None:
 
 
 def clear_breakpoint(run: MachineRun, path: str) -> str | None:
-    """Undo :func:`set_breakpoint`; the autonomy decides again, also of what waits."""
+    """Undo :func:`set_breakpoint`: the autonomy level decides again, also for a transition that waits."""
     return _unmark(run, run.controls.breakpoints, BreakpointSet, path, 'has a breakpoint')
 
 
@@ -135,7 +135,7 @@ _Marked = type[LockSet] | type[BreakpointSet]
 
 
 def _mark(run: MachineRun, marked: set[str], event: _Marked, path: str, what: str) -> str | None:
-    """Put a state or machine among the ``marked`` ones, which is ``what`` it has then, and tell of it."""
+    """Add a state or machine to ``marked`` and report the event. ``what`` describes the mark in a refusal."""
     if path not in run.controls:
         return f'there is no state {path!r}'
     if path in marked:
@@ -146,7 +146,7 @@ def _mark(run: MachineRun, marked: set[str], event: _Marked, path: str, what: st
 
 
 def _unmark(run: MachineRun, marked: set[str], event: _Marked, path: str, what: str) -> str | None:
-    """Take a state or machine from the marked ones, and tell of it."""
+    """Remove a state or machine from ``marked`` and report the event."""
     if path not in marked:
         return f'{path!r} is not one that {what} ({", ".join(sorted(marked)) or "none"})'
     marked.remove(path)
@@ -155,7 +155,7 @@ def _unmark(run: MachineRun, marked: set[str], event: _Marked, path: str, what: 
 
 
 def _active(run: MachineRun, path: str) -> tuple[Region, RegionChild] | str:
-    """Return where something is active, and what it is; or why nothing can be done with it."""
+    """Return the region and the active child at ``path``, or the reason for a refusal."""
     for region in run.regions():
         if region.child is not None and region.child.path == path:
             return region, region.child

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Regions and containers in a run: the active child, transitions between children, userdata, and how a container
-ends.
+"""Regions and containers in a run: the active child, transitions between children, userdata, and the end of a
+container.
 
-A machine is a container with one region, through which all of its children go. A concurrency container has a region
-for each of its children, so that any number of them is active at once.
+A machine is a container with one region for all of its children, one of which is active. A concurrency container has
+a region for each child, so that any number of them is active at once.
 
-A transition has three steps: the outcome is wanted (and perhaps waits for the operator, or for a lock), the child is
-left (and perhaps has to halt), what follows is entered. A container that ends wants an outcome of its own, and the
-region that it is in takes the same three steps with it.
+A transition has three steps: the child wants an outcome (and may wait for the operator or a lock), the child is left
+(and may need time to halt), the next child is entered. A container that ends wants an outcome too, and the region
+around it takes the same three steps.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ RegionChild: TypeAlias = 'LeafRun | ContainerRun'
 
 
 class Region:
-    """One region for the length of a run. ``path`` is that of its only child, or of the machine that it is all of.
+    """One region during a run. ``path`` is that of its only child, or of the machine if this is its only region.
 
-    ``child`` is what is active here, ``coming`` what is entered as soon as nothing keeps it from that.
+    ``child`` is the active child; ``coming`` is the child to enter as soon as nothing prevents it.
     """
 
     def __init__(self, engine: Engine, container: ContainerRun, path: str) -> None:
@@ -65,7 +65,7 @@ class Region:
         child.enter(self.container.scope)
 
     def await_entry(self, child: RegionChild, *, is_resumed: bool = False) -> None:
-        """Have a child entered in a separate step, after work with priority, a pause and a stop."""
+        """Enter a child in a later step; priority work, a pause and a stop come first."""
         self.child, self.coming, self.is_resumed = None, child, is_resumed
 
     def leave(self, reason: ExitReason) -> None:
@@ -78,17 +78,17 @@ class Region:
             self.child.leave(reason)
 
     def halting(self) -> str | None:
-        """Return what has not halted yet in here."""
+        """Return what has not halted yet in this region."""
         return self.child.halting() if self.child is not None else None
 
     def next_wake(self) -> float | None:
-        """Return when something in here is due next. What halts wakes the run by itself."""
+        """Return the time of the next execution in this region. A halting state wakes the run itself."""
         if self.child is None or self.is_leaving or self.is_approved:
             return None
         return self.child.next_wake()
 
     def advance(self) -> bool:
-        """Take one step if there is one to take; whether there was."""
+        """Take one step if possible. Return whether a step was taken."""
         child = self.child
         if child is None:
             return self._enter_what_is_coming()
@@ -98,28 +98,28 @@ class Region:
             if child.advance():
                 return True
         elif child.runs_while_blocked and not self.is_approved:
-            # What it wants already comes first: a state that takes long may be due again all the time.
+            # Consider its outcome before executing it: a slow state may always be due again.
             if self._consider(child):
                 return True
             child.advance()
             return self._consider(child) or child.exit_reason is ExitReason.FAULT
         return self._consider(child)
 
-    # -- what the operator wants -------------------------------------------------------------------------------------
+    # -- commands of the operator ------------------------------------------------------------------------------------
 
     def approve(self) -> None:
-        """Let the child do what it wants: the operator has confirmed it."""
+        """Let the child be left by the outcome that it wants: the operator has confirmed it."""
         assert self.decision is not None  # checked by the caller
         self._approve(self.decision.outcome)
 
     def force(self, outcome: str) -> None:
-        """Leave the child by ``outcome`` in any state: the operator wants it."""
+        """Leave the child by ``outcome``, whatever it is doing: the operator has forced it."""
         assert self.child is not None  # checked by the caller
         self.child.exit_reason = ExitReason.FORCED
         self._approve(outcome)
 
     def repeat(self) -> None:
-        """Leave the child and enter it again: the operator wants it."""
+        """Leave the child and enter it again: the operator has requested it."""
         assert self.child is not None  # checked by the caller
         self.child.exit_reason = ExitReason.REPEATED
         self._leave_child(self.child, None)
@@ -141,7 +141,7 @@ class Region:
         return True
 
     def _consider(self, child: RegionChild) -> bool:
-        """Leave the child when it wants to be left and may; otherwise ask the operator."""
+        """Leave the child if it wants an outcome and may take it; otherwise wait for a lock or ask the operator."""
         kind, wanted, prompt = DecisionKind.TRANSITION, child.outcome, ''
         if wanted is None:
             if child.choice is None:
@@ -163,14 +163,14 @@ class Region:
         return False
 
     def _ask(self, kind: DecisionKind, child: RegionChild, outcome: str, required: int, prompt: str) -> None:
-        """Put something to the operator, unless that was done."""
+        """Ask the operator, unless the same question is pending."""
         asked = self.decision
         if asked is None or (asked.kind, asked.outcome) != (kind, outcome):
             decision = self._engine.new_decision(kind, child.path, outcome, child.definition.outcomes, required, prompt)
             self._wait_for(decision, None)
 
     def _wait_for(self, decision: Decision | None, blocked: TransitionBlocked | None) -> None:
-        """Let the child wait until the operator decides or unlocks something; for neither, nothing prevents it."""
+        """Make the child wait for a decision or for a lock; with None for both it waits no longer."""
         asked, was_blocked = self.decision, self.blocked
         if decision is asked and blocked == was_blocked:
             return
@@ -187,7 +187,7 @@ class Region:
                 self._engine.tell(TransitionUnblocked(was_blocked.path))
 
     def _left_by(self, child: RegionChild, outcome: str) -> str:
-        """Path of the outermost thing that is left when the child is left by an outcome."""
+        """Return the path of the outermost node that is left when the child is left by an outcome."""
         path, container = child.path, self.container
         after = container.outcome_after(child, outcome)
         while after is not None:
@@ -199,7 +199,7 @@ class Region:
         return path
 
     def _leave_child(self, child: RegionChild, outcome: str | None) -> None:
-        """Leave it by an outcome, or by none to enter it again."""
+        """Leave the child by an outcome, or by None to enter it again."""
         self._engine.count_transition(child.path)
         self._wait_for(None, None)
         self.is_approved = False
@@ -207,11 +207,11 @@ class Region:
         if outcome is not None and self._engine.readings[OutcomeTaken]:
             self._engine.tell(OutcomeTaken(child.path, outcome, child.definition.transitions[outcome].autonomy))
         child.leave(child.exit_reason)
-        # A state that raised in on_exit wants another outcome by now, which has to be considered in its turn.
+        # A state that raised in on_exit wants another outcome now, which the next step considers.
         self.is_leaving = child.outcome == outcome
 
     def _pass_on(self, child: RegionChild) -> bool:
-        """Go on to what follows when the child has halted, or its time for that is over."""
+        """Enter the next child or end the container, once the child has halted or its time to halt is over."""
         halting = child.halting()
         if not self._halt_wait.is_over(halting):
             return False
@@ -234,7 +234,7 @@ class Region:
         if following is not None:
             self.enter(following)
         else:
-            assert outcome is not None  # otherwise the child follows itself
+            assert outcome is not None  # without an outcome the child follows itself
             container.child_has_ended(child, outcome, ends)
         return True
 
@@ -243,7 +243,7 @@ class Region:
 
 
 class ContainerRun:
-    """One machine or container for the length of a run. ``region`` is the one that it is in, None for the root."""
+    """One machine or container during a run. ``region`` is the region that it is in, None for the root."""
 
     def __init__(self, engine: Engine, definition: MachineDefinition, region: Region | None = None) -> None:
         self._engine = engine
@@ -253,10 +253,10 @@ class ContainerRun:
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
         self.choice: tuple[str, str | None] | None = None  # a machine asks nothing
-        self.runs_while_blocked = False  # and is frozen when it wants an outcome
+        self.runs_while_blocked = False  # a machine is frozen when it wants an outcome
         self.is_active = False
         self.ending: str | None = None
-        """Outcome by which it ends as soon as everything in it has halted."""
+        """Outcome by which it ends once all its descendants have halted."""
         self.ended: dict[str, str] = {}
         """Outcomes of the children of a concurrency container that have ended."""
         self.scope = Scope({})
@@ -271,8 +271,8 @@ class ContainerRun:
                 self.children[label] = LeafRun(engine, child)
         self._only_region = self.regions[0] if len(self.regions) == 1 else None
         self.advance: Callable[[], bool] = self._advance_regions
-        """Take one step if possible, and return whether it was. Only while no outcome is wanted."""
-        if not is_concurrent:  # it is where its region is, and so is what has priority
+        """Take one step if possible, and return whether one was taken. Call it only while it wants no outcome."""
+        if not is_concurrent:  # its only region has its path, so priority needs no check
             self.advance = self.regions[0].advance
         remap = definition.remap
         self._inputs = {key: remap.get(key, key) for key in definition.input_keys}
@@ -281,7 +281,7 @@ class ContainerRun:
 
     @property
     def is_ending(self) -> bool:
-        """True if it has been left, or will be as soon as everything in it has halted."""
+        """True if it has been left, or will be once all its descendants have halted."""
         return not self.is_active or self.ending is not None
 
     def leaves(self) -> Iterator[LeafRun]:
@@ -293,13 +293,13 @@ class ContainerRun:
                 yield from child.leaves()
 
     def active(self) -> Iterator[RegionChild]:
-        """Yield what is active here, outermost first, this machine not included."""
+        """Yield the active nodes in this machine, outermost first, without the machine itself."""
         for region in self.active_regions():
             if region.child is not None:
                 yield region.child
 
     def active_regions(self) -> Iterator[Region]:
-        """Yield the regions of this machine and of everything in it that is active."""
+        """Yield the regions of this machine and of its active descendants."""
         for region in self.regions:
             yield region
             if isinstance(region.child, ContainerRun):
@@ -308,18 +308,18 @@ class ContainerRun:
     # -- entering and leaving ----------------------------------------------------------------------------------------
 
     def enter(self, parent: Scope, *, is_resumed: bool = False) -> None:
-        """Enter the machine. It has no callbacks, so being resumed makes no difference."""
+        """Enter the machine. It has no callbacks, so ``is_resumed`` makes no difference."""
         self.begin(self.new_scope(parent))
 
     def new_scope(self, parent: Scope) -> Scope:
-        """Return the data for a visit of the machine."""
+        """Return the userdata for one visit of the machine."""
         return Scope(self.definition.defaults, parent, self._inputs, self._outputs)
 
     def begin(self, scope: Scope) -> None:
-        """Begin at the beginning, with ``scope`` as the data of the machine.
+        """Begin a visit from the start, with ``scope`` as the userdata of the machine.
 
-        A machine enters its initial state. The children of a concurrency container are entered one after the other, in
-        steps of their own; and a priority container waits for the others to be paused.
+        A machine enters its initial state. A concurrency container enters its children one after the other, one per
+        step. A priority container first waits until the other states are paused.
         """
         self.activate(scope)
         kind = self.definition.kind
@@ -332,7 +332,7 @@ class ContainerRun:
                 region.await_entry(child)
 
     def activate(self, scope: Scope) -> None:
-        """Become active, with nothing entered yet."""
+        """Become active, without entering a child."""
         self.scope = scope
         self.outcome = self.ending = None
         self.exit_reason = ExitReason.OUTCOME
@@ -341,15 +341,15 @@ class ContainerRun:
         self.take_priority()
 
     def take_priority(self) -> None:
-        """Have priority, if it is the kind that does."""
+        """Pause the other states if this is a priority container."""
         if self.definition.kind is StateKind.PRIORITY:
             self._engine.pausing.give_priority(self.path)
 
     def leave(self, reason: ExitReason) -> None:
-        """Leave everything that is active in here."""
+        """Leave all active descendants."""
         self.is_active = False
         self.ending = None
-        self._halt_wait.cancel()  # the one that leaves the machine waits for what is in it
+        self._halt_wait.cancel()  # the caller waits until the descendants have halted
         self._leave_regions(reason if reason.is_of_the_run else ExitReason.PARENT_LEFT)
 
     def _leave_regions(self, reason: ExitReason) -> None:
@@ -357,18 +357,18 @@ class ContainerRun:
             region.leave(reason)
 
     def clear(self) -> None:
-        """Nothing is active in here any more."""
+        """Mark all children as inactive."""
         for region in self.regions:
             region.child = None
 
     def halting(self) -> str | None:
-        """Return what has not halted yet in here."""
+        """Return what has not halted yet in this machine."""
         if self._only_region is not None:
             return self._only_region.halting()
         return next(filter(None, (region.halting() for region in self.regions)), None)
 
     def next_wake(self) -> float | None:
-        """Return when something in here is due next. What halts wakes the run by itself."""
+        """Return the time of the next execution in this machine. A halting state wakes the run itself."""
         if self.outcome is not None or self.ending is not None:
             return None
         if self._only_region is not None:
@@ -380,20 +380,20 @@ class ContainerRun:
             return self._await_halt(self.ending)
         priority = self._engine.pausing.priority
         going = [one for one in self.regions if priority is None or not are_apart(one.path, priority)]
-        # What ends at once does not keep the others from being entered.
+        # Enter all children first, even if one of them ends at once.
         return any(one.coming is not None and one.advance() for one in going) or any(one.advance() for one in going)
 
-    # -- how it goes on and ends -------------------------------------------------------------------------------------
+    # -- transitions and the end -------------------------------------------------------------------------------------
 
     def outcome_after(self, child: RegionChild, outcome: str) -> str | None:
-        """Outcome by which this container ends when a child is left by an outcome; None when it goes on."""
+        """Return the outcome by which this container ends when a child is left by an outcome; None if it continues."""
         if self.definition.kind is StateKind.CONCURRENCY:
             return self.definition.outcome_of({**self.ended, child.definition.label: outcome})
         return child.definition.transitions[outcome].outcome
 
     def child_has_ended(self, child: RegionChild, outcome: str, ends: str | None) -> None:
-        """Note that a child was left with nothing to follow it; this ends the container by ``ends``, if it is an
-        outcome."""
+        """Record that a child was left and has no successor. If ``ends`` is an outcome, the container ends by
+        it."""
         if self.definition.kind is not StateKind.CONCURRENCY:
             self.outcome = ends
             return
@@ -405,7 +405,7 @@ class ContainerRun:
             self._leave_regions(ExitReason.PARENT_LEFT)
 
     def _await_halt(self, ending: str) -> bool:
-        """Want the outcome as soon as everything in here has halted, or the time for that is over."""
+        """Take the outcome ``ending`` once all descendants have halted or their time to halt is over."""
         halting = self.halting()
         if not self._halt_wait.is_over(halting):
             return False
@@ -421,8 +421,8 @@ class ContainerRun:
         return True
 
     def _fail(self) -> str | None:
-        """Return all children have ended and no condition holds: that is what the check of the machine could not
-        exclude."""
+        """Report that all children have ended and no condition holds, which the check of the machine could not exclude.
+        Return the outcome ``failed`` if the container has it; else end the run."""
         ended = ', '.join(f'{label} by {outcome!r}' for label, outcome in self.ended.items())
         text = f'all of its children have ended ({ended}), and no condition holds; add one for that'
         self._engine.tell(Faulted(self.path, text))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Resuming: the position of a run as plain data, starting at it in another run, and switching the machine under a
-run."""
+"""Resuming: the position of a run as plain data, starting another run at that position, and switching the machine of
+a run."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from .run import MachineRun
 
 @dataclass(frozen=True)
 class RunPosition:
-    """A position of a run. Paths are those of states and machines; the root is always active and not listed.
+    """The position of a run. Paths are those of states and machines; the root is always active and not listed.
 
-    ``active``: what is active, outermost first. Each machine that is active, and neither in ``wanted`` nor in
-    ``leaving``, has one active or coming child; a concurrency container has any of its children.
-    ``coming``: what is to be entered at its beginning.
-    ``wanted``: outcome that something active waits to be left by, since it is done: a machine has nothing active in it
-    then, and a state is not entered again.
-    ``approved``: which of those the operator has approved of.
-    ``leaving``: outcome by which something was left that had not halted yet; '' for what is repeated.
+    ``active``: the active nodes, outermost first. Each active machine that is neither in ``wanted`` nor in ``leaving``
+    has one active or coming child; a concurrency container has any number of them.
+    ``coming``: nodes to enter from their beginning.
+    ``wanted``: the outcome that an active node which is done waits to be left by. Such a machine has no active child,
+    and such a state is not entered again.
+    ``approved``: the nodes in ``wanted`` that the operator has approved.
+    ``leaving``: the outcome of a node that was left and had not halted yet; '' for a repeated node.
     ``ended``: outcome of each child of an active concurrency container that has ended.
-    ``userdata``: keys and values of the root and of each machine in ``active``: the values themselves, so that they
-    have to be written down at once.
-    ``levels``: autonomy of the root, and of each sub-tree that has another level than what is around it.
-    ``decisions``: what waits for the operator, for people: id, kind, path, outcome, prompt. ``decision_count`` keeps
-    later ids from being those of before.
+    ``userdata``: keys and values of the root and of each machine in ``active``. These are the values themselves, not
+    copies: save them at once.
+    ``levels``: autonomy of the root, and of each sub-tree whose level differs from its parent's.
+    ``decisions``: the pending decisions, for display: id, kind, path, outcome, prompt. ``decision_count`` keeps
+    the ids of later decisions different.
     """
 
     active: tuple[str, ...]
@@ -53,16 +53,16 @@ class RunPosition:
     decision_count: int
 
     def to_plain(self) -> dict[str, Any]:
-        """As dicts and lists; fit for JSON when the userdata is."""
+        """Return the position as dicts and lists; JSON can hold it if it can hold the userdata."""
         plain = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: _plain(value) for name, value in plain.items()}
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> RunPosition:
-        """Return the position that :meth:`to_plain` gave.
+        """Return the position that :meth:`to_plain` wrote.
 
         Raises:
-            StateMachineError: that is not a position; the text says what is missing, left over, or of another type.
+            StateMachineError: ``plain`` is not a position; the text lists missing, unknown and wrongly typed fields.
         """
         kinds = get_type_hints(cls)
         if plain.keys() != kinds.keys():
@@ -84,7 +84,7 @@ def _plain(value: Any) -> Any:
 
 
 def _is_of(value: Any, kind: Any) -> bool:
-    """Return whether plain data is of the type of a field: a text, a number, or a list or mapping of such."""
+    """Return whether plain data has the type of a field: a text, a number, or a list or mapping of these."""
     of = get_args(kind)
     if get_origin(kind) is tuple:
         return isinstance(value, list | tuple) and all(_is_of(one, of[0]) for one in value)
@@ -93,13 +93,13 @@ def _is_of(value: Any, kind: Any) -> bool:
     return kind is Any or (isinstance(value, kind) and isinstance(value, bool) is (kind is bool))
 
 
-# Taking the position of a run, and going on there in another one.
+# Read the position of a run, and continue there in another one.
 
 _NONE_STAYS: Final[Mapping[str, LeafRun]] = {}
 
 
 def position_of(run: MachineRun) -> RunPosition:
-    """Return where a run is, for another one to :func:`start_at`. On its thread, also while it reports an event."""
+    """Return the position of a run, for :func:`start_at`. Call it on the run's thread, also while an event is read."""
     root, controls = run.root, run.controls
     active: list[str] = []
     coming: list[str] = []
@@ -115,7 +115,7 @@ def position_of(run: MachineRun) -> RunPosition:
         if outcome is not None:
             wanted[machine.path] = outcome
         if machine.ending is not None:
-            return  # what is in it was left
+            return  # its children have been left
         if machine.definition.kind is StateKind.CONCURRENCY:
             ended.update((machine.children[label].path, outcome) for label, outcome in machine.ended.items())
         for region in machine.regions:
@@ -158,7 +158,7 @@ def position_of(run: MachineRun) -> RunPosition:
 
 
 def reasons_against(definition: MachineDefinition, position: RunPosition) -> list[str]:
-    """Why a machine cannot be at a position; empty when it can."""
+    """Return the reasons why a machine cannot be at a position; empty if it can."""
     nodes = {node.path: node for node in definition.nodes()}
     return [*_unknown(nodes, position), *_impossible(definition, position)]
 
@@ -176,7 +176,7 @@ def _unknown(nodes: Mapping[str, StateDefinition | MachineDefinition], position:
 
 
 def _impossible(machine: MachineDefinition, position: RunPosition) -> Iterator[str]:
-    """Yield what does not fit in a machine that is active."""
+    """Yield the contradictions of the position in an active machine."""
     here = {*position.active, *position.coming}
     children = [child for child in machine.children.values() if child.path in here]
     is_done = machine.path in position.wanted and not children
@@ -192,14 +192,13 @@ def _impossible(machine: MachineDefinition, position: RunPosition) -> Iterator[s
 
 
 def start_at(run: MachineRun, position: RunPosition) -> None:
-    """Start a run where another one was.
+    """Start a run at the position of another one.
 
-    Its states are entered again, with ``is_resumed`` set, each in a step of its own; what had been set by the operator
-    holds again.
+    Its states are entered again with ``is_resumed`` set, one per step. The operator's settings are restored.
 
     Raises:
-        StateMachineError: it was started before, or the machine cannot be at that position; with the reasons.
-        StateError: a state is part of another run, which has not ended.
+        StateMachineError: the run was started before, or the machine cannot be at that position; with the reasons.
+        StateError: a state is part of another run that has not ended.
     """
     if reasons := reasons_against(run.definition, position):
         raise StateMachineError(f'the run cannot go on there: {"; ".join(reasons)}')
@@ -214,9 +213,9 @@ def start_at(run: MachineRun, position: RunPosition) -> None:
 
 
 def restore(run: MachineRun, position: RunPosition, staying: Mapping[str, LeafRun] = _NONE_STAYS) -> None:
-    """Put the machine of a run, of which nothing was entered yet, at a position.
+    """Put the machine of a run, with no state entered yet, at a position.
 
-    States come to be entered in steps that follow, but for those that are ``staying``, by their paths.
+    Later steps enter its states, except those in ``staying``, by path, which stay active.
     """
     _Restoring(position, staying).machine(run.root, run.scope)
 
@@ -270,29 +269,29 @@ class _Restoring:
         return leaf
 
 
-# Going on with another machine while states are active, which stay as they are.
+# Continue with another machine while states stay active.
 #
-# FlexBE locks the one active state, stops the run, and begins another one with that state in it. Here the switch is one
-# step of the run, in which nothing else can happen: no lock is needed, any number of states stays, and no callback of
-# those is called. When it cannot be, the run goes on as before.
+# FlexBE locks the one active state, stops the run, and begins another run with that state in it. Here the switch is one
+# step of the run, in which nothing else can happen. So it needs no lock, any number of states stays active, and none
+# of their callbacks is called. If the switch is refused, the run continues as before.
 
 
 def switch_machine(run: MachineRun, definition: MachineDefinition) -> str | None:
-    """Go on with another machine, which has the active states at the same paths: a command, as in
+    """Continue with another machine, which has the active states at the same paths: a command, as in
     :mod:`operator_commands`.
 
-    These are not left and entered for it: the state objects that are active stay, with their userdata, until their
-    visit is over. The refusal names each state that cannot stay. on_start and on_stop of all other states are called;
-    what waited for the operator is asked again, since it may lead elsewhere now.
+    The active states are not left and entered again: the state objects stay, with their userdata, until they are left.
+    A refusal names each state that cannot stay. on_start is called for the new states, on_stop for the old ones that
+    do not stay. Pending decisions are asked again, since their outcomes may lead elsewhere now.
     """
     old, root, position = run.root, ContainerRun(run, definition), position_of(run)
     known = {node.path for node in definition.nodes()}
-    there = _without_what_is_gone(position, known)
+    target = _without_what_is_gone(position, known)
     staying = {leaf.path: leaf for leaf in run.active_states()}
     leaves = list(root.leaves())
     reasons = [
         *_in_between(old),
-        *reasons_against(definition, there),
+        *reasons_against(definition, target),
         *_changes(definition, old.definition, position),
         *_missing_inputs(definition, position),
         *(f'{leaf.path}: its state is part of a run already' for leaf in leaves if leaf.state.bound_to is not None),
@@ -307,13 +306,13 @@ def switch_machine(run: MachineRun, definition: MachineDefinition) -> str | None
     for leaf in old.leaves():
         if leaf.path not in staying:
             leaf.stop()
-    restore(run, replace(there, approved=()), staying)
+    restore(run, replace(target, approved=()), staying)
     run.tell(MachineSwitched(definition))
     return None
 
 
 def _raising(leaves: Sequence[LeafRun]) -> list[str]:
-    """Call on_start of the states of the other machine; when one raises, all of them are stopped again."""
+    """Call on_start of the states of the other machine; if one raises, stop all of them and return the reason."""
     raised = [leaf.path for leaf in leaves if leaf.start()]
     if raised:
         for leaf in leaves:
@@ -322,14 +321,14 @@ def _raising(leaves: Sequence[LeafRun]) -> list[str]:
 
 
 def _in_between(old: ContainerRun) -> Iterator[str]:
-    """Yield what is neither active nor left."""
+    """Yield the nodes that are being left and have not halted."""
     for region in old.active_regions():
         if region.child is not None and (region.is_leaving or region.container.is_ending):
             yield f'{region.child.path} is being left; try again when it has halted'
 
 
 def _without_what_is_gone(position: RunPosition, known: set[str]) -> RunPosition:
-    """Without locks, levels and children that have ended of what the other machine does not have."""
+    """Return the position without the locks, breakpoints, levels and ended children that the other machine lacks."""
     return replace(
         position,
         locked=tuple(path for path in position.locked if path in known),
@@ -340,7 +339,7 @@ def _without_what_is_gone(position: RunPosition, known: set[str]) -> RunPosition
 
 
 def _changes(new: MachineDefinition, old: MachineDefinition, position: RunPosition) -> Iterator[str]:
-    """Yield what is active, but another thing in the other machine."""
+    """Yield the active nodes that are of another kind in the other machine."""
     others = {node.path: node for node in new.nodes()}
     for node in old.nodes():
         other = others.get(node.path)

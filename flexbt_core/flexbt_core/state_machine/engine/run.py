@@ -2,8 +2,8 @@
 """A run of a state machine.
 
 The host calls :meth:`MachineRun.step` on one thread, whenever ``wake_event`` is set and at the time ``next_wake``. A
-step takes in the operator's commands, then goes on until nothing more can happen: a chain of instantaneous states is
-one step. While nothing happens, nothing is called.
+step applies the operator's commands, then continues until nothing more can happen: a chain of instantaneous states is
+one step. An idle run calls nothing.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ _DEFAULT_LIMITS: Final = RunLimits()
 
 
 class MachineRun(Engine):
-    """One run of a machine. Its states belong to it: they cannot be part of another run at the same time.
+    """One run of a machine. Its states cannot be part of another run at the same time.
 
     ``outcome`` is that of the root machine, 'preempted' after :meth:`preempt`, or 'error', with ``message``.
-    ``clock`` is what states see, ``steady`` counts the time that they may take to halt. A run that is stopped, or ends
-    by a fault, has not ended before everything is confirmed to have halted; when that takes too long, or after
-    :meth:`abort`, it ends as 'error'. ``readers`` get the events of the run; without any it is written to the log of
-    Python. ``wake_event`` is set when a step is due.
+    ``clock`` is the clock of the states; ``steady`` measures their time to halt. A run that is stopped, or ends by a
+    fault, ends only after everything is confirmed to have halted; if that takes too long, or after :meth:`abort`, it
+    ends as 'error'. ``readers`` get the events of the run; without any, the run writes to Python's log.
+    ``wake_event`` is set when a step is due.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class MachineRun(Engine):
         self._halt_wait = self.new_halt_wait()
         stop_wait = max(0.0, limits.stop_timeout - limits.exit_timeout)
         self._stop_wait = HaltTimeout(self._steady, stop_wait, self.wake)
-        self._is_overdue = False  # while it ends: something has not halted in its time, which was reported
+        self._is_overdue = False  # while it ends: a state has not halted in time, and the fault was reported
         self._abort_reason = ''
         self._is_started = False
         self._lock = threading.Lock()
@@ -100,14 +100,14 @@ class MachineRun(Engine):
     # -- life --------------------------------------------------------------------------------------------------------
 
     def start(self, enter: Callable[[], None] | None = None) -> None:
-        """Call on_start of every state and enter the first one. Once, on the thread of the run.
+        """Call on_start of every state and enter the initial one. Call it once, on the thread of the run.
 
-        ``enter`` replaces entering the first one: with it :func:`start_at` continues
-        where another run was.
+        ``enter`` is called instead of entering the initial state: :func:`start_at` uses it to continue at the position
+        of another run.
 
         Raises:
             StateMachineError: it was called before.
-            StateError: a state is part of another run, which has not ended.
+            StateError: a state is part of another run that has not ended.
         """
         if self._is_started:
             raise StateMachineError('a run starts only once; make another MachineRun')
@@ -130,7 +130,7 @@ class MachineRun(Engine):
         self.wake()
 
     def step(self) -> bool:
-        """Do everything that can be done now. True while the run goes on."""
+        """Do everything that can be done now. Return True until the run has ended."""
         if self.outcome is not None or not self._is_started:
             return self.outcome is None
         self._transitions = 0
@@ -147,14 +147,14 @@ class MachineRun(Engine):
         return not self._await_halt(self._end)
 
     def _take_one_step(self) -> bool:
-        """Do the first thing that there is to do, and a command with what follows from it; whether there was one."""
+        """Do the first pending thing: notify a state, or apply a command and advance. Return whether it did any."""
         pausing = self.pausing
         if pausing.has_changed and self._pause_or_resume_one():
             return True
         is_commanded = bool(self._commands)
         if is_commanded:
             self._apply_next_command()
-        if pausing.is_paused or pausing.has_changed:  # states are notified that they go on before anything else
+        if pausing.is_paused or pausing.has_changed:  # states are resumed before anything else
             return is_commanded or pausing.has_changed
         return self.root.advance() or is_commanded
 
@@ -169,13 +169,13 @@ class MachineRun(Engine):
         self.tell(CommandDecided(command_id, refusal))
 
     def _refuse_commands(self, reason: str) -> None:
-        """Refuse what was given up to now; not what readers give meanwhile, so that it comes to an end."""
+        """Refuse the commands received so far; not those that readers add meanwhile, so that the loop ends."""
         for _ in range(len(self._commands)):
             self.tell(CommandDecided(self._commands.popleft()[0], reason))
 
     @property
     def next_wake(self) -> float | None:
-        """Time of the run's clock at which a step is due if nothing wakes the run before; None if no step is due."""
+        """Time of the next step on the run's clock unless something wakes the run earlier; None if no step is due."""
         if self._end is not None or self.pausing.is_paused:
             return None
         due = self.root.next_wake()
@@ -185,7 +185,7 @@ class MachineRun(Engine):
                 due = read
         return due
 
-    # -- what the operator sees --------------------------------------------------------------------------------------
+    # -- state of the run, for the operator --------------------------------------------------------------------------
 
     @property
     def definition(self) -> MachineDefinition:
@@ -197,12 +197,12 @@ class MachineRun(Engine):
         return [node for node in self.root.active() if isinstance(node, LeafRun)]
 
     def coming(self) -> list[str]:
-        """Paths of what is entered as soon as nothing, such as a pause, keeps it from that."""
+        """Return the paths of the nodes to enter as soon as nothing, such as a pause, prevents it."""
         return [region.coming.path for region in self.regions() if region.coming is not None]
 
     def approved(self) -> dict[str, str]:
-        """Return what the operator has allowed and has not happened yet: outcomes, by the paths of what is left by
-        them."""
+        """Return the transitions that the operator has allowed and that have not happened yet, as outcomes by
+        path."""
         children = [region.child for region in self.regions() if region.is_approved]
         return {child.path: child.outcome for child in children if child is not None and child.outcome is not None}
 
@@ -218,10 +218,10 @@ class MachineRun(Engine):
         return sorted(found, key=lambda decision: int(decision.id)) if len(found) > 1 else found
 
     def subject(self, decision: Decision) -> tuple[dict[str, Any], list[str]]:
-        """Return the values that a pending decision is about, by key, and the input keys that have none.
+        """Return the values that a pending decision is about, by key, and the input keys without a value.
 
-        They are what the state declares as inputs and outputs, or all that its machine knows where it declares nothing.
-        The values are those themselves, to be left as they are. On the thread of the run.
+        These are the declared inputs and outputs of the state, or all values of its machine if it declares none. Do not
+        change the values: they are not copies. Call it on the thread of the run.
         """
         region = next(one for one in self.regions() if one.decision is decision)
         child = region.child
@@ -239,7 +239,7 @@ class MachineRun(Engine):
 
     @property
     def blocked(self) -> list[TransitionBlocked]:
-        """States and machines that a lock keeps from being left, outermost first."""
+        """Transitions that a lock blocks, outermost first."""
         if not self.controls.locked:
             return []
         return [region.blocked for region in self.regions() if region.blocked is not None]
@@ -263,10 +263,11 @@ class MachineRun(Engine):
         *arguments: _Arguments.args,
         **named: _Arguments.kwargs,
     ) -> None:
-        """Apply a command between two steps; :class:`CommandDecided` follows once, with the ``command_id``: any object.
+        """Apply a command between two steps; one :class:`CommandDecided` follows, with ``command_id`` (any object).
 
-        ``command`` is called with the run and the arguments, and returns why it refuses, or None. The commands of an
-        operator are in :mod:`operator_commands`. When one raises, it is refused with that, and the run goes on.
+        ``command`` is called with the run and the arguments. It returns the reason for a refusal, or None. The
+        operator's commands are in :mod:`operator_commands`. If it raises, it is refused with the error, and the run
+        continues.
         """
         with self._lock:
             refusal = self._refusal
@@ -277,25 +278,25 @@ class MachineRun(Engine):
         self.wake()
 
     def preempt(self, reason: str = '') -> None:
-        """Stop the run in any state. This cannot be undone."""
+        """Stop the run, whatever it is doing. This cannot be undone."""
         with self._lock:
             if self._preempt_reason is None:
                 self._preempt_reason = reason
         self.wake()
 
     def abort(self, reason: str) -> None:
-        """End the run as 'error' although something has not halted. Before its time to halt is over nothing happens."""
+        """End the run as 'error' although a state has not halted. Has no effect until its time to halt is over."""
         if self._is_overdue:
             self._abort_reason = reason
             self.wake()
 
     @property
     def is_ending(self) -> bool:
-        """True if the run is being left for good, or has been."""
+        """True if the run is ending or has ended."""
         return self._end is not None
 
     def close_commands(self, reason: str) -> None:
-        """Refuse pending and future commands: the host does not continue the run."""
+        """Refuse pending and future commands. For a host that stops stepping the run."""
         with self._lock:
             self._refusal = reason
         self._refuse_commands(reason)
@@ -303,17 +304,17 @@ class MachineRun(Engine):
     # -- for the states and machines of the run ----------------------------------------------------------------------
 
     def regions(self) -> Iterator[Region]:
-        """Return the regions of everything that is active, outermost first."""
+        """Return the regions of all active machines, outermost first."""
         return self.root.active_regions()
 
     def locked_inside(self, top: str) -> list[str]:
-        """Return what is active and locked in a state or machine, itself included."""
+        """Return the active and locked nodes in a state or machine, itself included."""
         locked = [path for path in self.locked if is_inside(path, top)]
         active = {ROOT_PATH, *(node.path for node in self.root.active())} if locked else set()
         return [path for path in locked if path in active]
 
     def go_on_with(self, root: ContainerRun) -> None:
-        """Put another machine, of which nothing was entered yet, in the place of this one."""
+        """Replace the machine by another one, of which no state has been entered yet."""
         for decision in self.decisions:
             self.tell(DecisionClosed(decision))
         self.root = root
@@ -323,10 +324,9 @@ class MachineRun(Engine):
         self.scope = Scope(root.definition.defaults)
 
     def unwritten(self, path: str) -> list[str]:
-        """Return what a state or machine reads, of a machine that is active, and nobody has written. On the thread of
-        the run.
+        """Return the keys that a state or machine in an active machine reads and that have no value.
 
-        These are keys of the machine that it is in.
+        The keys are named as in the parent machine. Call it on the thread of the run.
         """
         machines = [self.root, *(node for node in self.root.active() if isinstance(node, ContainerRun))]
         around, _, label = path.rpartition('/')
@@ -341,12 +341,12 @@ class MachineRun(Engine):
         return [name for key in keys if (name := child.remap.get(key, key)) not in machine.scope]
 
     def userdata_of_machines(self) -> dict[str, dict[str, Any]]:
-        """Return the userdata of each active machine by its path, outermost first: the values themselves."""
+        """Return the userdata of each active machine by path, outermost first. The values are not copies."""
         machines = [self.root, *(node for node in self.root.active() if isinstance(node, ContainerRun))]
         return {machine.path: machine.scope.values() for machine in machines if machine.is_active}
 
     def _pause_or_resume_one(self) -> bool:
-        """Tell one state that it stands still or goes on; one in a step, so that a stop comes before the next."""
+        """Pause or resume one state, and return whether one needed it. One per step, so that a stop comes first."""
         for leaf in self.active_states():
             if leaf.is_entered and leaf.is_paused != self.pausing.holds(leaf.path):
                 if leaf.is_paused:
@@ -361,7 +361,7 @@ class MachineRun(Engine):
     # -- the end -----------------------------------------------------------------------------------------------------
 
     def _await_halt(self, end: RunEnd) -> bool:
-        """Leave everything, and finish when it has halted, or is no longer waited for."""
+        """Leave everything. Finish and return True once everything has halted or its time is over."""
         self.root.leave(end.reason)
         halting = {leaf.path: text for leaf in self.active_states() if (text := leaf.halting()) is not None}
         path, text = next(iter(halting.items()), ('', None))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""States, userdata, autonomy, and machines as written and as checked."""
+"""States, userdata, autonomy, and the definitions of machines."""

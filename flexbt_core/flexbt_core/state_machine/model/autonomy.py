@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Autonomy levels, and the decisions that wait for the operator."""
+"""Autonomy levels, and pending decisions of the operator."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Final
 
 
 class Autonomy:
-    """Levels, both of what an outcome requires and of what the operator allows.
+    """Autonomy levels: those that outcomes require, and those that the operator sets.
 
-    A transition happens without the operator iff the level that it requires is *lower* than the current one. So at
-    level Off nothing happens alone, and an outcome that requires Full always waits for the operator. (The rule and
-    the names are FlexBE's.)
+    A transition happens without the operator iff it requires a level *lower* than the current one. So at level Off
+    no transition is automatic, and an outcome that requires Full always waits for the operator. (The rule and the
+    names are FlexBE's.)
     """
 
     Inherit: Final = 0
@@ -30,16 +30,16 @@ AUTONOMY_NAMES: Final = {Autonomy.Off: 'Off', Autonomy.Low: 'Low', Autonomy.High
 
 
 def is_autonomous(required: int, current: int) -> bool:
-    """Return whether a transition that requires a level happens alone at the current one."""
+    """Return whether a transition that requires a level is automatic at the current one."""
     return required < current
 
 
 def no_level(level: int) -> str:
-    """Return why a number is refused as a level."""
+    """Return the message that refuses a number as a level."""
     return f'autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3'
 
 
-# What waits for the operator.
+# Pending decisions.
 
 
 class DecisionKind(Enum):
@@ -49,13 +49,13 @@ class DecisionKind(Enum):
     CHOICE = 2
 
 
-@dataclass(slots=True)  # to make a frozen one takes three times as long
+@dataclass(slots=True)  # not frozen: creating a frozen one takes three times as long
 class Decision:
-    """A decision of a run. Nobody changes it.
+    """A decision of a run. Treat it as immutable.
 
-    ``id`` is unique in the run, ``path`` the state or machine that waits, ``outcome`` the one that is wanted or
-    suggested ('' for none), ``outcomes`` those that may be chosen, ``required`` the autonomy level that ``outcome``
-    requires (-1 without one), ``since`` the time of the run's clock when it came up.
+    ``id`` is unique in the run. ``path`` is the state or machine that waits, ``outcome`` the outcome that it wants or
+    suggests ('' for none), ``outcomes`` are the possible choices. ``required`` is the autonomy level that ``outcome``
+    requires (-1 for none), ``since`` the time on the run's clock when the decision was requested.
     """
 
     id: str

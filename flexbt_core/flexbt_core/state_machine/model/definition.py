@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A machine apart from any run: as it is written, and as a checked, immutable definition."""
+"""Machines outside a run: as written, and as a checked, immutable definition."""
 
 from __future__ import annotations
 
@@ -36,9 +36,8 @@ class StateKind(Enum):
 class Transition:
     """A transition of an outcome: to the sibling ``state``, or to the outcome ``outcome`` of the machine.
 
-    A child of a concurrency container ends by it: ``outcome`` is only drawn, None where the container has nothing to
-    draw there, and the conditions of the container decide. ``autonomy`` is the level that it requires, -1 when none was
-    declared.
+    In a concurrency container it ends the child, and the conditions decide when the container ends. There ``outcome``
+    is only drawn, and may be None. ``autonomy`` is the level that the transition requires, -1 if none was declared.
     """
 
     state: str | None
@@ -48,19 +47,19 @@ class Transition:
 
 @dataclass(frozen=True, slots=True)
 class EndCondition:
-    """A concurrency container ends by ``outcome`` when each of ``children``, label and outcome, has ended so."""
+    """A concurrency container ends by ``outcome`` when all ``children`` (label, outcome) have ended so."""
 
     outcome: str
     children: tuple[tuple[str, str], ...]
 
     def holds(self, ended: Mapping[str, str]) -> bool:
-        """Return whether it holds, with the outcomes of the children that have ended by their labels."""
+        """Return whether the condition holds; ``ended`` maps labels of ended children to their outcomes."""
         return all(ended.get(label) == outcome for label, outcome in self.children)
 
 
 @dataclass(frozen=True, slots=True)
 class StateDefinition:
-    """A leaf. ``remap`` maps its keys to those of its machine."""
+    """A state in a machine. ``remap`` maps its keys to those of the machine."""
 
     path: str
     label: str
@@ -75,10 +74,10 @@ class StateDefinition:
 
 @dataclass(frozen=True, slots=True)
 class MachineDefinition:
-    """A machine or container. ``transitions`` and ``remap`` are those that its parent gives it; empty for the root.
+    """A machine or container. ``transitions`` and ``remap`` come from its parent; they are empty for the root.
 
-    ``kind`` is MACHINE, PRIORITY, or CONCURRENCY: then all children are active at once, ``conditions`` say when it
-    ends, and ``initial`` means nothing.
+    ``kind`` is MACHINE, PRIORITY or CONCURRENCY. For CONCURRENCY all children are active at once, ``conditions``
+    define the end, and ``initial`` has no meaning.
     """
 
     path: str
@@ -97,7 +96,7 @@ class MachineDefinition:
 
     @property
     def read_inputs(self) -> tuple[str, ...]:
-        """The input keys that something in it reads, or that it hands out as they came: those that have to be given."""
+        """Input keys that need a value: a descendant reads them, or the machine outputs them unchanged."""
         read, written = set[str](), set[str]()
         for child in self.children.values():
             inputs = child.read_inputs if isinstance(child, MachineDefinition) else child.state.input_keys
@@ -108,11 +107,11 @@ class MachineDefinition:
         return tuple(key for key in self.input_keys if key in read)
 
     def outcome_of(self, ended: Mapping[str, str]) -> str | None:
-        """Outcome by which a concurrency container ends, once children have ended; None when it goes on."""
+        """Return the outcome by which a concurrency container ends after children have ended; None if it continues."""
         return next((one.outcome for one in self.conditions if one.holds(ended)), None)
 
     def nodes(self) -> Iterator[StateDefinition | MachineDefinition]:
-        """Yield this machine and everything in it, depth first, in the order of the children."""
+        """Yield this machine and all descendants, depth first, in the order of the children."""
         yield self
         for child in self.children.values():
             if isinstance(child, MachineDefinition):
@@ -121,7 +120,7 @@ class MachineDefinition:
                 yield child
 
     def structure(self) -> list[StructureEntry]:
-        """Return all nodes as the operator's station wants them."""
+        """Return all nodes in the form of the messages for the operator."""
         return [_entry(node) for node in self.nodes()]
 
 
@@ -139,17 +138,17 @@ class StructureEntry:
 
 
 def child_path(parent: str, label: str) -> str:
-    """Path of a child."""
+    """Return the path of a child."""
     return f'{parent.rstrip("/")}/{label}'
 
 
 def is_inside(path: str, top: str) -> bool:
-    """Return whether ``path`` is ``top``, or something in it."""
+    """Return whether ``path`` is ``top`` or a descendant of it."""
     return path == top or path.startswith(top if top == ROOT_PATH else f'{top}/')
 
 
 def are_apart(one: str, other: str) -> bool:
-    """Return whether neither of two paths is in the other."""
+    """Return whether neither path contains the other."""
     return not is_inside(one, other) and not is_inside(other, one)
 
 
@@ -173,15 +172,15 @@ def _target(parent: str, transition: Transition | None) -> str:
     return f'={transition.outcome}' if transition.state is None else child_path(parent, transition.state)
 
 
-# A machine as it is written, in any form: not checked yet, and not part of a run.
+# A machine as written, in any form: not checked, and not part of a run.
 
 
 @dataclass(frozen=True)
 class Child:
     """A state or machine in a machine.
 
-    ``transitions`` leads each outcome of it to the label of another child, or to an outcome of the machine;
-    ``autonomy`` gives the level that each outcome requires; ``remapping`` maps its keys to those of the machine.
+    ``transitions`` maps its outcomes to labels of other children or to outcomes of the machine, ``autonomy`` maps its
+    outcomes to the levels that they require, and ``remapping`` maps its keys to those of the machine.
     """
 
     label: str
@@ -192,10 +191,10 @@ class Child:
 
 
 class Machine:
-    """A state machine, or a state that is one. Its first child is the initial one.
+    """A state machine, nested or not. Its first child is the initial one.
 
-    ``autonomy`` is the level that outcomes of children require for which none is given. ``userdata`` has defaults, by
-    their keys; more are given as ``machine.userdata.key = value``.
+    ``autonomy`` is the level for outcomes of children that declare none. ``userdata`` holds the default of each key;
+    ``machine.userdata.key = value`` adds more.
     """
 
     kind: ClassVar[StateKind] = StateKind.MACHINE
@@ -228,7 +227,7 @@ class Machine:
         """Add a state or machine.
 
         Raises:
-            StateMachineError: it is neither.
+            StateMachineError: ``child`` holds neither of them.
         """
         given: Any = child.state
         if not isinstance(given, EventState | Machine):

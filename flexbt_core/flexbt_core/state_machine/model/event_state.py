@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The base of all states, and the skill of a state.
 
-A state is entered, executed whenever something has happened that concerns it, and left: ``on_exit`` is called exactly
-once for each ``on_enter``, in every case, and ``exit_reason`` says why.
+A state is entered, executed when an event concerns it, and left. ``on_exit`` is always called exactly once for each
+``on_enter``, and ``exit_reason`` is the reason.
 
-What a callback raises is shown to the operator with its trace, and the callback is not repeated: a state that raises
-in on_enter, in execute, or in on_exit on its way out by an outcome of its own, is left by ``failed``; when it has no
-such outcome, the run ends by ``error``, as it does when on_start raises. If the state is left by another
-decision, that stands.
+If a callback raises, the operator sees the trace, and the callback is not repeated. A state that raises in on_enter or
+execute, or in on_exit while it is left by its own outcome, is left by ``failed``. If it has no such outcome, the run
+ends by ``error``, as it does if on_start raises. If the state is left for another reason, an exception in on_exit
+does not change the transition.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ class ExitReason(Enum):
 
 
 class EventState:
-    """The base of your own states: derive from it, declare outcomes and keys, and implement callbacks.
+    """The base class of states: derive from it, declare outcomes and keys, and implement callbacks.
 
-    ``outcomes`` are the labels by which the state can be left. ``input_keys`` are read from userdata, ``output_keys``
-    written, ``io_keys`` both. ``desired_rate`` is the rate in Hz at which ``execute`` is called while nothing wakes the
-    state; None for a state that calls :meth:`wake` when something has happened, and costs nothing meanwhile.
+    ``outcomes`` are the labels by which the state can be left. The state reads ``input_keys`` from userdata, writes
+    ``output_keys``, and does both with ``io_keys``. ``desired_rate`` is the rate in Hz at which ``execute`` is called
+    without wake-ups. None is for a state that calls :meth:`wake` on events and uses no processor time between them.
     """
 
     is_instant: ClassVar[bool] = False
@@ -94,53 +94,52 @@ class EventState:
     # -- callbacks ---------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Prepare the state; called once before the run begins, for every state."""
+        """Prepare the state. Called once for every state, before the run begins."""
 
     def on_enter(self, userdata: UserData) -> None:
-        """Begin the work of the state, which becomes active."""
+        """Begin the work of the state. Called when it becomes active."""
 
     def execute(self, userdata: UserData) -> str | None:
         """Return the outcome by which to leave, or None to stay. Must not block."""
         return None
 
     def on_exit(self, userdata: UserData) -> None:
-        """End the work of the state, which is left; ``self.exit_reason`` says why."""
+        """End the work of the state. Called when it is left; ``self.exit_reason`` is the reason."""
 
     def on_pause(self) -> None:
-        """Pause the work of the state: the run is, or something else has priority. It is not executed until it is
-        resumed.
+        """Pause the work of the state. Called when the run is paused or a priority container is active elsewhere.
 
-        Its ``clock`` stands still meanwhile, so that its timeouts do. A state may be left while it is paused, and is
-        not resumed then.
+        Until it is resumed, the state is not executed, and its ``clock`` and so its timeouts stop. A state that is left
+        while it is paused is not resumed.
         """
 
     def on_resume(self, userdata: UserData) -> None:
-        """Go on with the work of the state, which is executed soon."""
+        """Resume the work of the state. It is executed soon afterwards."""
 
     def on_stop(self) -> None:
-        """Clean up; called once after the run has ended, for every state."""
+        """Clean up. Called once for every state, after the run has ended."""
 
     def halting(self) -> str | None:
-        """After ``on_exit``: what has not halted yet, such as a goal that is being canceled; None when everything has.
+        """Return what has not halted yet, such as a goal that is being canceled; None if everything has halted.
 
-        The engine waits for it before it goes on. Call :meth:`wake` when it changes.
+        Called after ``on_exit``: the engine waits for None before it continues. Call :meth:`wake` on a change.
         """
         return None
 
     def activity(self) -> Sequence[str]:
-        """Return what the state is doing, one line each, for the operator.
+        """Return the current activities of the state, one line each, for the operator.
 
-        Called between the other callbacks, with each status of the run: it must not block.
+        Called between the other callbacks, for each status message of the run: it must not block.
         """
         return ()
 
     def progress(self) -> Progress | None:
-        """Return how far it has come, for the operator; None when it cannot tell. Called as :meth:`activity` is."""
+        """Return the progress of the work, for the operator; None if unknown. Called like :meth:`activity`."""
         return None
 
     def not_paused(self) -> Sequence[str]:
-        """Return what goes on although the state is paused, as "what: why", one line each; empty when all of it stands
-        still.
+        """Return the work that continues while the state is paused, as "what: why", one line each; empty if all of it
+        is paused.
 
         Called between the other callbacks while the state is paused: it must not block.
         """
@@ -150,16 +149,16 @@ class EventState:
 
     @property
     def unwrapped(self) -> EventState:
-        """The state itself, or the one that this state is a time-out or further attempts around."""
+        """The innermost state if this is a time-out or retry wrapper, else the state itself."""
         return self
 
     @property
     def bound_to(self) -> StateHost | None:
-        """Place of the state in a run; None while it is part of none."""
+        """The host of the state in a run; None if it is not part of a run."""
         return self._host
 
     def bind(self, host: StateHost | None) -> None:
-        """Be part of a run, at this place; None: of none any more. For the host of the state."""
+        """Bind the state to its host in a run, or unbind it with None. For the host of the state."""
         self._host = host
 
     @property
@@ -169,7 +168,7 @@ class EventState:
 
     @property
     def made_with(self) -> Mapping[str, str]:
-        """Values that requirements can refer to: texts, numbers, booleans among its attributes, and in dataclasses."""
+        """Values that requirements can refer to: texts, numbers, booleans in its attributes and their dataclasses."""
         found: dict[str, Any] = {}
         for value in vars(self).values():
             if is_dataclass(value) and not isinstance(value, type):
@@ -190,54 +189,54 @@ class EventState:
 
     @property
     def clock(self) -> Clock:
-        """The clock of the run, which stands still while the state is paused."""
+        """The clock of the run, which stops while the state is paused."""
         return self._bound().clock
 
     @property
     def services(self) -> Any:
-        """Services that the host provides to the states."""
+        """Services of the host for the states."""
         return self._bound().services
 
     def wake(self) -> None:
-        """Have the state executed, or asked whether it is halting, as soon as possible. From any thread."""
-        host = self.bound_to  # the run may end on its thread meanwhile
+        """Request a call of ``execute``, or of ``halting``, as soon as possible. Callable from any thread."""
+        host = self.bound_to  # read it once: the run may end on its thread meanwhile
         if host is not None:
             host.wake()
 
     def wake_at(self, time: float) -> None:
-        """Have the state executed at a time of the clock, too: each requested time holds until it has come.
+        """Request a call of ``execute`` also at ``time`` on the state's clock, in s. Each request holds until its time.
 
         Call it in on_enter or execute.
         """
         self._bound().wake_at(time)
 
     def ask(self, prompt: str, suggestion: str | None = None) -> None:
-        """Let the operator choose the outcome; the state is not executed meanwhile. Call it in on_enter or execute.
+        """Ask the operator for the outcome; the state is not executed meanwhile. Call it in on_enter or execute.
 
-        A ``suggestion`` is taken without asking when the autonomy allows that outcome.
+        If the autonomy level allows the ``suggestion``, it is used without asking.
         """
         if suggestion is not None and suggestion not in self.outcomes:
             raise StateError(f'{self.path}: suggests {suggestion!r}, which is none of {", ".join(self.outcomes)}')
         self._bound().ask(prompt, suggestion)
 
     def log(self, severity: Severity, text: str) -> None:
-        """Tell the operator something."""
+        """Log a line for the operator."""
         self._bound().log(severity, text)
 
     def log_info(self, text: str) -> None:
-        """Tell the operator something."""
+        """Log information for the operator."""
         self.log(Severity.INFO, text)
 
     def log_hint(self, text: str) -> None:
-        """Advise the operator."""
+        """Log advice for the operator."""
         self.log(Severity.HINT, text)
 
     def log_warn(self, text: str) -> None:
-        """Warn the operator."""
+        """Log a warning for the operator."""
         self.log(Severity.WARN, text)
 
     def log_error(self, text: str) -> None:
-        """Tell the operator that something went wrong."""
+        """Log an error for the operator."""
         self.log(Severity.ERROR, text)
 
     def _bound(self) -> StateHost:
@@ -251,23 +250,24 @@ _called: ContextVar[EventState | None] = ContextVar('called_state', default=None
 
 
 def called_state() -> EventState | None:
-    """Return the state whose callback is being called on this thread, or was called last; None before the first one."""
+    """Return the state whose callback runs, or ran last, on this thread; None before the first callback."""
     return _called.get()
 
 
 set_called_state = _called.set
 
 
-# The skill of a state: what it declares, completed by its keys and outcomes.
+# The skill of a state: its declared skill, completed with its keys and outcomes.
 
 
 def state_skill(state: EventState) -> Skill:
-    """Return the skill of a state as it was made: of the class, or its own where it has bound what it was made with.
+    """Return the skill of a state: that of its class, or its own if it has bound its parameters.
 
-    It reads and writes its keys, and ends by its outcomes, which mean what is declared, or what their names say.
+    The skill reads and writes the keys of the state and has its outcomes. The class of an outcome is the declared one,
+    or follows from its name.
     """
     inner = state.unwrapped
-    # The attribute of a user's state may be something else.
+    # A user's state may use the attribute for another value.
     declared = inner.skill if isinstance(inner.skill, Skill) else Skill()
     skill = declared.completed_by(
         type(inner).__name__, {name: Outcome() for name in state.outcomes}, state.input_keys, state.output_keys

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The services of a run that a state sees: its host, its clock, and the progress that it reports."""
+"""The interface between a run and a state: the host, the clock, and the progress report."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flexbt_core.clock.clock import Clock, Timer
 
 
 class Severity(Enum):
-    """Weight of a line for the operator; the values are the constants of ExecutiveLog."""
+    """Severity of a line for the operator; the values are the constants of ExecutiveLog."""
 
     DEBUG = 1
     INFO = 2
@@ -24,7 +24,7 @@ class Severity(Enum):
 
 
 class StateHost(Protocol):
-    """The place of a state in its run. A state is bound to one from before on_start until after on_stop."""
+    """The host of a state in its run. A state is bound to one from before on_start until after on_stop."""
 
     @property
     def path(self) -> str:
@@ -32,43 +32,43 @@ class StateHost(Protocol):
 
     @property
     def outcome(self) -> str | None:
-        """The outcome by which the state is to be left, be it the state that wants it or the operator; None to stay."""
+        """The outcome that the state or the operator wants for the state; None to stay."""
 
     @property
     def clock(self) -> Clock:
-        """The clock of the run, which stands still while the state is paused."""
+        """The clock of the run, which stops while the state is paused."""
 
     @property
     def services(self) -> Any:
-        """Services that the host provides to the states."""
+        """Services of the host for the states."""
 
     def wake(self) -> None:
-        """Execute the state soon; from any thread."""
+        """Execute the state soon. Callable from any thread."""
 
     def wake_at(self, time: float) -> None:
-        """Execute the state at a time of its clock, too."""
+        """Execute the state also at ``time`` on its clock, in s."""
 
     def ask(self, prompt: str, suggestion: str | None) -> None:
-        """Let the operator choose the outcome."""
+        """Ask the operator for the outcome."""
 
     def log(self, severity: Severity, text: str) -> None:
-        """Tell the operator something; from any thread."""
+        """Log a line for the operator. Callable from any thread."""
 
 
-# The clock that a state sees: that of the run, but it stands still while the state is paused.
+# The clock of a state: that of the run, but it stops while the state is paused.
 
 
 class StateClock:
-    """Time in seconds. It is behind the clock of the run by what the state was paused since it was entered.
+    """A clock in seconds, behind that of the run by the paused time since the state was entered.
 
-    ``stop``, ``go_on`` and ``catch_up`` are for the thread of the run, the rest for any.
+    Call ``stop``, ``go_on`` and ``catch_up`` on the thread of the run, the rest on any thread.
     """
 
     def __init__(self, base: Clock) -> None:
         self.base = base
         self.behind = 0.0
         self._stopped_at: float | None = None
-        self._timers: list[_PausableTimer] = []  # that were due while it stood still
+        self._timers: list[_PausableTimer] = []  # due while the clock was stopped
         self._lock = threading.Lock()
 
     def now(self) -> float:
@@ -77,34 +77,34 @@ class StateClock:
         return self.base.now() - self.behind if stopped_at is None else stopped_at
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """As in :class:`Clock`; what is due while the state is paused is called afterwards."""
+        """Call back as :class:`Clock` does; a timer that is due while the state is paused is called after the pause."""
         timer = _PausableTimer(self, when, callback)
         timer.set()
         return timer
 
     def wall_seconds(self, when: float) -> float | None:
-        """Return None: it is not known how long it will stand still."""
+        """Return None: the length of future pauses is unknown."""
         return None
 
     def on_base(self, when: float) -> float:
-        """Return the time of the run's clock at which it will be ``when`` here, or just after it, when nothing is
-        paused."""
+        """Return the time of the run's clock at which this clock shows ``when``, or just after it, without further
+        pauses."""
         time = when + self.behind
-        while time - self.behind < when:  # rounded down; it would not be time yet, and never become so
+        while time - self.behind < when:  # rounded down: the timer would never become due
             time = math.nextafter(time, math.inf)
         return time
 
     @property
     def is_behind(self) -> bool:
-        """True if it shows another time than the run, or stands still."""
+        """True if it shows another time than the run's clock, or is stopped."""
         return self.behind != 0.0 or self._stopped_at is not None
 
     def stop(self) -> None:
-        """Stand still."""
+        """Stop the clock."""
         self._stopped_at = self.now()
 
     def go_on(self) -> None:
-        """Go on where it stood still."""
+        """Continue from the time at which the clock stopped."""
         if self._stopped_at is None:
             return
         self.behind = self.base.now() - self._stopped_at
@@ -120,7 +120,7 @@ class StateClock:
         self.behind = 0.0
 
     def keep(self, timer: _PausableTimer) -> bool:
-        """Keep a timer that is due until the clock goes on; False when it goes."""
+        """Keep a due timer until the clock continues. Return False if the clock is not stopped."""
         with self._lock:
             if self._stopped_at is None:
                 return False
@@ -138,7 +138,7 @@ class _PausableTimer:
         self._is_cancelled = False
 
     def set(self) -> None:
-        """Have it called when it is due, unless the clock stands still in between."""
+        """Set the timer on the run's clock; it is called when due unless the state is paused before."""
         self._behind = self._clock.behind
         self._timer = self._clock.base.call_at(self._clock.on_base(self._when), self._due)
 
@@ -156,15 +156,15 @@ class _PausableTimer:
             self._callback()
 
 
-# How far what a state does has come, as figures for the operator.
+# Progress of a state, as figures for the operator.
 
 
 @dataclass(frozen=True)
 class Progress:
-    """The progress of a state's work; what it does not know is negative, '' or None.
+    """The progress of a state's work; unknown values are negative, '' or None.
 
-    ``tree_run_id`` names the run of the tree that works for it; ``distance`` in m, ``time`` in s and ``poses`` (goal
-    poses) are what is left; ``recoveries`` were started. ``goal`` is where the robot drives to, a PoseStamped.
+    ``tree_run_id`` is the run of the tree that works for the state. ``distance`` (m), ``time`` (s) and ``poses`` (goal
+    poses) are the rest of the way; ``recoveries`` counts started recoveries. ``goal`` is a PoseStamped.
     """
 
     tree_run_id: str = ''
@@ -176,5 +176,5 @@ class Progress:
 
     @property
     def is_known(self) -> bool:
-        """True if there is progress to show besides the tree."""
+        """True if there is progress to show in addition to the tree."""
         return self != Progress(self.tree_run_id)

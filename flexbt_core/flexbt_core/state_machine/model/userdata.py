@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Userdata that the states of a machine pass to each other, and the errors of the state-machine engine.
+"""Userdata, which the states of a machine pass to each other, and the errors of the state-machine engine.
 
 StateMachineError
-├── MachineError     a machine that cannot be run; carries every problem that was found
-├── UserDataError    userdata that is not declared, or was never written
-└── StateError       a state that is used against the rules
+├── MachineError     a machine cannot run; the error lists all problems
+├── UserDataError    a userdata key is not declared or was never written
+└── StateError       a state is used incorrectly
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class StateMachineError(Exception):
 
 
 class MachineError(StateMachineError):
-    """A machine cannot be run. ``problems`` has all its problems, in the order of its states."""
+    """A machine cannot run. ``problems`` lists all its problems, in the order of its states."""
 
     def __init__(self, problems: Iterable[str]) -> None:
         self.problems: tuple[str, ...] = tuple(problems)
@@ -32,26 +32,26 @@ class MachineError(StateMachineError):
 
 
 class UserDataError(StateMachineError):
-    """A userdata key was used that is not declared or was never written."""
+    """A state used a userdata key that is not declared or was never written."""
 
 
 class StateError(StateMachineError):
-    """A state was used against the rules."""
+    """A state was used incorrectly."""
 
 
-# Userdata: what the states of a machine hand to each other.
+# Userdata: the values that the states of a machine pass to each other.
 #
-# Each machine has its own scope. A state sees, through a :class:`UserData` view, only the keys that it declares;
-# remapping says under which names its machine has them. What a state reads and does not also write is a copy, so that a
-# value can only be changed by a state that declares it. (FlexBE hashes the text of such values in every tick instead,
-# which is slow and misses changes.) What cannot be copied, such as a driver or a lock, is handed on itself, with a
-# warning.
+# Each machine has its own scope. A state sees only the keys that it declares, through a :class:`UserData` view;
+# remapping maps them to the names in its machine. A state that reads a key without writing it gets a copy, so that
+# only a state that declares an output can change the value. (FlexBE instead hashes the text of such values in every
+# tick, which is slow and misses changes.) Values that cannot be copied, such as a driver or a lock, are passed without
+# a copy, with a warning.
 
 _IMMUTABLE: Final = (bool, int, float, complex, str, bytes, type(None))
 
 
 def _copied(value: Any) -> tuple[Any, Exception | None]:
-    """Return a value that does not change with the given one; this itself, and why, where it cannot be copied."""
+    """Return a copy of a value and None; or the value itself and the error, if it cannot be copied."""
     try:
         return (value if isinstance(value, _IMMUTABLE) else copy.deepcopy(value)), None
     except Exception as error:  # code of the value
@@ -59,10 +59,10 @@ def _copied(value: Any) -> tuple[Any, Exception | None]:
 
 
 class Scope:
-    """The data of one machine while it is active.
+    """The userdata of one machine while it is active.
 
-    It begins with copies of ``defaults``. ``inputs`` and ``outputs`` map its keys to those of the parent: an
-    input that was not written here is read there, and an output is written there as well.
+    It starts with copies of ``defaults``. ``inputs`` and ``outputs`` map its keys to those of the parent: an input
+    that was not written here is read there, and an output is also written there.
     """
 
     __slots__ = ('_data', '_inputs', '_outputs', '_parent', 'shared_types')
@@ -80,7 +80,7 @@ class Scope:
         self._outputs = outputs
         self.shared_types: set[type[Any]] = set() if parent is None else parent.shared_types
         for key, value in defaults.items():
-            # A default yields to what the parent has.
+            # A value of the parent overrides the default.
             if parent is None or key not in inputs or inputs[key] not in parent:
                 self.set(key, _copied(value)[0])
 
@@ -104,22 +104,22 @@ class Scope:
             self._parent.set(self._outputs[key], value)
 
     def note_shared(self, value: Any) -> bool:
-        """Note that a value is handed on itself; whether it is the first of its type in the run."""
+        """Record that a value is passed without a copy. Return whether it is the first of its type in the run."""
         is_first = type(value) not in self.shared_types
         self.shared_types.add(type(value))
         return is_first
 
     def values(self) -> dict[str, Any]:
-        """Keys and values of this scope itself."""
+        """Return the keys and values of this scope, without those of its inputs."""
         return dict(self._data)
 
     def visible(self) -> dict[str, Any]:
-        """Return the keys and values of this scope and of its inputs, from all writers."""
+        """Return the keys and values of this scope and of its inputs."""
         inputs = {key: self.get(key) for key in self._inputs if key in self}
         return {**inputs, **self._data}
 
     def restore(self, values: Mapping[str, Any]) -> None:
-        """Take over values that a scope of this machine had, without writing them anywhere else."""
+        """Restore the values of an earlier scope of this machine, without writing them to the parent."""
         self._data.update(values)
 
 
@@ -166,7 +166,7 @@ class UserData:
         if is_shared or isinstance(value, _IMMUTABLE):
             return value
         original, copy_of_it = self._copies.get(name, (None, None))
-        if original is value:  # otherwise a state that is active at the same time has written another one
+        if original is value:  # else a concurrent state has written another value
             return copy_of_it
         own, reason = _copied(value)
         if reason is not None and self._scope.note_shared(value):
@@ -182,7 +182,7 @@ class UserData:
         if key not in self._outputs:
             raise UserDataError(f"{self._owner.path}: cannot write userdata key '{key}'; declare it in output_keys")
         name = self._remap.get(key, key)
-        self._copies.pop(name, None)  # also what was read by another key of the same name in the machine
+        self._copies.pop(name, None)  # also copies read by another key that maps to this name
         self._scope.set(name, value)
 
     def __getattr__(self, key: str) -> Any:
@@ -235,5 +235,5 @@ class DefaultUserData:
         return key in self._data
 
     def values(self) -> dict[str, Any]:
-        """Keys and default values."""
+        """Return the keys and default values."""
         return dict(self._data)
