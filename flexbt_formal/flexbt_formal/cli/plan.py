@@ -34,7 +34,7 @@ from .region_picture import draw_plan
 
 _MOST_BYTES: Final = 100_000_000
 _WIDTH: Final = 120
-"""Characters of a line of the summary."""
+"""Maximum line length of the summary."""
 _EXIT_CODES: Final = {
     SearchOutcome.SOLVED: ExitCode.OK,
     SearchOutcome.UNSOLVABLE: ExitCode.NEGATIVE,
@@ -175,13 +175,13 @@ def _show_progress(progress: SearchProgress) -> None:
     )
 
 
-# What came of planning, as text for people and as a document for programs.
+# The result of planning, as text for people and as a document for programs.
 
 _MOST_WAYS: Final = 5
 
 
 def plan_summary(found: Plan) -> list[str]:
-    """Return a plan, and what was tried of it, or why there is none; a line each."""
+    """Return the lines of a summary: the plan and the coverage of its test, or the reason why no plan was found."""
     spent = f'{found.expanded} conditions, {found.seconds:.2f} s'
     if found.policy is None or found.coverage is None:
         if found.outcome is SearchOutcome.TIME_LIMIT:
@@ -206,7 +206,7 @@ def plan_summary(found: Plan) -> list[str]:
 
 
 def plan_document(found: Plan, text: str | None) -> dict[str, Any]:
-    """Return all of it; ``text`` is the tree."""
+    """Return the result of planning as plain data for JSON; ``text`` is the XML of the tree."""
     team: dict[str, Any] = {}
     if isinstance(found, TeamPlan):
         team = {

@@ -39,15 +39,15 @@ _MOST_BYTES: Final = 1_000_000
 
 
 def add_faults(parser: argparse.ArgumentParser, what: str) -> None:
-    """``options.faults``, of which ``what`` says what they are."""
+    """Add ``options.faults``; ``what`` describes them in the help."""
     parser.add_argument(
         '--faults', metavar='N', type=int, choices=range(4), default=1, help=f'{what}, 0 to 3 (default: 1)'
     )
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
-    """``options.seconds``, ``options.situations``, ``options.save_test``, ``options.save_recording``, ``options.draw``,
-    ``options.anew``, ``options.json``, ``options.quiet``."""
+    """Add ``options.seconds``, ``options.situations``, ``options.save_test``, ``options.save_recording``,
+    ``options.draw``, ``options.anew``, ``options.json``, ``options.quiet``."""
     parser.add_argument(
         '--seconds',
         metavar='S',
@@ -77,12 +77,12 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
 
 
 def proof_cache(options: argparse.Namespace) -> ProofCache | None:
-    """Return the proofs that need not be made again."""
+    """Return the cache of earlier proofs; None if the options disable it."""
     return None if options.anew else ProofCache()
 
 
 def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:
-    """``options.require`` of ``what`` is proved, ``options.requirements``."""
+    """Add ``options.require`` and ``options.requirements``; ``what`` names the proved object in the help."""
     arguments.add_list(parser, '--require', 'TEXT', f'requirement of the {what}, such as "never /Drive > failed"')
     parser.add_argument(
         '--requirements', metavar='FILE', help='YAML file of requirements, by the names of behaviors and trees'
@@ -92,7 +92,7 @@ def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:
 def requirements(
     options: argparse.Namespace,
 ) -> tuple[list[StatedRequirement], dict[str, tuple[StatedRequirement, ...]]]:
-    """Return what is required of what is proved, and what the file requires by names. Raises UsageError and
+    """Return the requirements of the options, and those of the requirements file, by name. Raises UsageError and
     UnfitError."""
     try:
         own = [parse_requirement(text, '--require') for text in options.require]
@@ -107,7 +107,7 @@ def requirements(
 
 
 def warn_unused(options: argparse.Namespace, named: Iterable[str], proved: Collection[str]) -> None:
-    """Warn of names in the file of requirements that nothing is proved for."""
+    """Warn about names in the requirements file that no proof uses."""
     unused = [name for name in named if name not in proved]
     if unused:
         print(f'{options.requirements}: not proved here: {one_line(", ".join(unused), 500)}', file=sys.stderr)
@@ -131,7 +131,7 @@ def proving(options: argparse.Namespace) -> Iterator[ProgressLine]:
 def tell(
     options: argparse.Namespace, replays: Sequence[Replay], reports: Sequence[Report], compared: Sequence[Compared]
 ) -> ExitCode:
-    """Print what was found, and write the files that are wanted: test, pictures and recording; the exit code."""
+    """Print the results, write the requested test, diagrams and recording, and return the exit code."""
     if options.json:
         plain: dict[str, Any] = {'proofs': [report_as_json(report) for report in reports]}
         if compared:
@@ -167,7 +167,7 @@ def _save(options: argparse.Namespace, replays: Sequence[Replay], reports: Seque
 
 
 def node_settings(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the ``--given`` keys and what :func:`arguments.add_node_types` has told, for a saved test."""
+    """Return the ``--given`` keys and the options of :func:`arguments.add_node_types`, for a saved test."""
     is_usual = options.nav2_branch == NAV2_BRANCHES[0]
     return {
         'given': options.given,

@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> ExitCode:
 def _used(options: argparse.Namespace, behavior: BuiltBehavior, files: Sequence[str]) -> UsedTrees:
     assert behavior.machine is not None
     used = used_trees(behavior.machine, files, arguments.registry(options, allow_unknown=True))
-    if used.findings:  # of a tree that is not known nothing could be proved
+    if used.findings:  # an unknown tree cannot be proved
         raise UnfitError('\n'.join(finding.text(behavior.name) for finding in used.findings))
     return used
 
@@ -102,7 +102,7 @@ def _compared(
     bounds: MachineBounds,
     progress: ProgressLine,
 ) -> list[Compared]:
-    """Return the behavior beside the version before."""
+    """Compare the behavior with its previous version."""
     if options.against is None:
         return []
     old = built(options, options.against)
@@ -126,7 +126,7 @@ def _replays(
     required: Sequence[StatedRequirement],
     by_name: Mapping[str, Sequence[StatedRequirement]],
 ) -> Iterator[Replay]:
-    """Yield what is wrong with the trees, and with the machine, with the calls that make the steps again."""
+    """Yield the counterexamples of the trees and of the machine, with the calls that replay them."""
     common = {
         'name': options.name if machine_file(options.name) is None else File(options.name),
         'parameters': parameters(options),

@@ -63,7 +63,7 @@ def _part(text: str) -> float:
 
 
 def is_asked(files: Sequence[str]) -> bool:
-    """Return whether a file is the main one of a model. Raises UsageError when there are others beside it."""
+    """Return whether a file is the main file of a model. Raises UsageError if other files are passed with it."""
     found = [file for file in files if _is_model(file)]
     if found and len(files) > 1:
         raise UsageError(f'{found[0]} is the main file of a model, and names all others: give it alone')
@@ -127,15 +127,15 @@ def _asked(model: RoamlModel, names: Sequence[str]) -> list[ModelProperty]:
     return [known[name] for name in dict.fromkeys(names)] or model.properties
 
 
-# What was found of the properties of a model, for a mission engineer and for programs.
+# The results for the properties of a model, for a mission engineer and for programs.
 
 _FIRST: Final = 10
 _LAST: Final = 50
-"""Lines of a long way that are printed."""
+"""Maximum number of lines printed of a path."""
 
 
 def result_lines(result: Result) -> Iterator[str]:
-    """Yield a property: the verdict, how that was found, and how it can fail."""
+    """Yield the lines of a result: the verdict, the method, and a path on which the property fails."""
     yield f'  {result.asked.name}: {_VERDICTS[result.holds]}, probability {_probability(result)}'
     yield f'    {result.asked.text}{_demanded(result)}'
     yield f'    {result.how}, {result.seconds:.1f} s'
@@ -171,7 +171,7 @@ def _shown(way: Sequence[str]) -> Sequence[str]:
 
 
 def result_as_json(result: Result) -> dict[str, Any]:
-    """Return a property for programs."""
+    """Return a result as plain data for JSON."""
     own = ('value', 'low', 'high', 'how', 'size', 'notes', 'way')
     return {
         'name': result.asked.name,

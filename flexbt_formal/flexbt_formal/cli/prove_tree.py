@@ -80,7 +80,7 @@ def _compared(
     keys: Sequence[TreeKey],
     progress: ProgressLine,
 ) -> list[Compared]:
-    """Return the trees beside those of the version before, which may have others."""
+    """Compare the trees with those of the previous version, which may have other trees."""
     if old is None:
         return []
     others = roots(old) if options.tree is None else []

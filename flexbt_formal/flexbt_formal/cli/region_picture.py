@@ -18,7 +18,7 @@ _MOST_LITERALS: Final = 12
 
 
 def draw_plan(file: str, plan: Plan) -> None:
-    """Write the map of a plan: SVG, or dot or Mermaid when the file is called so. Raises UsageError."""
+    """Write the map of a plan as dot, Mermaid or SVG, by the suffix of the file. Raises UsageError."""
     picture = _Picture(plan)
     write_picture_file(file, picture.as_dot, picture.as_mermaid)
 
@@ -29,7 +29,7 @@ class _Picture:
         self._is_team = isinstance(plan, TeamPlan)
 
     def as_dot(self) -> Iterator[str]:
-        """Yield the picture in the language of Graphviz; the element of region n is called ``rN``."""
+        """Yield the lines of the picture in the dot language of Graphviz; region n has the ID ``rN``."""
         yield from DOT_HEAD
         yield '  start [shape=circle, class=entry, label="", width=0.15, fillcolor="#333333"]'
         for number, region in enumerate(self._map.regions):
@@ -52,7 +52,7 @@ class _Picture:
         yield '}'
 
     def as_mermaid(self) -> Iterator[str]:
-        """Yield the picture in the language of Mermaid."""
+        """Yield the lines of the picture in Mermaid."""
         yield from MERMAID_HEAD
         yield '  start((" "))'
         for number, region in enumerate(self._map.regions):
@@ -64,7 +64,7 @@ class _Picture:
             yield f'  r{move.start} {_ARROWS[move.kind]}{label} r{move.end}'
 
     def _text(self, move: RegionMove) -> str:
-        """Return the label of a move. Where one robot goes on, what it does stands in the region."""
+        """Return the label of a move. If one robot continues, the region already shows its action."""
         return move.name if self._is_team or move.kind is MoveKind.DISTURBANCE else ''
 
     def _label(self, region: PlanRegion) -> list[str]:

@@ -184,13 +184,13 @@ def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explan
     return ExitCode.NEGATIVE
 
 
-# How the world prevents a goal, as a sequence diagram.
+# How the environment prevents a goal, as a sequence diagram.
 
 _MACHINE, _WORLD = 'any machine', 'the world'
 
 
 def counterstrategy_diagram(title: str, explanation: Explanation) -> SequenceDiagram:
-    """Return the course of events of an explanation; without one, what never becomes possible."""
+    """Return a diagram of the events of an explanation; without events, of the goals that never become possible."""
     steps: list[Arrow | Note] = [Note(_MACHINE, ['These demands conflict:', *explanation.conflict])]
     for step in explanation.steps:
         steps.append(Arrow(_WORLD, _MACHINE, happening(step)))

@@ -49,14 +49,14 @@ from .tree_proof import GOALS, compare_trees, prove_tree, replay_in, requirement
 _SHARE_OF_TREES: Final = 0.8
 """Share of the remaining time for all remaining trees."""
 _FIRST_SECONDS: Final = 2.0
-"""For each tree, before those that need more are begun again."""
+"""Time limit for each tree in the first pass; a second pass restarts the unfinished ones."""
 
 
 # The environment of a behavior in a proof: the possible actions of its states, and the keys that its trees write.
 
 
 def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Blackboards) -> StateModels:
-    """Return what stands for the states of a behavior. Of one that runs a tree, what was found about the tree holds."""
+    """Return the models of the states of a behavior. A state that runs a tree uses the report of that tree."""
     resources = tree_resources(used.library)
     uses = {use.path: use for use in used.uses}
 
@@ -65,7 +65,7 @@ def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Bla
         if isinstance(state, OperatorDecisionState):
             return StateModel(StateModelKind.DECISION, suggestion=state.suggestion)
         found = state_model(definition)
-        if isinstance(state, OperatorInputState):  # it is the operator who declines
+        if isinstance(state, OperatorInputState):  # the operator causes this outcome
             return replace(found, canceled=frozenset())
         use = uses.get(definition.path)
         if use is None:
@@ -86,7 +86,7 @@ def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Bla
     return model
 
 
-# What the trees of a behavior hand to each other on blackboards, as the machine that runs them sees it.
+# The blackboard keys that the trees of a behavior pass to each other, as the machine sees them.
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,8 @@ class Blackboards:
 
     @classmethod
     def of(cls, used: UsedTrees, given: Collection[str] = ()) -> Blackboards:
-        """Return those of a behavior; its trees are given ``given`` from outside, and what their models name. Raises
-        TreeLoadError."""
+        """Return the keys of a behavior. The keys ``given``, and those that the tree models mention, exist before a
+        tree begins. Raises TreeLoadError."""
         library = used.library
         known = {*HOST_KEYS, *given}
         return cls(
@@ -110,19 +110,19 @@ class Blackboards:
 
     @property
     def observed(self) -> frozenset[str]:
-        """The keys that a tree needs and does not write itself."""
+        """Keys that some tree needs and does not write itself."""
         return frozenset().union(*self.needed.values())
 
     def reads(self, use: TreeUse) -> frozenset[str]:
-        """Return what has to be there when a state begins that uses the BT server, in words."""
+        """Return the keys that must exist when a state begins that uses the BT server, in words."""
         needed = self.needed[use.key] if use.key is not None else frozenset[str]()
         return _named(needed - use.use.writes.keys(), use)
 
     def writes(self, use: TreeUse, model: StateModel, outcome: str, report: Report | None) -> frozenset[str]:
-        """Return what is there after an outcome of it, in words. Of a tree that is not known, or not proved, anything
-        may be.
+        """Return the keys that exist after an outcome of a use, in words. An unknown or unproved tree may have
+        written any key.
 
-        One that has failed, or was canceled, may have been refused: then it has written nothing.
+        A failed or canceled tree counts as writing nothing, because the server may have refused it.
         """
         if use.runs_unknown:
             return _named(self.observed, use)
@@ -134,7 +134,7 @@ class Blackboards:
         return _named(self.observed.intersection((*use.use.writes, *by_tree)), use)
 
     def note(self, reports: Mapping[TreeKey, Report]) -> str:
-        """Return which writers are not known since trees are not proved; '' if there are none."""
+        """Return a note on writers that are unknown because their trees are not proved; '' without any."""
         trees = ', '.join(key.id for key, report in reports.items() if not report.is_proof)
         if not trees or not self.observed:
             return ''
@@ -163,7 +163,7 @@ class BehaviorProof:
 
     @property
     def reports(self) -> list[Report]:
-        """All of them, the machine last."""
+        """All reports, that of the machine last."""
         return [*self.trees.values(), self.machine]
 
 
@@ -180,13 +180,13 @@ def prove_behavior(
     on_progress: Callable[[str, int, int], None] = unreported,
     cache: ProofCache | None = None,
 ) -> BehaviorProof:
-    """Explore a behavior within the seconds of ``limits`` in all. What a tree does not use of its time, those after it
-    may.
+    """Explore a behavior and its trees, within the seconds of ``limits`` in total. Time that a tree does not use is
+    available to the later ones.
 
-    ``required`` is what holds of its machine beside what holds for all, ``required_of_trees`` of trees, by their IDs.
-    ``given`` are keys of blackboards that are there before. Of the trees, what is in ``cache`` is not explored again.
+    ``required`` are additional requirements of the machine, ``required_of_trees`` of trees, by ID. ``given`` are
+    blackboard keys that exist from the start. Trees whose proof is in ``cache`` are not explored again.
 
-    Raises UnfitError when that is about what they do not have.
+    Raises UnfitError if a requirement refers to unknown names.
     """
     if problems := problems_with(required, machine_vocabulary(machine), name):
         raise UnfitError('\n'.join(problems))
@@ -195,7 +195,7 @@ def prove_behavior(
     boards = Blackboards.of(used, given)
     trees: dict[TreeKey, Report] = {}
     ahead = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
-    for most in (_FIRST_SECONDS, limits.seconds):  # most trees are small: what they do not need is for the others
+    for most in (_FIRST_SECONDS, limits.seconds):  # most trees are small and leave their time to the others
         for number, key in enumerate(ahead):
             share = _SHARE_OF_TREES * (end - time.process_time()) / (len(ahead) - number)
             trees[key] = prove_tree(
@@ -242,14 +242,14 @@ def replay_behavior(
     models: Sequence[str] = (),
     nav2_branch: Nav2Branch = NAV2_BRANCHES[0],
 ) -> list[Violation]:
-    """Return what is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
+    """Replay a path of a saved test, and return its violations; none if the path is not possible any more.
 
-    The way is one of the machine, or of the tree ``tree`` that it runs. ``name`` is that of an installed behavior, or
-    the file of a machine; ``trees`` are files that it does not load itself, ``models`` such that describe node types.
-    What its trees write is proved again, with up to so many ``configurations`` of each and no limit of time, so that
-    what is found does not depend on how fast that goes.
+    The path is one of the machine, or of the tree ``tree`` that it runs. ``name`` is that of an installed behavior, or
+    the file of a machine. ``trees`` are tree files that it does not load itself, ``models`` files that describe node
+    types. The writes of its trees are proved again, with up to this many ``configurations`` each and no time limit, so
+    that the result does not depend on the speed of the computer.
 
-    Raises UsageError when the behavior cannot be built, LookupError when it does not run this tree.
+    Raises UsageError if the behavior cannot be built, LookupError if it does not run this tree.
     """
     behavior = build(behavior_entry(name), parameters)
     machine = behavior.machine
@@ -265,7 +265,7 @@ def replay_behavior(
         return replay_in(used.library, key, moves, given=given, require=require)
     boards = Blackboards.of(used, given)
     reports = {}
-    if boards.observed:  # what the trees have written is known of their proofs
+    if boards.observed:  # only the proofs of the trees know which keys they write
         limits = ExplorationLimits(inf, configurations)
         observed, cache = boards.observed, ProofCache()
         reports = {
@@ -284,7 +284,7 @@ def replay_behavior(
 
 
 class Version(NamedTuple):
-    """One of both: its machine, and the trees that this runs."""
+    """One of the two versions: its machine, and the trees that the machine runs."""
 
     machine: MachineDefinition
     used: UsedTrees
@@ -300,7 +300,7 @@ def compare_behaviors(
     given: Collection[str] = (),
     on_progress: Callable[[str, int, int], None] = unreported,
 ) -> list[Compared]:
-    """Compare the trees that the same states run, and the machines, within the seconds of ``limits`` in all.
+    """Compare the trees that the same states run, and the machines, within the seconds of ``limits`` in total.
 
     Raises TreeLoadError and RefusedError as compare_trees does.
     """
@@ -313,7 +313,7 @@ def compare_behaviors(
     end = time.process_time() + limits.seconds
     found: list[Compared] = []
 
-    def share() -> ExplorationLimits:  # what one does not use of its time, those after it may
+    def share() -> ExplorationLimits:  # later comparisons use the time that is left
         left = max(end - time.process_time(), 0.0)
         return replace(limits, seconds=left / (len(pairs) + 1 - len(found)), whole=limits.seconds)
 

@@ -19,13 +19,13 @@ _MERMAID: Final = ('.mmd', '.mermaid')
 
 
 def draw_diagram(file: str, diagram: SequenceDiagram) -> None:
-    """Write a diagram: SVG, or in Mermaid's language when the file is called so (.mmd). Raises UsageError."""
+    """Write a diagram: Mermaid for a file name in .mmd, otherwise SVG. Raises UsageError."""
     is_mermaid = Path(file).suffix.lower() in _MERMAID
     write_text_file(file, '\n'.join(sequence_as_mermaid(diagram)) + '\n' if is_mermaid else sequence_as_svg(diagram))
 
 
 def draw_counterexamples(file: str, reports: Sequence[Report]) -> list[str]:
-    """Write a diagram for each; the files: FILE, and with a number before the suffix where there are several.
+    """Write a diagram for each counterexample, and return the files: FILE, numbered before the suffix if several.
 
     Raises UsageError.
     """
@@ -41,8 +41,8 @@ def draw_counterexamples(file: str, reports: Sequence[Report]) -> list[str]:
 
 
 def record_counterexamples(file: str, reports: Sequence[Report]) -> None:
-    """Write all of them into one recording. Raises UsageError, also when there is such a file."""
-    from .recording import record  # it loads ROS, and MCAP
+    """Write all counterexamples into one recording. Raises UsageError, also if the file exists."""
+    from .recording import record  # a slow import: ROS and MCAP
 
     try:
         record(Path(file), _found(reports))
@@ -54,11 +54,11 @@ def _found(reports: Sequence[Report]) -> list[tuple[Report, Counterexample]]:
     return [(report, one) for report in reports for one in report.counterexamples]
 
 
-# The shortest way to what is wrong, as a sequence diagram: who made which step happen, and what followed.
+# The shortest path to a violation as a sequence diagram: the actor of each step, and the events that followed.
 
 
 def counterexample_diagram(report: Report, found: Counterexample) -> SequenceDiagram:
-    """Return the diagram of what an exploration has found; its steps are made anew."""
+    """Replay a counterexample, and return its diagram."""
     assert report.make is not None
     system = report.make()
     engine = 'tree' if isinstance(system, TreeSystem) else 'machine'

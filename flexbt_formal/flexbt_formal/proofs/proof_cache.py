@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A cache of the proofs of trees: what was followed to its end need not be followed again, as long as nothing changes
-on which it depends.
+"""A cache of proofs of trees: a complete proof is reused until one of its inputs changes.
 
-A proof in it belongs to a digest of the texts of all files that were read, of the sources of the engine and of every
-class of a node, and of what was asked. So there is nothing to be cleared by hand.
+The key of a proof is a digest of its inputs: the texts of all files, the sources of the engine and of every node
+class, and the arguments of the proof. So nobody needs to clear the cache by hand.
 """
 
 from __future__ import annotations
@@ -27,21 +26,21 @@ from flexbt_formal.exploration.model import Report, System
 from .proof_report import report_as_json, report_of
 
 _MOST: Final = 200
-"""Proofs that are kept; the oldest goes first."""
+"""Maximum number of proofs in the cache; the oldest is deleted first."""
 NOTE: Final = 'found before, and nothing on which it depends has changed since; --anew follows it again'
 
 
 class ProofCache:
-    """The proofs in a folder."""
+    """A cache of proofs in a folder."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Without ``folder``: that of the user, below ``XDG_CACHE_HOME`` or ``~/.cache``."""
+        """Use ``folder``, by default the cache of the user below ``XDG_CACHE_HOME`` or ``~/.cache``."""
         cached = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
         self._folder = folder or Path(cached) / 'flexbt' / 'proofs'
 
     def get(self, digest: str, make: Callable[[], System]) -> Report | None:
-        """Return the proof of this digest, about what ``make`` makes; None when there is none, or none that can be
-        read."""
+        """Return the proof with this digest, for the system that ``make`` returns; None if it is missing or
+        unreadable."""
         try:
             plain = json.loads((self._folder / f'{digest}.json').read_text(encoding='utf-8'))
             return report_of(plain, make)
@@ -49,7 +48,7 @@ class ProofCache:
             return None
 
     def put(self, digest: str, report: Report) -> None:
-        """Keep a proof. Where that cannot be, it is followed again the next time."""
+        """Store a proof. If that fails, the next call explores the tree again."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile('w', dir=self._folder, suffix='.new', delete=False) as file:
@@ -104,5 +103,5 @@ def _source(kind: type) -> str:
     try:
         file = inspect.getsourcefile(kind)
         return '' if file is None else blake2b(Path(file).read_bytes(), digest_size=16).hexdigest()
-    except (OSError, TypeError):  # of the interpreter
+    except (OSError, TypeError):  # a built-in class
         return ''

@@ -44,7 +44,7 @@ class ProgressLine:
         self._began = self._shown = 0.0
 
     def show(self, name: str, known: int, left: int) -> None:
-        """Show how far the work of a name is: the situations or runs that are known, and those still to do."""
+        """Show the progress of ``name``: the numbers of known and of remaining situations or runs."""
         now = time.monotonic()
         if name != self._name:
             self._name, self._began, self._shown = name, now, now
@@ -60,7 +60,7 @@ class ProgressLine:
 
 
 def report_lines(report: Report) -> Iterator[str]:
-    """Yield a report: the verdict, of what it holds, what is wrong with the way to it, and what was never taken."""
+    """Yield the lines of a report: verdict, bounds, violations with their paths, and uncovered parts."""
     size = f'{report.configurations} situations, {report.steps} steps, {report.seconds:.1f} s'
     number = len(report.counterexamples)
     wrong = f'{pluralize(number, "thing")} wrong' if number else 'nothing wrong'
@@ -97,17 +97,17 @@ def _counterexample_lines(found: Counterexample) -> Iterator[str]:
     if kind in _REMEDIES:
         yield f'    remedy: {_REMEDIES[kind]}'
     if not found.moves:
-        return  # what never happens, or is so from the beginning: no steps can show it
+        return  # a violation without steps: an event that never happens, or a fault at the start
     yield f'    the shortest way to it ({pluralize(len(found.moves), "step")}):'
     yield from (f'      {line}' for line in found.lines)
 
 
-# What something does otherwise than its version before: for a mission engineer, and for programs.
+# The differences from the previous version, for a mission engineer and for programs.
 
 
 class Compared(NamedTuple):
-    """The result for a version compared with the previous one; ``only``: the one version that has it, ``before`` or
-    ``now``."""
+    """The result for a version compared with the previous one. ``only`` is ``before`` or ``now`` if just that version
+    has it."""
 
     name: str
     comparison: Comparison = Comparison(0, 0, 0.0, '', (), 0)
@@ -120,7 +120,7 @@ class Compared(NamedTuple):
 
 
 def comparison_lines(compared: Compared) -> Iterator[str]:
-    """Yield what both do, and the shortest way to where each difference begins."""
+    """Yield the lines of a comparison: the verdict, and the shortest path to each difference."""
     if compared.only:
         yield f'{compared.name}: DIFFERS: it is there only {compared.only}'
         return
@@ -145,7 +145,7 @@ def comparison_lines(compared: Compared) -> Iterator[str]:
 
 
 def comparison_as_json(compared: Compared) -> dict[str, Any]:
-    """Return a comparison for programs."""
+    """Return a comparison as plain data for JSON."""
     found = compared.comparison
     return {
         'name': compared.name,
@@ -157,16 +157,16 @@ def comparison_as_json(compared: Compared) -> dict[str, Any]:
     }
 
 
-# What a proof has found, for programs.
+# Reports for programs.
 
 
 _NAMES: Final = {'is_complete': 'complete', 'uncovered': 'never', 'counterexamples': 'wrong'}
-"""Names in JSON of fields of a report that have another one there."""
+"""Names in JSON of the fields of a report that are renamed."""
 _LEFT_OUT: Final = ('make', 'checked_restores')
 
 
 def report_as_json(report: Report) -> dict[str, Any]:
-    """Return a report for programs."""
+    """Return a report as plain data for JSON."""
     plain = {_NAMES.get(name, name): value for name, value in vars(report).items() if name not in _LEFT_OUT}
     return plain | {
         'seconds': round(report.seconds, 3),
@@ -185,9 +185,9 @@ def report_as_json(report: Report) -> dict[str, Any]:
 
 
 def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
-    """Return the report of which this is the JSON, about what ``make`` makes.
+    """Return the report from the data of :func:`report_as_json`, for the system that ``make`` returns.
 
-    Raises KeyError, TypeError or ValueError when it is of none.
+    Raises KeyError, TypeError or ValueError if the data is not a report.
     """
     names = [field.name for field in fields(Report) if field.name not in _LEFT_OUT]
     values = {name: plain[_NAMES.get(name, name)] for name in names}
@@ -213,10 +213,10 @@ def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
 
 
 def plain_moves(moves: Iterable[Move]) -> list[list[Any]]:
-    """Return each as kind, subject, value, answers."""
+    """Return each step as a list of kind, subject, value and answers."""
     return [[*label, list(answers)] for label, answers in moves]
 
 
 def moves_of(plain: Iterable[Sequence[Any]]) -> tuple[Move, ...]:
-    """Return what :func:`plain_moves` was given."""
+    """Return the steps from the data of :func:`plain_moves`."""
     return tuple(Move(Label(kind, subject, value), tuple(answers)) for kind, subject, value, answers in plain)

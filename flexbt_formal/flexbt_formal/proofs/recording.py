@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ways to what is wrong, as a recording of an executive that took them: ``console replay`` shows it.
+"""Paths to violations as a recording of an executive, which ``console replay`` shows.
 
-Each step takes a second. A tree by itself is shown as run by a state of a machine that has no other. Several ways
+Each step takes a second. A tree without a machine is shown as run by the only state of a machine. Several paths
 follow each other, as runs of the same executive.
 """
 
@@ -41,7 +41,7 @@ _TREE: Final = '/tree'
 
 
 def record(file: Path, found: Iterable[tuple[Report, Counterexample]]) -> None:
-    """Write what was found into a new MCAP file. Raises OSError."""
+    """Write counterexamples into a new MCAP file. Raises OSError."""
     recording = _Recording(time.time_ns())
     for report, counterexample in found:
         recording.add(report, counterexample)
@@ -57,7 +57,7 @@ class _Recording:
         self._entered: dict[str, TimeMessage] = {}
 
     def add(self, report: Report, found: Counterexample) -> None:
-        """One way; at its end what is wrong."""
+        """Add the path of a counterexample, followed by its violation."""
         assert report.make is not None
         self._runs += 1
         self._behavior, self._run_id = report.name, f'counterexample-{self._runs}'
@@ -79,7 +79,7 @@ class _Recording:
         self._now += int(STEP_SECONDS * 1e9)
 
     def _structure(self, system: System) -> BehaviorStructure:
-        """Return the states; of a tree the one that runs it."""
+        """Return the states of a machine; for a tree, the state that runs it."""
         if isinstance(system, MachineSystem):
             return structure_message(system.run.definition, self._run_id, self._behavior)
         states = [
@@ -91,7 +91,7 @@ class _Recording:
         return BehaviorStructure(run_id=self._run_id, behavior=self._behavior, states=states)
 
     def _show(self, system: System, number: int) -> None:
-        """Write what is active after a step, and what the operator is asked; of a tree the status of each node."""
+        """Write the active states and pending decisions after a step; for a tree, the status of each node."""
         self._statuses += 1
         status = ExecutiveStatus(
             executive_id=_EXECUTIVE,

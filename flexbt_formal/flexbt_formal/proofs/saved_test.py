@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Counterexamples as tests of pytest, which fail until what is wrong has been put right."""
+"""Counterexamples as tests of pytest, which fail until the violation is fixed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class File(NamedTuple):
     name: str
 
     def expression(self, test: str) -> str:
-        """Return what stands for it in the text of a test that is in the file ``test``. Raises UsageError."""
+        """Return the expression for this file in the code of the test file ``test``. Raises UsageError."""
         if self.name == STDIN:
             raise UsageError('--save-test: a test cannot read the standard input again; give a file')
         if self.name.startswith(BY_PACKAGE):
@@ -34,10 +34,10 @@ class File(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """Counterexamples, and the call with which a test takes the steps of one again.
+    """Counterexamples, and the call by which a test replays one.
 
-    ``function`` is one of this package. Of the ``settings``, its arguments beside the moves, those are written that are
-    not empty. ``what`` is for people.
+    ``function`` is one of this package. ``settings`` are its arguments other than the moves; empty ones are omitted.
+    ``what`` is for people.
     """
 
     what: str
@@ -46,14 +46,14 @@ class Replay(NamedTuple):
     counterexamples: Sequence[Counterexample]
 
     def call(self, test: str) -> str:
-        """Return the call, as the text of a test that is in the file ``test``."""
+        """Return the code of the call for the test file ``test``."""
         given = [f'{name}={_expression(value, test)}' for name, value in self.settings.items() if value not in ('', [])]
         return f'{self.function.__name__}({", ".join(["moves=moves", *given])})'
 
 
 def saved_test(test: str, wrong: Iterable[Replay]) -> str:
-    """Return the text of the file ``test`` for what was found wrong. Raises UsageError when no test can read it
-    again."""
+    """Return the code of the test file ``test`` for these counterexamples. Raises UsageError if a test cannot read
+    their files."""
     found = [replay for replay in wrong if replay.counterexamples]
     what = ', '.join(dict.fromkeys(replay.what for replay in found))
     functions = {replay.function for replay in found}
@@ -79,7 +79,7 @@ def saved_test(test: str, wrong: Iterable[Replay]) -> str:
 
 
 def requirement_texts(required: Iterable[StatedRequirement]) -> list[str]:
-    """Return what is required, as a test has it."""
+    """Return the texts of requirements, as arguments of a test."""
     return [str(one.requirement) for one in required]
 
 

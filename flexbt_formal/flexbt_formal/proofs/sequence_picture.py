@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sequence diagrams of events between participants: SVG, or in Mermaid's language."""
+"""Sequence diagrams of events between participants: in SVG or Mermaid."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _GAP: Final = 13
 _MARGIN: Final = 20
 _HEAD: Final = 42
 _CHARACTER: Final = 6.1
-"""Points: from line to line of life, from line to line of text, between steps, round the picture; the boxes of who
-takes part; the width of a character, at most on the average."""
+"""Sizes in points: distance of lifelines, of text lines and of steps, margin, boxes of participants, and an upper bound
+of the average character width."""
 
 _LABEL: Final = 26
 _NOTE: Final = 56
 """Maximum number of characters of a line in the box of a participant, and in a note."""
 
 _TEXT: Final = 4000
-"""Characters of a text that are shown."""
+"""Maximum number of characters shown of a text."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ SEQUENCE_STYLE: Final = (
 
 
 def sequence_as_svg(diagram: SequenceDiagram) -> str:
-    """Return the picture as SVG, with one style sheet for light and dark."""
+    """Return the diagram as SVG, with one style sheet for light and dark."""
     return _Drawing(diagram).picture()
 
 
@@ -154,7 +154,7 @@ class _Drawing:
 
 
 def sequence_as_mermaid(diagram: SequenceDiagram) -> Iterator[str]:
-    """Yield the picture in the language of Mermaid."""
+    """Yield the lines of the diagram in Mermaid."""
     names = {name: f'p{number}' for number, name in enumerate(diagram.participants)}
     yield 'sequenceDiagram'
     yield '  autonumber'

@@ -26,7 +26,7 @@ from .proof_cache import NOTE, ProofCache, digest_of
 from .proof_report import Compared, moves_of
 
 GOALS: Final = ('goal', 'goals')
-"""Keys that the runner of a tree writes before, as Nav2's navigators do."""
+"""Keys that the runner of a tree writes before its start, as Nav2 navigators do."""
 TREE_BOUNDS: Final = 'any result of each leaf at any time, cancels confirmed soon or late, a stop at any time'
 
 
@@ -42,17 +42,16 @@ def prove_tree(
     on_progress: OnProgress = unreported,
     cache: ProofCache | None = None,
 ) -> Report:
-    """Explore a tree. ``given`` are keys that are on the blackboard before it begins; ``faults`` is how many of its
-    servers may be gone for good, and ``required`` what holds beside what holds for all. ``observed`` are keys of which
-    the report tells whether they are written whenever the tree has ended. What is in ``cache`` is not
-    explored again.
+    """Explore a tree. ``given`` are keys that are on the blackboard before it begins. ``faults`` is the number of its
+    servers that may fail permanently. ``required`` are additional requirements. ``observed`` are keys for which the
+    report shows the outcomes that always write them. A proof in ``cache`` is reused.
 
-    A leaf whose type is not installed gives any result, and a note says so.
+    A leaf whose type is not installed may return any result, and the report notes this.
 
     Raises:
         TreeLoadError: the tree cannot be built.
-        RefusedError: it has a control or a decorator whose type is not installed: what it does is not known.
-        UnfitError: something is required of what it does not have.
+        RefusedError: it has a control node or decorator whose type is not installed, so its behavior is unknown.
+        UnfitError: a requirement refers to names that the tree does not have.
     """
     keys = (*GOALS, *given)
     unknown = _unknown_leaves(library, key)
@@ -93,14 +92,13 @@ def compare_trees(
     on_progress: OnProgress = unreported,
     name: str = '',
 ) -> Compared:
-    """Follow two versions of a tree side by side, as :func:`prove_tree` follows one; ``name`` is what they are called.
-
-    Raises TreeLoadError and RefusedError as that does.
+    """Explore two versions of a tree side by side, as :func:`prove_tree` explores one. ``name`` is their name in the
+    result. Raises TreeLoadError and RefusedError as that does.
     """
     keys = {*GOALS, *given}
     for library, key in (before, now):
         _unknown_leaves(library, key)
-        keys.update(TreeSystem(library, key, given=keys).given)  # what one reads from outside is there for both
+        keys.update(TreeSystem(library, key, given=keys).given)  # external inputs of one version exist for both
 
     def make(library: TreeLibrary, key: TreeKey) -> TreeSystem:
         return TreeSystem(library, key, given=keys)
@@ -110,7 +108,7 @@ def compare_trees(
 
 
 def requirements_text(required: Sequence[StatedRequirement]) -> str:
-    """Return what is required, as a part of the bounds of a report."""
+    """Return requirements in words, as a part of the bounds of a report."""
     return f'; required: {"; ".join(str(one.requirement) for one in required)}' if required else ''
 
 
@@ -151,10 +149,10 @@ def replay_tree(
     models: Sequence[str] = (),
     nav2_branch: Nav2Branch = NAV2_BRANCHES[0],
 ) -> list[Violation]:
-    """Return what is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
+    """Replay a path of a saved test, and return its violations; none if the path is not possible any more.
 
-    ``models`` are files that describe node types. Raises RefusedError or LookupError when there are no such files, or
-    no such tree.
+    ``models`` are files that describe node types. Raises RefusedError or LookupError if a file or the tree does not
+    exist.
     """
     registry = node_registry(lambda source, error: None, nav2_branch)
     read_models(models, registry)
@@ -173,7 +171,7 @@ def replay_in(
     given: Iterable[str] = (),
     require: Sequence[str] = (),
 ) -> list[Violation]:
-    """As :func:`replay_tree`, of a library that was read."""
+    """Replay a path as :func:`replay_tree` does, in a library that is already loaded."""
     keys = (*GOALS, *given)
     required = [parse_requirement(text, 'require').requirement for text in require]
     return replay(lambda: TreeSystem(library, key, given=keys, requirements=required), moves_of(moves))
