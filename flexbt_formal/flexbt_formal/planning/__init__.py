@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a goal to a tree, for one robot or for a team; the tree is tried before it is returned."""
+"""Planning of trees from goals, for one robot or a team; each tree is tested before it is returned."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Test of trees in each state that may come: do they reach the goal, whichever expected event happens?
+"""Test of trees in each reachable state: do they reach the goal, whichever expected event happens?
 
-From the initial state a tree acts (or those of several robots do, each of whose actions may end first), and before the
-end of each action (and at the goal) something may disturb it, up to a number of times. In each state that may come so
-the goal has to be reached, without coming to a state twice.
+The tree acts from the initial state (for a team, the action of any robot may end first). Before the end of each action,
+and at the goal, a disturbance may occur, up to a maximum number. From each state that is reachable in this way, the
+trees must reach the goal without visiting a state twice.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .problem import Action, Domain, PlanningError
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """A change that others may make where ``needs`` holds: literals become true or false. All are bit sets."""
+    """A change by others that may occur where ``needs`` holds: literals become true or false. All are bit sets."""
 
     name: str
     needs: int
@@ -29,12 +29,12 @@ class Disturbance:
 
     @classmethod
     def of(cls, domain: Domain, action: Action) -> Disturbance:
-        """Return the disturbance that an action of others is."""
+        """Return the disturbance for an action of others."""
         deletes = domain.state(action.deletes - action.adds)
         return cls(action.name, domain.state(action.needs), domain.state(action.adds), deletes)
 
     def result(self, state: int) -> int | None:
-        """Return the state after it; None where it changes nothing."""
+        """Return the state after the disturbance; None if it changes nothing."""
         after = state & ~self.deletes | self.adds
         return after if not self.needs & ~state and after != state else None
 
@@ -43,9 +43,9 @@ class Disturbance:
 class Coverage:
     """The result of a test of trees.
 
-    ``states``: number of states. ``uncovered``: states that may come in which no branch holds, with what led there
-    (names of actions and disturbances). ``complete``: whether all states were tried that may come after ``disturbed``
-    disturbances. ``longest``: actions from a state to the goal at most.
+    ``states``: number of states. ``uncovered``: reachable states in which no branch holds, with the path to each (names
+    of actions and disturbances). ``complete``: True if all states that are reachable with ``disturbed`` disturbances
+    were tested. ``longest``: maximum number of actions from a state to the goal.
     """
 
     disturbed: int
@@ -66,12 +66,12 @@ def explore_states(
     deadline: float,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Coverage:
-    """Try trees from a state, with up to ``times`` disturbances, until the ``deadline`` or ``MOST_STATES`` states.
+    """Test trees from a state, with up to ``times`` disturbances, until the ``deadline`` or ``MOST_STATES`` states.
 
-    The way from that state to the goal is tried in any case.
+    The undisturbed path from that state to the goal is always tested.
 
     Raises:
-        PlanningError: the trees do not do what the planner promised. That is a fault of the planner.
+        PlanningError: the trees do not reach the goal as planned, which is a bug of the planner.
     """
     coverage = Coverage(times)
     runs = _Runs(policy)
@@ -97,10 +97,10 @@ def visits(
     disturbances: Sequence[Disturbance],
     times: int,
 ) -> Iterator[tuple[int, int, list[tuple[int, int, str]]]]:
-    """Yield each state that may come, the disturbances left in it, and its steps, by breadth.
+    """Yield each reachable state, the remaining disturbances, and its steps, breadth first.
 
-    A step is the state after it, the disturbances left there, and the name of the action or disturbance. A state comes
-    again when more disturbances are left than before.
+    A step is the next state, the disturbances remaining there, and the name of the action or disturbance. A state is
+    yielded again if more disturbances remain than before.
     """
     left = {initial: times}
     todo = deque([initial])
@@ -120,7 +120,7 @@ def visits(
 
 
 class _Runs:
-    """The ways from states to the goal when nothing disturbs them."""
+    """The undisturbed paths from states to the goal."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
@@ -133,8 +133,8 @@ class _Runs:
         return self._actions[state]
 
     def longest(self, state: int) -> int:
-        """Return the number of actions to the goal at most. Raises PlanningError when the goal is not always
-        reached."""
+        """Return the maximum number of actions to the goal. Raises PlanningError if some path does not reach the
+        goal."""
         domain = self._policy.domain
         begun: set[int] = set()
         todo = [state]

@@ -15,10 +15,10 @@ from .search import SearchOutcome, SearchProgress, SearchResult, search
 
 
 def predecessors(domain: Domain, plan: Sequence[int], doers: Sequence[str]) -> list[int]:
-    """For each place of a plan the places that have to be done before, as bit sets.
+    """Return the predecessors of each index of a plan, as bit sets of indices.
 
-    In each order that keeps to that, all actions can be done, and the same holds in the end. ``doers`` are by the
-    numbers of actions.
+    In each order that respects them, all actions are applicable, and the final state is the same. ``doers`` are the
+    robots, by the numbers of actions.
     """
     found = []
     for place, action in enumerate(plan):
@@ -31,8 +31,8 @@ def predecessors(domain: Domain, plan: Sequence[int], doers: Sequence[str]) -> l
 
 
 def ends(domain: Domain, plan: Sequence[int], before: Sequence[int], done: int = 0) -> list[float]:
-    """Return when each action of a plan ends, if costs are durations and each begins as soon as it may; 0 for what is
-    ``done`` (a bit set of places)."""
+    """Return the end time of each action of a plan, if costs are durations and each begins as early as possible; 0 for
+    those in ``done`` (a bit set of indices)."""
     found: list[float] = []
     for place, action in enumerate(plan):
         if done >> place & 1:
@@ -44,7 +44,7 @@ def ends(domain: Domain, plan: Sequence[int], before: Sequence[int], done: int =
 
 
 def _depend(domain: Domain, one: int, other: int) -> bool:
-    """Return whether it matters which of two actions comes first: one changes what the other needs or brings about."""
+    """Return whether the order of two actions matters: one changes a need or an effect of the other."""
     return bool(
         domain.adds[one] & domain.needs[other]
         or domain.adds[other] & domain.needs[one]
@@ -53,17 +53,17 @@ def _depend(domain: Domain, one: int, other: int) -> bool:
     )
 
 
-# Who of a team does what, so that the team is done soon: the cheapest plan, and better ones beside it.
+# The assignment of actions to the robots of a team that keeps the total time short.
 #
-# The cheapest plan may leave all to one robot. So whatever the robot that is done last does is left to the others, one
-# thing after the other, where that makes the whole shorter; until nothing does.
+# The cheapest plan may assign all actions to one robot. So the search repeatedly moves an action from the robot that
+# ends last to the others, as long as that shortens the plan.
 
 
 @dataclass(frozen=True, slots=True)
 class Division:
-    """A plan (numbers of actions, in an order in which one could do them all), what waits for what, and ends.
+    """A plan (numbers of actions, in a possible sequential order) with predecessors and end times.
 
-    ``goal`` is the condition to which it leads; ``before`` and ``ends`` are by places of the plan.
+    ``goal`` is the condition that it reaches; ``before`` and ``ends`` are by index in the plan.
     """
 
     goal: int
@@ -74,7 +74,7 @@ class Division:
 
     @property
     def duration(self) -> float:
-        """Time at which the last robot is done."""
+        """Time at which the last robot finishes."""
         return max(self.ends, default=0.0)
 
 
@@ -88,8 +88,8 @@ class Divided:
 
 
 class Divider:
-    """A divider of the ways to one goal of a domain, from any state, until the ``deadline`` on the clock. ``doers`` are
-    by the numbers of actions, '' for one that only says that one of the ``goals`` is reached."""
+    """A divider of plans for one goal of a domain, from any state, until the ``deadline`` on the clock. ``doers`` are
+    the robots by the numbers of actions, '' for an action that only marks one of the ``goals`` as reached."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class Divider:
         self._without: frozenset[int] = frozenset()
 
     def divide(self, state: int, report: Callable[[SearchProgress], None] | None = None) -> Divided:
-        """Return the best division that is found."""
+        """Return the best division found."""
         found = self._search(state, report=report)
         if found.start is None:
             return Divided(None, found, found.expanded)
@@ -128,7 +128,7 @@ class Divider:
         return Divided(best, found, expanded)
 
     def divide_alike(self, state: int) -> Divided:
-        """As the last :meth:`divide` left things to others, if that is better than the cheapest plan."""
+        """Return a division that moves the same actions as the last :meth:`divide`, if it beats the cheapest plan."""
         found = self._search(state)
         if found.start is None:
             return Divided(None, found, found.expanded)
@@ -149,7 +149,7 @@ class Divider:
         return search(reachability, self._goal, time_limit=limit, report=report, clock=self._clock)
 
     def _better(self, found: SearchResult, than: Division) -> Division | None:
-        """Return the division of a search that is done, if it is shorter, or as short and cheaper."""
+        """Return the division of a finished search, if it is shorter, or as short and cheaper."""
         if found.outcome is not SearchOutcome.SOLVED:
             return None
         division = self._division(found)
@@ -182,26 +182,26 @@ class Divider:
         return list(dict.fromkeys(found))
 
 
-# What each robot of a team does in which state.
+# The action of each robot of a team in each state.
 #
-# A *branch* is a condition, and for each robot the action with which it may go on there: all orders in which the team
-# can carry out a division. Robots that look at the same state find the same branch, the first that holds, so nobody
-# does what another one does, and nothing has to be agreed upon. The actions of a branch do not hinder each other, and
-# whichever of them ends first leads to a branch with less to do; so the team reaches its goal, in whatever order they
+# A *branch* is a condition, and for each robot its next action there. The branches cover all orders in which the team
+# can carry out a division. Robots that see the same state select the same branch, the first that holds. So no two
+# robots do the same action, and they need no negotiation. The actions of a branch do not interfere, and whichever ends
+# first leads to a branch with fewer remaining actions. So the team reaches its goal in whatever order the actions
 # end.
 
 MOST_ORDERS: Final = 2000
-"""Maximum number of orders of one division (what was done until a moment). Beyond it only the plan's order is kept."""
+"""Maximum number of partial executions (sets of done actions) of a division. Beyond it, the plan's order is kept."""
 
 
 def branches_of(domain: Domain, division: Division, robots: Sequence[str], doers: Sequence[str]) -> list[Branch]:
-    """Return the branches of a division: one for each part of it that may be done at a moment."""
+    """Return the branches of a division: one for each set of actions that may be done at some time."""
     plan, before = division.plan, division.before
     whole = (1 << len(plan)) - 1
     own = [[place for place, action in enumerate(plan) if doers[action] == robot] for robot in robots]
 
     def nexts(done: int) -> list[int]:
-        """By robot the place of its next action if it may begin; WAITS otherwise."""
+        """Return for each robot the index of its next action if it may begin; WAITS otherwise."""
         found = []
         for places in own:
             place = next((one for one in places if not done >> one & 1), WAITS)

@@ -15,7 +15,7 @@ from .problem import Condition, PlanningError
 Alternatives = tuple[tuple[str, ...], ...]
 
 _MOST: Final = 1000
-"""Literals of a goal, and alternatives when it is written out. What can be planned for has some tens."""
+"""Maximum number of literals of a goal, and of its expanded alternatives. Practical goals have some tens."""
 
 _WORD: Final = r'(?<![^\s()&|!]){}(?![^\s()&|!])'
 _AND, _OR, _NOT = (_WORD.format(word) for word in ('and', 'or', 'not'))
@@ -39,10 +39,10 @@ _GRAMMAR: Final = Grammar(
 
 
 def parse_goal(text: str) -> Alternatives:
-    """Return the alternatives of a goal, each with literals that have to hold at once.
+    """Return the alternatives of a goal, each a set of literals that must all hold.
 
     ``&`` (or ``and``), ``|`` (or ``or``), ``!`` (or ``not``) and parentheses, as ``(on(cup, table) | held) & !shut``;
-    ``&`` before ``|``. An alternative that contains all literals of another one is left out.
+    ``&`` before ``|``. An alternative that contains all literals of another one is omitted.
 
     Raises:
         PlanningError: the text is not a goal, or too large: 100,000 characters, 1000 literals or alternatives.
@@ -63,7 +63,7 @@ def conditions(alternatives: Iterable[Iterable[str]]) -> tuple[Condition, ...]:
 
 
 def _alternatives(tree: SyntaxTree, *, negated: bool) -> Alternatives:
-    """Return what a syntax tree, or its opposite, stands for: of an opposite, ``&`` and ``|`` change places."""
+    """Return the alternatives of a syntax tree, or of its negation, which exchanges ``&`` and ``|``."""
     if tree.data == 'literal':
         literal = str(tree.children[0]).strip()
         return ((_opposite(literal) if negated else literal,),)
@@ -95,7 +95,7 @@ def _least(alternatives: Iterable[tuple[str, ...]]) -> Alternatives:
 
 
 def _opposite(literal: str) -> str:
-    """Return what holds where a literal does not."""
+    """Return the negation of a literal."""
     if '(' not in literal and '=' in literal:
         return literal.replace('!=', '=') if '!=' in literal else literal.replace('=', '!=')
     return f'not {literal}'

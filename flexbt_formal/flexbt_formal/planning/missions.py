@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Missions in YAML, as planning problems in terms of skills, and the measurement of where they begin.
+"""Missions in YAML, as planning problems in terms of skills, and the measurement of their initial state.
 
 skills: [cup_skills.yaml]               # beside this file; the manifests of the leaves and the objects
 start: [at(office), cup_at(kitchen)]    # what is not named does not hold
@@ -92,12 +92,12 @@ _DEFAULT_ATTEMPTS: Final = 3
 def skill_problem(
     library: SkillLibrary, start: Iterable[str], goal: str, disturbances: Sequence[Iterable[str]] = ()
 ) -> PlanningProblem:
-    """Return what to plan.
+    """Return the planning problem.
 
     Args:
         library: skills and objects.
-        start: literals that hold at the start; what is not named does not hold.
-        goal: as :func:`parse_goal` takes it.
+        start: literals that hold at the start; all others do not hold.
+        goal: in the syntax of :func:`parse_goal`.
         disturbances: each the literals that others may make true.
 
     Raises:
@@ -109,7 +109,7 @@ def skill_problem(
 def grounded_problem(
     library: SkillLibrary, start: Iterable[str], goal: str, disturbances: Sequence[Iterable[str]] = ()
 ) -> tuple[PlanningProblem, tuple[GroundAction, ...]]:
-    """As :func:`skill_problem`, with the skills and objects of its actions."""
+    """Return the problem as :func:`skill_problem` does, with the skills and objects of its actions."""
     alternatives = [[parse_literal(text) for text in one] for one in parse_goal(goal)]
     initial = [parse_literal(text) for text in start]
     disturbing = [_disturbance([parse_literal(text) for text in one]) for one in disturbances]
@@ -128,7 +128,7 @@ def grounded_problem(
     problem = PlanningProblem(
         tuple(map(_action, actions)),
         grounded.start,
-        # What nothing changes and holds is not a goal any more.
+        # Remove goal literals that hold and that no action changes.
         tuple(frozenset(map(str, one)) & grounded.goal for one in alternatives),
         tuple(map(_action, others)),
         leaves,
@@ -138,7 +138,7 @@ def grounded_problem(
 
 
 def _remedies(library: SkillLibrary) -> dict[str, str]:
-    """Return by predicate the skills that would make it hold if the start contained what they need."""
+    """Return the skills that could make a predicate hold if the start satisfied their needs, by predicate."""
     effects = {
         skill.name: {effect.predicate for outcome in skill.outcomes.values() for effect in outcome.effects}
         for skill in library.skills.values()
@@ -192,10 +192,10 @@ def sensor_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
     return Leaf(literal.predicate, arguments, inverted)  # no leaf of ours asks a topic, or remembers: the user's does
 
 
-# How a world is: a tree that asks every sensor of a library once, and the start of a mission that follows from it.
+# Measurement of the initial state: a tree that ticks every sensor leaf once, and the start that follows.
 
 MOST_FACTS: Final = 4096
-"""Maximum number of facts that one tree reads."""
+"""Maximum number of facts that one tree measures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +247,7 @@ class Measurement:
         return ElementTree.tostring(root, encoding='unicode')
 
     def start(self, given: Iterable[str], holds: Callable[[str], bool]) -> list[str]:
-        """Return the literals that hold at the start: those that were measured, and of ``given`` those that nothing
+        """Return the literals that hold at the start: the measured ones, and those in ``given`` that no sensor
         measures.
 
         ``holds`` returns whether an entry of the tree's blackboard exists and is true.
@@ -276,5 +276,5 @@ def _brought_about(skill: Skill) -> set[str]:
 
 
 def _entry(number: int) -> str:
-    """Private: it stays on the blackboard of the tree."""
+    """Return the name of a private blackboard entry."""
     return f'_fact_{number}'

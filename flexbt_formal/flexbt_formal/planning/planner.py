@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From a problem to a tree that is proved against it."""
+"""Planning of a tree for a problem, and its test in all expected states."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ GOAL: Final = 'any of the goals'
 class Plan:
     """The result of planning.
 
-    ``cost`` and ``actions`` are of the best plan from the initial state (None and empty where there is none), ``bound``
-    is what no plan can cost less than. ``reason`` says why there is no plan. ``policy`` has the branches, ``coverage``
-    what was tried of it; both are None without a plan. ``hopeless`` are ways (names of actions and disturbances) after
-    which the goal cannot be reached any more.
+    ``cost`` and ``actions`` belong to the best plan from the initial state (None and empty without a plan). ``bound``
+    is a lower bound of the cost. ``reason`` explains a missing plan. ``policy`` has the branches, ``coverage`` the
+    result of their test; both are None without a plan. ``hopeless`` are paths (names of actions and disturbances)
+    after which the goal is unreachable.
     """
 
     problem: PlanningProblem
@@ -49,13 +49,13 @@ def plan(
     report: Callable[[SearchProgress], None] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Plan:
-    """Plan, and try the result in all states that may come after up to ``disturbed`` disturbances.
+    """Plan, and test the result in all states that are reachable with up to ``disturbed`` disturbances.
 
-    What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``;
-    when it is over, the result has what was found until then (outcome ``TIME_LIMIT``).
+    States without a branch are planned for as well. ``time_limit`` is in seconds on the ``clock``. After it, the result
+    contains everything found so far (outcome ``TIME_LIMIT``).
 
     Raises:
-        PlanningError: the problem is not as it has to be.
+        PlanningError: the problem is invalid.
     """
     began = clock()
     deadline = began + time_limit
@@ -72,7 +72,7 @@ def plan(
     starts: list[int] = []
 
     def add(more: SearchResult, start: int) -> Policy:
-        """Return the policy with what a search has found; of two steps for one condition the cheaper."""
+        """Return the policy with the steps of a search added; of two steps for one condition, keep the cheaper."""
         starts.append(start)
         for condition, step in more.steps.items():
             if condition != goal and (condition not in steps or step.cost < steps[condition].cost):
@@ -110,8 +110,8 @@ def plan(
 
 
 def compiled(problem: PlanningProblem) -> tuple[Domain, int, tuple[int, ...]]:
-    """Return the domain, what the search looks for, and the goals. Of several goals an action without cost makes each
-    the one that is looked for."""
+    """Return the domain, the target of the search, and the goals. If there are several, an action without cost leads
+    from each goal to the target."""
     known = (*problem.initial, *(literal for one in problem.disturbances for literal in one.adds | one.needs))
     known += tuple(literal for one in problem.goal for literal in one if problem.knows(literal))
     if len(problem.goal) == 1:
@@ -150,8 +150,8 @@ def policy_of(
 
 
 def hopeless(problem: PlanningProblem) -> str:
-    """Return why the goal cannot be reached even if nothing that comes to hold ends again and others do all they may;
-    '' where that gives no reason."""
+    """Return why the goal is unreachable even in the delete relaxation with all disturbances; '' if it is reachable
+    there."""
     others = tuple(replace(one, cost=0.0) for one in problem.disturbances)
     domain, _, goals = compiled(replace(problem, actions=(*problem.actions, *others), disturbances=()))
     reachability = Reachability(domain, domain.state(problem.initial))
@@ -160,7 +160,7 @@ def hopeless(problem: PlanningProblem) -> str:
 
 
 def why_not(problem: PlanningProblem, reachability: Reachability, goals: Iterable[int]) -> str:
-    """Return why none of the goals can be reached."""
+    """Return why no goal is reachable."""
     return '; '.join(dict.fromkeys(_why_not_one(problem, reachability, goal) for goal in goals))
 
 
@@ -177,7 +177,7 @@ def _why_not_one(problem: PlanningProblem, reachability: Reachability, goal: int
 
 
 def _unreachable(problem: PlanningProblem, reachability: Reachability, literal: int) -> str:
-    """Return the chain of needs down to the one that nothing can bring about."""
+    """Return the chain of needs that ends at a literal that no action can make true."""
     domain = reachability.domain
     seen = {literal}
     text = domain.literals[literal]
@@ -197,7 +197,7 @@ def _unreachable(problem: PlanningProblem, reachability: Reachability, literal: 
 
 
 def _nowhere(problem: PlanningProblem, literal: str) -> str:
-    """Return what may be missing at the start: a robot that is nowhere comes to no place."""
+    """Return a hint on a missing start literal: a robot without an initial place cannot reach any place."""
     predicate = predicate_of(literal)
     is_anywhere = predicate == literal or any(predicate_of(one) == predicate for one in problem.initial)
     return '' if is_anywhere else f' (at the start no {predicate}(...) holds: is it missing there?)'

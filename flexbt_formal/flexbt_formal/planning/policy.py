@@ -15,7 +15,7 @@ MOST_BRANCHES: Final = 500
 unreadable."""
 
 WAITS: Final = -1
-"""In the place of an action: others go on from here."""
+"""Stands for the action of a robot that waits while others act."""
 
 
 class Branch(NamedTuple):
@@ -52,7 +52,7 @@ class Policy:
         for branch in sorted(branches, key=lambda one: one.left):
             if needed is not None and len(self.branches) >= MOST_BRANCHES and branch.condition not in needed:
                 continue
-            # What an earlier one covers is never come to.
+            # A tick never reaches a branch that an earlier one covers.
             if not any(not other & ~branch.condition for other in earlier):
                 earlier.append(branch.condition)
                 self.branches.append(branch)
@@ -70,14 +70,14 @@ class Policy:
         return any(not goal & ~state for goal in self.goals)
 
     def choose(self, state: int) -> Branch | None:
-        """Return the branch that a tick comes to; None where none holds."""
+        """Return the branch that a tick selects; None if none holds."""
         return next((branch for branch in self.branches if not branch.condition & ~state), None)
 
     def actions(self, state: int) -> tuple[int, ...]:
-        """Return what the compacted trees do in a state; nothing where no branch holds.
+        """Return the actions of the compacted trees in a state; none if no branch holds.
 
         Raises:
-            PlanningError: they do something else than the branches say. That is a fault of the planner.
+            PlanningError: they differ from the actions of the branches, which is a bug of the planner.
         """
         branch = self.choose(state)
         found = tuple(chosen(members, state) for members in self.members)
@@ -92,7 +92,7 @@ def fault(domain: Domain, state: int, what: str) -> str:
     return f'the planner is at fault, please report it: {what}. State: {literals:.2000}'
 
 
-# Fewer conditions for the same choice: what branches that follow each other have in common is asked once.
+# Fewer conditions for the same choice: literals that adjacent branches share are tested once.
 #
 # The order of the branches stays, and with it what is chosen in each state. The saving of a group is what it asks less,
 # less the two nodes that it needs (Chen et al., OBTEA, IJCAI 2024, merge adjacent branches pairwise; here the best
@@ -119,7 +119,7 @@ class RuleGroup:
 
 
 def compact(branches: Sequence[BranchRule]) -> tuple[BranchRule | RuleGroup, ...]:
-    """Branches in their order, with what they have in common before them."""
+    """Return branches in their order, with their common literals moved to groups around them."""
     found: list[BranchRule | RuleGroup] = []
     place = 0
     while place < len(branches):
@@ -147,7 +147,7 @@ def _actions(members: Sequence[BranchRule | RuleGroup]) -> Iterator[int]:
 
 
 def chosen(members: Sequence[BranchRule | RuleGroup], state: int) -> int | None:
-    """Return the action that a tick comes to; None where nothing applies."""
+    """Return the action that a tick selects; None if nothing applies."""
     for member in members:
         if member.condition & ~state:
             continue
@@ -160,7 +160,7 @@ def chosen(members: Sequence[BranchRule | RuleGroup], state: int) -> int | None:
 
 
 def _best_group(branches: Sequence[BranchRule], start: int) -> tuple[int, int]:
-    """Return what the branches of the best group that begins at a place have in common, and its end."""
+    """Return the common literals of the best group of branches that begins at ``start``, and its end."""
     common = branches[start].condition
     best = (0, 0, start + 1)
     for end in range(start + 1, min(len(branches), start + _LONGEST_GROUP)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Planning problems: actions and conditions as bit sets, where a plan begins, its goal, and the scenes of BTPG.
+"""Planning problems: actions and conditions as bit sets, initial state, goal, and the scenes of BTPG.
 
 A *literal* is a text such as ``on(cup, table)``, true or false in a state. A state is the set of literals that are
 true; a condition is a set of literals, and holds where all of them are true. An action may run where what it needs
@@ -30,7 +30,7 @@ class PlanningError(FlexbtError):
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """Something that can be done.
+    """An action of a plan.
 
     ``adds`` become true, ``deletes`` false; what is in both becomes true. ``cost`` is at least 0, and of the same unit
     for all actions.
@@ -82,8 +82,8 @@ class Domain:
         return mask
 
     def state(self, true: Iterable[str]) -> int:
-        """Return the state in which these literals are true. What no action knows makes no difference, and is left
-        out."""
+        """Return the state in which these literals are true. Literals that no action uses are
+        omitted."""
         return sum(1 << self._index[literal] for literal in set(true) if literal in self._index)
 
     def mask(self, condition: Iterable[str]) -> int:
@@ -110,7 +110,7 @@ class Domain:
 
 
 def union(masks: Iterable[int]) -> int:
-    """Return what is in any of some bit sets."""
+    """Return the union of bit sets."""
     return reduce(or_, masks, 0)
 
 
@@ -122,7 +122,7 @@ def bits(mask: int) -> Iterator[int]:
         mask ^= low
 
 
-# What is to be planned, in words: actions, where it begins, the goal, what others may do; and how leaves do it.
+# The problem in words: actions, initial state, goal, disturbances, and the leaves that act and test.
 
 _NOT: Final = 'not '
 _CALL: Final = re.compile(r'(not )?\s*([^()]+?)\s*(?:\((.*)\))?')
@@ -193,7 +193,7 @@ class PlanningProblem:
         object.__setattr__(self, 'initial', self.initial | opposite(frozenset(opposites) - self.initial))
 
     def leaf(self, text: str) -> Leaf:
-        """Return how a literal is tested, or an action done."""
+        """Return the leaf that tests a literal or does an action."""
         return self.leaves.get(text) or Leaf.of(text)
 
     def knows(self, text: str) -> bool:
@@ -202,7 +202,7 @@ class PlanningProblem:
         return predicate_of(text) in self.remedies or text.removeprefix(_NOT) in self._literals() - {text}
 
     def _literals(self) -> Condition:
-        """Return what holds at the start, and all that actions speak of."""
+        """Return the literals of the initial state and of the actions."""
         every = (*self.actions, *self.disturbances)
         return self.initial.union(*(one.needs | one.adds | one.deletes for one in every))
 
@@ -216,7 +216,7 @@ def predicate_of(literal: str) -> str:
 
 
 def read_scene(scene: str, actions: Iterable[str], source: str = '<scene>') -> tuple[tuple[Action, ...], Condition]:
-    """Return the actions of a scene, and what holds at its start.
+    """Return the actions of a scene, and the literals of its initial state.
 
     Args:
         scene: JSON with ``initial``, a list of literals.

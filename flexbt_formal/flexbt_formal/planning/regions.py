@@ -44,7 +44,7 @@ class PlanRegion:
 
 @dataclass(frozen=True, slots=True)
 class RegionMove:
-    """From a region to another one, by their places in the list; ``name`` of the action or disturbance."""
+    """A move between two regions, by their indices; ``name`` is that of the action or disturbance."""
 
     start: int
     end: int
@@ -54,7 +54,7 @@ class RegionMove:
 
 @dataclass(frozen=True, slots=True)
 class RegionMap:
-    """The regions that may be come to, in the order of their branches; ``start``: the one in which it begins."""
+    """The reachable regions, in the order of their branches; ``start`` is the initial one."""
 
     regions: tuple[PlanRegion, ...]
     moves: tuple[RegionMove, ...]
@@ -62,10 +62,10 @@ class RegionMap:
 
 
 def region_map(plan: Plan) -> RegionMap:
-    """Return the map of a plan, of all states that may come with as many disturbances as it was tried with.
+    """Return the map of a plan, for all states that are reachable with the disturbances that its test allowed.
 
     Raises:
-        ValueError: there is no plan.
+        ValueError: no plan was found.
     """
     policy = plan.policy
     if policy is None or plan.coverage is None:

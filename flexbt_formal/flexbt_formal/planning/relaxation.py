@@ -46,8 +46,8 @@ class Exclusions:
                     self.of[member] |= group & ~(1 << member)
 
     def _largest(self, literal: int, failed: set[int]) -> int | None:
-        """Return the set of a literal; where it would be alone, with the one that an action that makes it true moves
-        there."""
+        """Return the set of a literal. If the set would have no other literal, add one that an action exchanges for
+        it."""
         alone = self._group(1 << literal | self._others_of_adders(literal), failed)
         if alone is None or alone.bit_count() > 1:
             return alone
@@ -77,7 +77,7 @@ class Exclusions:
         return group if (group & self._initial).bit_count() <= 1 and self._holds(group) else None
 
     def _others_of_adders(self, seed: int) -> int:
-        """Return what all that make a literal true make false: the other places when one goes to a place."""
+        """Return the literals that all adders of a literal make false, such as the other places of a robot."""
         return reduce(and_, (self._domain.deletes[action] for action in self._adders[seed]))
 
     def _holds(self, group: int) -> bool:
@@ -96,7 +96,7 @@ class Exclusions:
         return any(self.of[literal] & condition for literal in bits(condition))
 
 
-# What can be reached from a state when nothing is ever undone (the delete relaxation), for all goals at once.
+# Reachability from a state if no literal ever becomes false (the delete relaxation), for all goals at once.
 #
 # Least costs of literals (h_max), their achievers, and their landmarks: literals that are true at some time on each way
 # to them. Of a domain with 7,300 actions this takes about 0.1 s, and a goal is then asked for often.
@@ -160,14 +160,14 @@ class Reachability:
         self.before_weights: Final = [self.weight(landmarks) for landmarks in self.before]
 
     def landmarks_of(self, literals: list[int]) -> int:
-        """Return what is true at some time on each way to these literals."""
+        """Return the literals that are true at some time on each path to these literals."""
         mask = 0
         for literal in literals:  # often called, with few: union would take twice as long
             mask |= self.landmarks[literal]
         return mask
 
     def weight(self, landmarks: int) -> float:
-        """Return what it costs at least to pass these landmarks."""
+        """Return a lower bound of the cost to pass these landmarks."""
         return sum(weight * (landmarks & mask).bit_count() for weight, mask in self._by_weight)
 
     def _find_landmarks(self, order: list[int]) -> None:
@@ -218,12 +218,12 @@ Cuts = tuple[Cut, ...]
 
 
 def total(cuts: Cuts) -> float:
-    """Return the lower bound that cuts are."""
+    """Return the lower bound that the cuts prove."""
     return sum(cut.cost for cut in cuts)
 
 
 class LmCut:
-    """Lower bounds from one state to many conditions of literals that can be reached."""
+    """Lower bounds of the cost from one state to many conditions of reachable literals."""
 
     def __init__(self, reachability: Reachability) -> None:
         self._reachability: Final = reachability
@@ -231,7 +231,7 @@ class LmCut:
         self._costs: Final = reachability.domain.costs
 
     def kept(self, condition: int, cuts: Cuts) -> Cuts:
-        """Return those of the cuts of another condition that are cuts of this one, too: a bound that costs little."""
+        """Return the cuts of another condition that also hold for this one: a bound that is cheap to compute."""
         lacking = condition & ~self._known
         return tuple(cut for cut in cuts if cut.zone & lacking)
 
@@ -266,7 +266,7 @@ class LmCut:
         return tuple(found)
 
     def _relevant(self, goals: list[int]) -> Iterable[int]:
-        """Return the actions on ways to the goals."""
+        """Return the actions on paths to the goals."""
         found: dict[int, None] = {}
         todo = list(goals)
         seen = set(todo)

@@ -198,8 +198,8 @@ class _Search:
         return result
 
     def _rest(self, condition: int, after: int) -> float:
-        """Return what a condition costs at least: its cuts, of which those of the one that comes ``after`` it are
-        kept."""
+        """Return a lower bound of the cost of a condition from its cuts, reusing those of its successor
+        ``after``."""
         cuts = self._cuts.get(condition)
         if cuts is None:
             cuts = self._lm_cut.cuts(condition, self._lm_cut.kept(condition, self._cuts[after]))
@@ -209,7 +209,7 @@ class _Search:
     def _regressions(
         self, condition: int, cost: float, done: float, bound: float
     ) -> Iterator[tuple[int, RegressionStep]]:
-        """Yield what leads to a condition, by actions that may be in plans that cost more than ``done``, up to
+        """Yield the predecessors of a condition, by actions in plans with a cost bound above ``done`` and up to
         ``bound``."""
         domain = self._reachability.domain
         tried: set[int] = set()
@@ -253,7 +253,7 @@ class _Search:
         return known
 
     def _bound_with(self, action: int) -> float:
-        """Return what a plan with this action costs at least.
+        """Return a lower bound of the cost of a plan with this action.
 
         The cuts of the goal, and what they leave of the costs of the landmarks before the action, and of its own.
         """
@@ -264,7 +264,7 @@ class _Search:
         return self._least + reachability.before_weights[action] - reduction + own
 
     def _excluded_with(self, action: int) -> int:
-        """Return what cannot be true before an action runs, or after it unless the action adds it."""
+        """Return the literals that cannot be true before an action, or after it unless the action adds them."""
         known = self._excluded_before.get(action)
         if known is None:
             domain = self._reachability.domain
@@ -285,7 +285,7 @@ class _Open(NamedTuple):
 
 
 class _Queue:
-    """The conditions that are still to be looked into: that with the least bound first, or that with the least rest."""
+    """The queue of unexpanded conditions, ordered by the least bound or by the least rest."""
 
     def __init__(self) -> None:
         self.nearest_first = False
@@ -302,7 +302,7 @@ class _Queue:
         return heapq.heappop(self._heap)[2]
 
     def take_nearest(self, nearest_first: bool) -> None:
-        """Change the order."""
+        """Select the order: least rest first, or least bound first."""
         if nearest_first is not self.nearest_first:
             self.nearest_first = nearest_first
             self._heap = [(second, first, one) for first, second, one in self._heap]
@@ -330,7 +330,7 @@ class _Closed:
         node.cost = cost
 
     def covers(self, condition: int, cost: float) -> bool:
-        """Return whether one that asks for no more leads to the goal at no more cost."""
+        """Return whether a subset of the condition leads to the goal at the same or a lower cost."""
         todo = [self._root]
         while todo:
             node = todo.pop()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans for several robots: their problem, and what each robot does, tried before it is returned."""
+"""Plans for several robots: their problem, and what each robot does, tested before it is returned."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def team_problem(
     robots: Mapping[str, Collection[str]],
     disturbances: Sequence[Iterable[str]] = (),
 ) -> Team:
-    """Return what to plan, from manifests.
+    """Return the planning problem of a team, from manifests.
 
     ``robots`` names them, each with its skills. Who does a skill is its parameter ``robot``; a skill without one is
     done by any robot that has it. Robots that the library does not name are objects of the type ``robot``. The others
@@ -115,7 +115,7 @@ def _check_name(robot: str) -> None:
 
 
 def staffed(team: Team) -> PlanningProblem:
-    """Return the problem, in which a robot that is lost does nothing any more, and any of them may be lost."""
+    """Return the problem extended by losses: any robot may be lost, and a lost robot does nothing."""
     serving = {robot: in_service(robot) for robot in team.robots}
     problem = team.problem
     return replace(
@@ -145,11 +145,11 @@ def in_service(robot: str) -> str:
 
 
 def entry(what: str, robot: str) -> str:
-    """Return the entry of the blackboard with what is known of a robot."""
+    """Return the name of a blackboard entry of a robot."""
     return f'{what}_' + ''.join(one if one.isascii() and one.isalnum() else '_' for one in robot)
 
 
-# From a problem for several robots to what each of them does, tried before it is given out.
+# Planning for several robots; the trees are tested before they are returned.
 
 
 class Task(NamedTuple):
@@ -178,7 +178,7 @@ class TeamPlan(Plan):
 
     @property
     def unlimited(self) -> tuple[str, ...]:
-        """The types of its leaves that have no deadline: a robot in one that never ends is not known to be lost."""
+        """The types of its leaves that have no deadline: if one never ends, the loss of its robot is not detected."""
         members = self.policy.members if self.policy is not None else ()
         actions = {action for robot in members for action in actions_of(robot)} - {WAITS}
         leaves = (self.problem.leaf(self.problem.actions[action].name) for action in actions)
@@ -193,15 +193,15 @@ def plan_team(
     report: Callable[[SearchProgress], None] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> TeamPlan:
-    """Plan for several robots, and try the result in all states that may come after up to ``disturbed``
-    disturbances, of which a robot that is lost is one.
+    """Plan for several robots, and test the result in all states that are reachable with up to ``disturbed``
+    disturbances. The loss of a robot is a disturbance.
 
-    What is found to be missing after a disturbance is planned, too. ``time_limit`` is in seconds on the ``clock``; when
-    it is over, the result has what was found until then (outcome ``TIME_LIMIT``). The plan is the shortest that is
-    found from the cheapest one on; that there is no shorter one is not said, but for ``least_duration``.
+    States without a branch are planned for as well. ``time_limit`` is in seconds on the ``clock``. After it, the result
+    contains everything found so far (outcome ``TIME_LIMIT``). The plan is the shortest one found from the cheapest one
+    on; it may not be optimal, but ``least_duration`` is a lower bound.
 
     Raises:
-        PlanningError: the problem is not as it has to be.
+        PlanningError: the problem is invalid.
     """
     began = clock()
     deadline = began + time_limit

@@ -84,7 +84,7 @@ def tree_xml(plan: Plan, name: str = 'Plan') -> str:
     """Return the XML of a plan's tree; of a plan for several robots, ``name`` runs all, ``name_ROBOT`` is that of one.
 
     Raises:
-        ValueError: the plan has no tree, since there is no plan.
+        ValueError: no plan was found, so it has no tree.
         PlanningError: the type of a leaf, or a port, cannot stand in XML.
     """
     if plan.policy is None or plan.coverage is None:
@@ -96,19 +96,19 @@ def tree_xml(plan: Plan, name: str = 'Plan') -> str:
 
 
 def tree_entries(plan: Plan) -> tuple[str, ...]:
-    """Return the entries of the blackboard that the tree of a plan for one robot has for itself."""
+    """Return the private blackboard entries of the tree of a plan for one robot."""
     actions = () if plan.policy is None else actions_of(plan.policy.members[0])
     return (_COUNT_ENTRY, _LAST_ENTRY, _AGAIN_ENTRY, FAILURE_ENTRY, *map(_given_up, actions))
 
 
 def failed_action(problem: PlanningProblem, reason: str) -> tuple[str, str] | None:
-    """Return the action because of which a tree gave up for this reason, and what it did; None when it was none."""
+    """Return the action whose failure is the ``reason`` of a tree, and what it did; None for other reasons."""
     did = ((action.name, what) for action in problem.actions for what in (_FAILED, _IN_VAIN))
     return next((one for one in did if _reason(*one, problem.leaf(one[0])) == reason), None)
 
 
 class _Writer:
-    """A writer of the elements that all trees have, which keeps the node types that occur."""
+    """A writer of the elements that all trees have; it collects their node types."""
 
     def __init__(self, problem: PlanningProblem, policy: Policy) -> None:
         self._problem = problem
@@ -117,7 +117,7 @@ class _Writer:
         self._types: dict[tuple[str, str], set[str]] = {}
 
     def _document(self, main: str, trees: Iterable[ElementTree.Element]) -> str:
-        """Return the XML of trees, with the node types as Groot2 wants to know them."""
+        """Return the XML of trees, with the node models that Groot2 requires."""
         root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=main)
         root.extend(trees)
         models = _add(root, 'TreeNodesModel')
@@ -212,7 +212,7 @@ class _Writer:
             _onSuccess=f'{again} := ({is_last}) ? ({again} + 1) : 1; {_COUNT_ENTRY} := {_COUNT_ENTRY} + 1; {names}; '
             f"{FAILURE_ENTRY} := ''",
             _onFailure=f'{FAILURE_ENTRY} := ({given_up}) ? {FAILURE_ENTRY} : ({reason}); {failed}',
-            _onHalted=f'{again} := 0',  # it was under way, so what was done before has had its effects
+            _onHalted=f'{again} := 0',  # it was running, so the previous actions had their effects
         )
         if leaf.deadline is not None:
             retry = _add(retry, 'Timeout', msec=str(round(1000 * leaf.deadline)))
@@ -287,7 +287,7 @@ class _TeamWriter(_Writer):
                 continue
             step = _add(done, 'ReactiveSequence')
             _add(step, 'ScriptCondition', code=f"{chosen} == '{self._name(action)}'")
-            # What it could not do is left to others in the next tick.
+            # Other robots take over its failed action in the next tick.
             own = {'last': entry(_LAST_ENTRY, robot), 'again': entry(_AGAIN_ENTRY, robot)}
             self._action(_add(step, 'ForceSuccess'), action, lost, f'{lost} := true', **own)
         _add(_add(done, 'KeepRunningUntilFailure', name='others go on'), 'AlwaysSuccess')
@@ -303,18 +303,18 @@ def _add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTre
 
 
 def _add_last_branch(parent: ElementTree.Element, reason: str, more: str = '') -> None:
-    """Add a last branch, which keeps the reason that an action has left. A script adds ``more`` to the reason."""
+    """Add a last branch, which keeps the reason of a failed action. A script adds ``more`` to the reason."""
     code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? ('{reason}'{more}) : {FAILURE_ENTRY}"
     _add(_add(parent, 'ForceFailure', name='gives up'), 'Script', name=reason, code=code)
 
 
 def _given_up(action: int) -> str:
-    """Return the entry with how many actions had succeeded when this one has failed."""
+    """Return the name of the entry with the number of successful actions at the failure of this one."""
     return f'plan_given_up_{action}'
 
 
 def _quoted(text: str) -> str:
-    """Return a text within the quotes of a script."""
+    """Return a text quoted for a script."""
     return text.replace("'", '’').replace('\\', '/')
 
 
@@ -324,7 +324,7 @@ def _reason(name: str, what: str, leaf: Leaf) -> str:
 
 
 def _rows(line: str) -> Iterable[str]:
-    """Return a line of XML; one that is too long has a line for each attribute."""
+    """Return a line of XML, split into a line for each attribute if it is too long."""
     if len(line) <= _LONGEST_LINE:
         return [line]
     margin = ' ' * (len(line) - len(line.lstrip(' ')))
