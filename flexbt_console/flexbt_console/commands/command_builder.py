@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Commands for the executive, made from what the operator wants and what the operator sees.
 
-A command is bound to the picture that it was made from: to the run, and to the decision that it answers. Commands that
-cannot work are refused here, with those that would work; the executive checks everything again.
+A command is bound to the view from which it was made: to the run, and to the decision that it answers. Commands that
+cannot work are refused here, and the message lists those that would; the executive checks everything again.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ def candidates(text: str, view: View) -> list[str]:
 
 
 class Offer(NamedTuple):
-    """A completion of a line, what that does, and why it would be refused ('' if it would not)."""
+    """A completion of a line, its description, and the reason why it would be refused ('' if it would not)."""
 
     line: str
     about: str = ''
@@ -39,8 +39,8 @@ class Offer(NamedTuple):
 
 
 def offers(text: str, view: View) -> list[Offer]:
-    """Return what a line may become: by words that complete it, and, while it begins with no command, also each command
-    of which words of its name, or of what it does, begin with those of the line."""
+    """Return the completions of a line: those of its last word, and while no command begins it, also each command
+    of which words of its name, or of its description, begin with those of the line."""
     begun = text[: len(text) - len(text.rpartition(' ')[2])]
     specs = {spec.name: spec for spec in COMMANDS if spec.in_prompt}
     abouts = {} if begun else {spec.name: spec.summary for spec in specs.values()}

@@ -83,7 +83,7 @@ def _switch(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorC
 
 
 def _check_listed(line: CommandLine, view: View) -> None:
-    """Raise NotShownError: the behavior may be one that was synthesized, and nobody here can have seen its machine."""
+    """Raise NotShownError: the behavior may be a synthesized one, whose machine no operator here has seen."""
     if view.behaviors is None and not line.has(UNSEEN):
         message = view.snapshot.message if view.snapshot is not None else ''
         why = f' ({one_line(message, 300)})' if message else ''

@@ -491,10 +491,10 @@ def find(name: str) -> CommandSpec | None:
 
 
 def build(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
-    """Make the command for the executive that the line asks for, bound to what ``view`` shows.
+    """Make the command of the line for the executive, bound to ``view``.
 
     Raises:
-        UsageError: it is not written as it has to be.
+        UsageError: the syntax is wrong.
         RefusedError: it cannot work now.
     """
     assert isinstance(line.spec.action, Send)

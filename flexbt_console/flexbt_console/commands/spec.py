@@ -21,7 +21,7 @@ from .command_builder import CommandBuilder
 
 
 class Typed(NamedTuple):
-    """The basis of completion: the words that come before, those of options left out, and what is known."""
+    """The context of a completion: the words before it, without options, and what is known about the robot."""
 
     words: tuple[str, ...]
     view: View
@@ -36,9 +36,9 @@ Read = Callable[[str], object]
 
 
 class Argument(NamedTuple):
-    """A positional argument; a ``repeated`` one takes any number of words, at least one when ``required``.
+    """A positional argument; a ``repeated`` one takes any number of words, at least one if ``required``.
 
-    A ``spaced`` one is the first: what stands before the first word with ``=`` is its value, whatever spaces are in it.
+    A ``spaced`` one is the first: its value is the text before the first word with ``=``, spaces included.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Argument(NamedTuple):
 
 
 class Option(NamedTuple):
-    """An option; ``value`` is what follows it, None for a switch. A ``repeated`` one may be given again.
+    """An option; ``value`` names its value, None for a switch. A ``repeated`` option may occur several times.
 
     ``in_prompt``: whether it is valid at the interactive prompt.
     """
@@ -88,7 +88,7 @@ class LinkNeed(Enum):
 
 
 class Part(Enum):
-    """A part of the picture that arrives beside the status, from which a line is checked, or which it shows."""
+    """A part of the view that arrives separately from the status, and that a command checks or shows."""
 
     BEHAVIORS = 'behaviors'
     PLACES = 'places'
@@ -119,7 +119,7 @@ class Send(NamedTuple):
 class Reading(NamedTuple):
     """The answer of a command: the value for programs (JSON), and lines for people under a title.
 
-    ``is_refusal``: the robot says no. ``is_map``: the lines are the map, which some can show as an image.
+    ``is_refusal``: the robot refused. ``is_map``: the lines are the map, which some interfaces show as an image.
     """
 
     value: Any
@@ -132,7 +132,7 @@ class Reading(NamedTuple):
 class Show(NamedTuple):
     """A command that shows what the console knows. It raises ConsoleError if that has not arrived.
 
-    ``history`` reads what arrives line by line; it is complete when no more comes.
+    ``history`` reads data that arrive line by line; it is complete when no more arrive.
     """
 
     show: Callable[[CommandLine, View, Mirror], Reading]
@@ -140,9 +140,9 @@ class Show(NamedTuple):
 
 
 class Inquiry(NamedTuple):
-    """The robot that is asked, and how long its answer may take, in seconds.
+    """The robot to query, and the timeout of its answer, in seconds.
 
-    A synthesis may take longer. It reports lines by ``tell`` meanwhile, and is canceled once ``left`` is done.
+    A synthesis may take longer. It reports progress by ``tell``, and is canceled once ``left`` is done.
     """
 
     robot: RobotLink
@@ -152,9 +152,9 @@ class Inquiry(NamedTuple):
 
 
 class Ask(NamedTuple):
-    """A command that asks the robot and waits for its answer. Not on the executor thread.
+    """A command that queries the robot and waits for its answer. Not on the executor thread.
 
-    ``is_map``: it shows the map, which some can show as an image.
+    ``is_map``: it shows the map, which some interfaces show as an image.
     """
 
     ask: Callable[[CommandLine, Inquiry], Reading]
@@ -180,9 +180,9 @@ class Mode(Enum):
 class CommandSpec:
     """The declaration of a command.
 
-    How it is written: ``name``, ``arguments``, ``options``, and ``check``, which finds what is wrong with a line beyond
-    its single words (UsageError). Its effect: ``action``. ``details`` are paragraphs of help. ``link`` is what it needs
-    of the link; a mode sees to that itself. ``needs`` are the parts of the picture that it checks or shows.
+    Its syntax: ``name``, ``arguments``, ``options``, and ``check``, which finds errors of a line beyond those of its
+    single words (UsageError). Its effect: ``action``. ``details`` are paragraphs of help. ``link`` is its need for
+    the link; a mode handles that itself. ``needs`` are the parts of the view that it checks or shows.
     """
 
     name: str
@@ -196,7 +196,7 @@ class CommandSpec:
     check: Callable[[CommandLine], None] | None = None
 
     def has_arrived(self, view: View) -> bool:
-        """Return whether all that it needs is part of the view."""
+        """Return whether the view has all that the command needs."""
         is_known = {
             Part.BEHAVIORS: view.behaviors is not None,
             Part.PLACES: view.has_places,
@@ -300,7 +300,7 @@ class CommandLine:
         return ' '.join(self.words)
 
     def bound_to(self, decision_id: str) -> CommandLine:
-        """Return the line with the decision named that it answers."""
+        """Return the line with the identifier of the decision that it answers."""
         return replace(self, options={**self.options, DECISION: [decision_id]})
 
 
@@ -384,7 +384,7 @@ def robot_names(typed: Typed) -> Iterable[str]:
 
 
 def short_answers(typed: Typed) -> Iterable[str]:
-    """Return what may be typed in short, without a command: the choices of the oldest decision, or the places."""
+    """Return the short inputs that need no command: the choices of the oldest decision, or the places."""
     decision = typed.view.decision
     if decision is None:
         return ()

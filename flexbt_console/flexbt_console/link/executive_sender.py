@@ -28,11 +28,11 @@ class Succession(Enum):
 
 
 class ExecutiveSender:
-    """A filter that separates the messages of the executive from those of others on its topics.
+    """A filter that separates the messages of the executive from those of other nodes on its topics.
 
-    One that is silent is replaced by the next whose status is heard: it may have been started again, and the middleware
-    needs long to see that a process was killed. If it is received again soon, it was late, and is the executive again.
-    One that answers a STOP, which the one that is heard has not, is the executive.
+    If the executive is silent, the next participant with a status replaces it: it may be the restarted executive, and
+    the middleware notices a killed process late. If the old one is heard again soon, it was only late, and returns.
+    A participant that answers a STOP which the present executive has not answered is the executive.
 
     ``is_there`` says whether a participant of the domain still publishes statuses, ``is_silent`` whether the one that
     is shown should have been heard again by now; ``now`` is in seconds.
@@ -42,15 +42,15 @@ class ExecutiveSender:
         self, is_there: Callable[[bytes], bool], is_silent: Callable[[], bool], now: Callable[[], float]
     ) -> None:
         self._participant = UNKNOWN_WRITER
-        self._early: set[bytes] = set()  # who was heard before the executive was known
-        self._replaced: dict[bytes, float] = {}  # until when each may return, in their order
+        self._early: set[bytes] = set()  # senders heard before the executive was known
+        self._replaced: dict[bytes, float] = {}  # time until which each may return, in their order
         self._is_there = is_there
         self._is_silent = is_silent
         self._now = now
         self._there_until = now()
 
     def has_sent(self, participant: bytes) -> bool:
-        """Return whether what a participant has sent is the executive's, as far as is known."""
+        """Return whether a message of this participant is the executive's, as far as is known."""
         if self._participant == UNKNOWN_WRITER and len(self._early) < _MOST_REPLACED:
             self._early.add(participant)
         if UNKNOWN_WRITER in (participant, self._participant) or participant == self._participant:
@@ -60,7 +60,7 @@ class ExecutiveSender:
         return self._is_silent() or not self._is_still_there()
 
     def follow(self, participant: bytes, *, answers: bool = False) -> Succession:
-        """Return a participant has sent a status that is the executive's, or that ``answers`` a STOP in its place."""
+        """Follow a participant that has sent a status as the executive, or that ``answers`` a STOP in its place."""
         before, self._participant = self._participant, participant
         if before == UNKNOWN_WRITER:
             return Succession.INSTEAD if self._early - {participant} else Succession.SAME
@@ -77,7 +77,7 @@ class ExecutiveSender:
         return Succession.NEXT
 
     def _is_still_there(self) -> bool:
-        """Look for it some times a second, however many messages come: it takes as long as a message."""
+        """Return whether it still publishes; checked a few times a second, as a check costs as much as a message."""
         if self._now() < self._there_until:
             return True
         is_there = self._is_there(self._participant)
@@ -124,7 +124,7 @@ def _is_of(node: Any, endpoint: Any) -> bool:
 
 
 def _hashes(endpoints: Iterable[Any]) -> set[str]:
-    """Without that of an endpoint of an older ROS, which has none: nothing can be said of it."""
+    """Return the type hashes, without those of older ROS versions, which have none to compare."""
     return {str(endpoint.topic_type_hash) for endpoint in endpoints} - {'INVALID'}
 
 

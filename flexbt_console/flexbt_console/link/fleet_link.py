@@ -3,7 +3,7 @@
 
 Anybody in the domain can publish statuses under any name. So there are at most :data:`MOST_ROBOTS` in addition to the
 requested ones; they are joined some at a time; each process gets its share of them, so that one with a thousand names
-keeps no other out; of a robot that nobody has opened only the status is heard; and one that is gone is forgotten.
+cannot exclude others; only the status of an unopened robot is received; and a robot that is gone is forgotten.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _ENDING: Final = f'/{names.EXECUTIVE_STATUS}'
 
 
 class FleetLink:
-    """A link to each robot, joined by namespace; ``fleet`` has their mirrors, made by
+    """A link to each robot, joined by namespace; ``fleet`` contains their mirrors, made by
     ``make_mirror``.
 
     With ``only`` they are these; else every robot whose executive is there, up to :data:`MOST_ROBOTS`, and that in the

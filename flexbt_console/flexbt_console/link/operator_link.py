@@ -91,7 +91,7 @@ class ExecutiveLink(RobotLink):
     ) -> None:
         """Join the topics; ``mirror`` has to use the runtime's steady clock, ``operator`` is the user.
 
-        None is an observer: nobody is present by it, and it cannot give commands, as if it were not allowed to.
+        None is an observer, who is not reported as present, and cannot send commands, as if not allowed to.
         ``namespace`` is that of the robot, by default the node's own. With ``only_status`` nothing else is subscribed
         to until :meth:`hear_all`: one among many robots costs little, whatever it sends.
         """
@@ -122,7 +122,7 @@ class ExecutiveLink(RobotLink):
         self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
         mirror.add_listener(self._note_change)
         runtime.call(lambda: self._join(gives_commands=operator is not None))
-        # The executive sees by this whether anybody watches, and whether the holder of the authority does.
+        # The executive detects by this whether anybody watches, and whether the holder of the authority does.
         self._presence = PresenceToken(runtime, operator, namespace) if operator is not None else None
 
     def close(self) -> None:

@@ -129,8 +129,8 @@ class SynthesisQuery:
         return len(calls) or self._cancel_all(timeout)
 
     def _cancel_all(self, timeout: float) -> int:
-        """Return the console that asked may be gone: a request without an ID and a time is for all goals of an
-        action."""
+        """Cancel all goals of the action, by a request without ID and time: the requester may be gone.
+        Return their number."""
         service: Any = SynthesizeBehavior.Impl.CancelGoalService
         link = ServiceLinks(self._runtime).link(service, f'{self._name}/_action/cancel_goal')
         outcome = service_outcome(link, service.Request(), timeout)

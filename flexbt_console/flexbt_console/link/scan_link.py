@@ -260,8 +260,8 @@ class ScanLink:
 
 
 def points_of(scan: Any, where: Rigid) -> Points:
-    """Return where the beams of a scan that was taken there have met something. Raises ValueError for a scan that is
-    none."""
+    """Return the points where the beams of a scan taken there hit something. Raises ValueError for an invalid
+    scan."""
     angles = scan.angle_min, scan.angle_increment * _step(scan)
     if not all(map(math.isfinite, angles)) or not all(map(is_length, where.translation)):
         raise ValueError(f'angles of {angles[0]:g} and {angles[1]:g} rad, taken at {where.translation}')
@@ -277,7 +277,7 @@ def points_of(scan: Any, where: Rigid) -> Points:
 
 
 def _ranges(scan: Any) -> list[float]:
-    """Of the beams that are kept; what has met nothing is _NOTHING."""
+    """Distances of the kept beams; _NOTHING for a beam that hit nothing."""
     low, high = max(0.0, scan.range_min), min(scan.range_max, FARTHEST)
     return [one if low <= one < high else _NOTHING for one in scan.ranges[:: _step(scan)]]
 
@@ -291,7 +291,7 @@ def _less(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _is_same(before: list[float], now: list[float]) -> bool:
-    """Return whether the lidar meets what it met, as far as its noise lets one say so."""
+    """Return whether the lidar sees the same as before, within its noise."""
     different = sum(abs(one - other) > SAME_RANGE for one, other in zip(before, now, strict=False))
     return len(before) == len(now) and different <= SAME_SHARE * len(now)
 

@@ -2,7 +2,7 @@
 """The data that a screen shows in addition to the executive: trees of the BT server, map, plan and scan; into the
 mirror.
 
-A console that only commands does without: it is several times what the operator link itself carries.
+A console that only sends commands does not need them: they are several times the data of the operator link.
 """
 
 from __future__ import annotations

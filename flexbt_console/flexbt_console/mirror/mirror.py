@@ -286,8 +286,8 @@ class Mirror:
         self._tell(Change.LINK)
 
     def is_silent(self, listened: float = math.inf) -> bool:
-        """Return whether the executive should have been heard again by now, or was never heard; we have ``listened``
-        for this many seconds since, and were held up ourselves otherwise."""
+        """Return whether the executive is overdue, or was never heard; ``listened`` is the time, s, for which we have
+        listened since, without the time when we were busy ourselves."""
         with self._lock:
             return self._freshness.silent(self._now(), listened)
 
@@ -298,9 +298,9 @@ class Mirror:
         self._tell(Change.LINK)
 
     def sender_replaced(self, was_executive: bool) -> None:
-        """Snapshots come from another process now: their numbers and times are not compared with those before.
+        """Start the ages anew: another process sends now, whose numbers and times do not compare with those before.
 
-        Other messages of one that was not the executive are forgotten.
+        If that process replaces one that was not the executive, forget the other messages, too.
         """
         with self._lock:
             self._newest.clear()
@@ -468,7 +468,7 @@ class Mirror:
 
 
 def _copied(value: Any) -> Any:
-    """Return what can change is copied; records cannot."""
+    """Return a copy of a mutable value; records are immutable and need none."""
     if isinstance(value, (list, deque)):
         return copy(value)
     if not isinstance(value, (dict, Freshness, CommandTracker, NumberedList, Trees, UnexpectedMotionDetector)):
@@ -531,7 +531,7 @@ _PASSING_SECONDS: Final = 1.0
 def reasons(
     snapshot: ExecutiveSnapshot, log: Sequence[LogLine], events: Sequence[ExecutiveEvent]
 ) -> dict[str, LogLine]:
-    """By the decisions of a snapshot: the newest of the gravest lines that the state has reported since it was entered.
+    """Return the reasons of the decisions of a snapshot: the newest of the most severe lines since the state began.
     For a state that has reported nothing, or requests a value: the line above information of the state that has led to
     it, or of an earlier one, if those between have only led on. Both sequences are in their order.
     """

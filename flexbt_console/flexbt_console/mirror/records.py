@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Immutable records of what the operator's side knows of an executive and of the robot's surroundings.
+"""Immutable records of what the console knows of an executive and of the robot's surroundings.
 
 Their fields declare what the console knows: :mod:`flexbt_console.link.messages` converts messages of flexbt_msgs by
 them, and JSON derives from them. Times are seconds on the executive's clock unless said otherwise.
@@ -160,7 +160,7 @@ class ActiveState:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Something that waits for the operator.
+    """A pending decision.
 
     ``subject`` are the keys of what it is about; the :class:`Subject` of that number has their values, if the number is
     not 0.
@@ -208,7 +208,7 @@ class SubjectValue:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """The subject of a decision; ``notes`` say what of it is not shown."""
+    """The subject of a decision; ``notes`` describe the parts that are not shown."""
 
     decision_id: str
     number: int
@@ -267,7 +267,7 @@ class StopGuard:
 
     @property
     def told(self) -> str:
-        """The report that it keeps the robot at rest, and why; '' while it does not."""
+        """The report that the guard holds the robot, and why; '' while it does not."""
         if not self.holding:
             return ''
         if self.is_silent:

@@ -158,7 +158,7 @@ class MirroredTree:
 
     @property
     def running_leaves(self) -> tuple[int, ...]:
-        """The leaves that act now; one below which a tree was made only while that does nothing."""
+        """The active leaves, without those below which a tree was made only while that does nothing."""
         if self.server_gone:
             return ()
         running = [node for node in self.nodes if self.status(node.uid) is MirroredStatus.RUNNING]
@@ -188,8 +188,8 @@ class Trees:
         self._runs.clear()
 
     def receive_peers(self, executive_id: str, peers: Sequence[Peer], now: float) -> None:
-        """Take what an executive knows of its peers. The runs of a server that is gone, or was replaced by another
-        process, do not go on.
+        """Process the peers that an executive reports. Runs of a server that is gone, or was replaced by another
+        process, end.
         """
         before = self._peers if executive_id == self._executive else {}
         self._executive, self._peers = executive_id, {peer.name: peer for peer in peers if peer.expected}

@@ -11,12 +11,12 @@ from .style import glyphs, toned
 
 
 def cut(text: str, cells: int) -> str:
-    """``text`` cut at its end to this many cells, in its tone."""
+    """Cut the end of ``text`` to this many cells; keep its tone."""
     return text if _fits(text, cells) else toned(_begin(text, cells - 1) + glyphs().ellipsis * (cells > 0), text)
 
 
 def cut_middle(text: str, cells: int) -> str:
-    """``text`` without its middle, in this many cells, so that both its beginning and its end stay; in its tone."""
+    """Cut the middle of ``text`` to this many cells, so that its beginning and its end stay; keep its tone."""
     if _fits(text, cells):
         return text
     begin = _begin(text, (cells - 1) // 3)

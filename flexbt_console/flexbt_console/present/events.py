@@ -95,7 +95,7 @@ class Follower:
         return [one for one in numbered if (one.executive_id, one.sequence) not in known]
 
     def _link_text(self, view: View) -> list[str]:
-        """Return a link that is late is LIVE or LOST soon."""
+        """Return the lines for a change of the link; none while it is late, since it is LIVE or LOST soon."""
         if self._told_link is not None and view.link is LinkState.STALE and view.problem == self._told_link[1]:
             return []
         if self._told_link == (view.link, view.problem):

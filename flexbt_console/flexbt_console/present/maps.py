@@ -172,7 +172,7 @@ def _put(row: list[Cell], column: int, cell: Cell) -> None:
 
 
 def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) -> None:
-    """Write a name behind, before, above or below its sign, where it covers no other place nor its name.
+    """Write a name after, before, above or below its sign, where it covers no other place or name.
 
     If there is not enough room, write as much of it as fits behind the sign.
     """

@@ -307,7 +307,7 @@ def limits_text(parameter: BehaviorParameter) -> str:
 
 
 def parameter_text(parameter: BehaviorParameter) -> str:
-    """Return what a form says of a parameter: its label and name, what it may be, and what it means."""
+    """Return the text of a parameter in a form: label and name, allowed values, and description."""
     name, label = one_line(parameter.name), one_line(parameter.label)
     choices = parameter.choices or BOOLEANS * (parameter.type == 'bool')
     may_be = ' | '.join(map(one_line, choices)) or one_line(parameter.type)
@@ -386,7 +386,7 @@ def alarm_line(view: View) -> str:
 
 
 def robot_line(robot: RobotOverview) -> str:
-    """Return a robot among several: what it needs and for how long, what runs, and where; and what it lacks."""
+    """Return a robot of a fleet in lines: its need and for how long, its run, its position, and missing nodes."""
     view = robot.view
     if robot.is_unreachable:
         return Line(f'{one_line(robot.name):<12} {unreachable_text(view)}', _URGENCY_TONES[robot.urgency])

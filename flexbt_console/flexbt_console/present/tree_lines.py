@@ -103,7 +103,7 @@ def acting_lines(run: MirroredTree) -> list[str]:
 
 
 def window(lines: list[str], marked: int, rows: int) -> list[str]:
-    """Return at most this many of the lines, including the marked one; what is left out is counted."""
+    """Return at most this many of the lines, including the marked one, and the number of omitted ones."""
     if len(lines) <= rows:
         return lines
     if rows <= 2:
@@ -129,14 +129,14 @@ def _title(run: MirroredTree) -> str:
 
 
 def _is_of_now(run: MirroredTree, node: MirroredNode) -> bool:
-    """Return whether a node runs, or has run within :data:`HELD_SECONDS`."""
+    """Return whether a node runs, or ran within the last :data:`HELD_SECONDS`."""
     if run.status(node.uid) is MirroredStatus.RUNNING:
         return True
     return run.shown_status(node.uid) is not MirroredStatus.IDLE and run.seconds(node.uid) < HELD_SECONDS
 
 
 def _closed_ways(run: MirroredTree) -> set[int]:
-    """Return the nodes that have failed by a condition while the tree goes on another way: no fault, and no news."""
+    """Return the nodes that failed by a condition while the tree took another branch: neither a fault nor news."""
     if run.finished:
         return set()
     chains = chains_of_failures(run)
@@ -150,7 +150,7 @@ def _acts(run: MirroredTree, node: MirroredNode) -> bool:
 
 
 def _is_structure(node: MirroredNode) -> bool:
-    """Return whether a node only holds others together: a control or decorator that does not have its own name."""
+    """Return whether a node only groups others: a control or decorator without its own name."""
     return node.kind in (MirroredNodeKind.CONTROL, MirroredNodeKind.DECORATOR) and node.name in ('', node.registration)
 
 
@@ -196,7 +196,7 @@ def _node_line(run: MirroredTree, node: MirroredNode, depth: int, signs: Glyphs)
 
 
 def _cut_line(line: str, columns: int) -> str:
-    """Return what is deep loses of its indent what its name needs; the rest is cut."""
+    """Cut a line; a deep one first loses the part of its indent that its name needs."""
     text = line.lstrip(' ')
     indent = min(len(line) - len(text), columns // 3)
     return cut(toned(' ' * indent + text, line), columns)

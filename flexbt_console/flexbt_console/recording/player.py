@@ -100,7 +100,7 @@ class RunPlayer:
         return end == wanted
 
     def _restore(self, number: int) -> None:
-        """Return the state before a message; every :data:`KEPT_EACH`-th state passed was stored."""
+        """Go back to the kept state of that number; a state is kept each :data:`KEPT_EACH` messages."""
         kept, map_frame = self._kept[number]
         self._clock = ManualClock()
         self.mirror = kept.copy(self._clock)
@@ -132,7 +132,7 @@ class RunPlayer:
         self.mirror.receive_scan(shown, SCAN_SECONDS - (self.time - self._times[at]))
 
     def _unpacked(self, place: int) -> Any:
-        """Raise LimitExceededError for a message with too much in it."""
+        """Return the decoded message. Raises LimitExceededError for one that is too large."""
         message = _message(self._messages[place])
         check_limits(message)
         return message
@@ -145,7 +145,7 @@ class RunPlayer:
         return next((time for time in reversed(said) if time < self.time - 2.0 * MOMENT), 0.0) + MOMENT
 
     def find(self, text: str) -> float:
-        """Return the time of the next moment in which something is said that has this text in it, in any case of its
+        """Return the time of the next message that contains this text, ignoring the case of
         letters.
 
         Raises:

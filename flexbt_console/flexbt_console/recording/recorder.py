@@ -56,8 +56,8 @@ def declare_parameters(node: Node) -> tuple[Path, int]:
 class Recorder:
     """A recorder that subscribes to the topics of a run and writes their messages as they come.
 
-    ``tell_ready`` gets True when everything is recorded that is said from then on by those who are there, and False
-    when what is said waits for the disk, or is not recorded any more.
+    ``tell_ready`` gets True once everything that present publishers send is recorded, and False
+    while messages wait for the disk, or are not recorded any more.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Recorder:
         self._readiness = node.create_timer(_LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _look(self) -> None:
-        """Wait until every node in the graph has discovered this one, plus a grace period."""
+        """Report that recording is complete, once all publishers and consoles in the graph have found this node."""
         node = self._runtime.node
         unheard = [
             one.topic for one in self._subscriptions if one.get_publisher_count() < node.count_publishers(one.topic)

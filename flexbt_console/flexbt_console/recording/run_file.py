@@ -124,9 +124,9 @@ def write_recording(file: Path, messages: Iterable[tuple[int, str, Any]]) -> Non
 
 
 class _WholeWrites:
-    """A new file to which each write is made as a whole, or not at all; what fails is made again with the next one.
+    """A new file in which each write succeeds as a whole or not at all; a failed write is retried with the next one.
 
-    ``problem`` is why there are writes that wait. Not a stream of the standard library: MCAP's writer would put its own
+    ``problem`` is why writes wait. Not a stream of the standard library: MCAP's writer would put its own
     buffer on a raw one, and never empty it.
     """
 

@@ -66,7 +66,7 @@ class KeyBinding:
 
     @property
     def asks(self) -> bool:
-        """Return whether its line is shown first, and Enter sends it.
+        """Return whether the key first shows its line, which Enter then sends.
 
         Every key may be the first letter of a word that is typed as an answer, so only STOP acts at once. Further input
         becomes part of the line, which then is not a command.

@@ -49,11 +49,11 @@ class Station:
     obstacles: SimulatorLink | None = None
 
     def carry_out(self, meaning: Meaning, view: View) -> OperatorCommand | Reading | RobotRequest | None:
-        """Do what was meant by what was seen in ``view``. Return the command that was sent, or what there is to read.
-        To leave is left to the caller.
+        """Execute the meaning, based on ``view``. Return the command that was sent, or the text to show.
+        The caller handles leaving.
 
         Raises:
-            ConsoleError: what is to be shown has not arrived.
+            ConsoleError: the requested data has not arrived.
         """
         line, spec = meaning.line, meaning.line.spec
         if meaning.command is not None:
@@ -162,7 +162,7 @@ class Session:
         return restarted + self.answers()
 
 
-# Why a decision has waited: its operator dealt with another one, had not noticed it, or was dealing with it.
+# # Why a decision has waited: its operator worked on another one, had not noticed it, or worked on it.
 #
 # The parts are those of the literature on how many robots one operator can serve (Cummings and Mitchell 2008,
 # *Predicting controller capacity in supervisory control of multiple UAVs*): wait times by queues, by loss of situation
@@ -178,7 +178,7 @@ DecisionKey = tuple[str, str]
 
 
 class Attention:
-    """The decision that the operator deals with, and since when, by the keys that are pressed."""
+    """The decision on which the operator works, and since when, by the pressed keys."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -201,7 +201,7 @@ class Attention:
         self._current = (key, self._clock.now()) if key is not None else None
 
     def measured(self, command: OperatorCommand) -> OperatorCommand:
-        """Return the command with why the decision that it answers has waited, if that was seen here."""
+        """Return the command with the reason why the decision that it answers has waited, if it was observed here."""
         decision = (command.executive_id, command.decision_id)
         if decision not in self._seen:
             return command
@@ -209,7 +209,7 @@ class Attention:
         return replace(command, wait_queue=queue, wait_interaction=interaction)
 
     def answered(self, decision: DecisionKey) -> tuple[float, float]:
-        """Seconds in which others were dealt with while this one waited, and in which this one was."""
+        """Seconds in which the operator worked on others while this one waited, and on this one."""
         self._close()
         now = self._clock.now()
         seen = self._seen.get(decision, now)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The terminal of a console: end when it is gone or takes no more output, and show standard error as lines."""
+"""The terminal of a console: end when it is gone or accepts no more output, and show standard error as lines."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class TerminalWatch:
     then, ``sign_off`` is called, and the process ends with 128 + the signal, less than 2 s after it; so it does where
     :meth:`close` is not called within :data:`END_SECONDS`, whatever the reason.
 
-    That the terminal is gone is told by what is given: a signal does not tell all, for whoever has started this may be
-    the one who gets it, and wait for our end.
+    Whether the terminal is gone is found from the terminal itself: a signal alone does not show it, since the process
+    that started this one may receive it, and wait for our end.
     """
 
     def __init__(self, sign_off: Callable[[], object]) -> None:
@@ -108,7 +108,7 @@ class TerminalWatch:
         os._exit(128 + number)
 
     def _ending(self) -> int:
-        """Wait for the signal that ends the process, or give it."""
+        """Wait for the signal that ends the process, or for the end of the terminal."""
         changes = select.poll()
         changes.register(0, 0)  # the end is reported anyway
         changes.register(1, 0)
@@ -150,7 +150,7 @@ def standard_error_as_lines(tell: Callable[[str], object]) -> Iterator[None]:
     """
     before = sys.__stderr__
     reading, writing = os.pipe()
-    # The middleware logs with the interpreter's lock, without which nobody reads: what is too much at once is lost.
+    # The middleware logs while it holds the interpreter's lock, so nobody reads then: a burst that is too long is lost.
     os.set_blocking(writing, False)
     with io.TextIOWrapper(io.BufferedWriter(_Terminal(os.dup(2), 'w')), encoding='utf-8', errors='replace') as terminal:
         sys.__stderr__ = terminal  # type: ignore[misc]  # which Textual does not let one set

@@ -109,7 +109,7 @@ class LineMode:
             return self._link.live_view(self._station.timeout)
 
     def _settle(self, history: Callable[[Mirror], tuple[object, ...]]) -> None:
-        """Wait until no more of what is latched line by line arrives."""
+        """Wait until no more latched messages arrive."""
         seen = self._link.wait_for(lambda _: history(self._mirror) or None, LATCHED_SECONDS)
         while seen is not None:
             before = seen
@@ -285,7 +285,7 @@ SILENT_SECONDS: Final = 1.0
 
 
 def report_wait(clock: Clock, what: Callable[[], str], timeout: float) -> AbstractContextManager[None]:
-    """Say what the block waits for, ``timeout`` seconds at most, when it takes longer than SILENT_SECONDS; nothing when
+    """Report on standard error what the block waits for, at most ``timeout`` seconds, after SILENT_SECONDS; nothing if
     ``what`` is '' then."""
 
     def tell() -> None:

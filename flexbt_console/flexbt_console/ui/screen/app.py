@@ -102,8 +102,8 @@ class OperatorScreen(OrderedApp):
     .ascii .dialog {{ border: ascii $primary; }}
     .ascii .dialog, .ascii OptionList {{ scrollbar-size: 0 0; }}
     """
-    # With priority they are dealt with in the order in which they come, by what is open by then: a key that is typed
-    # quickly behind the one that opens a line or a list is for that, and is no command.
+    # With priority, keys are handled in the order in which they were typed, by what is open then: a key typed
+    # quickly after one that opens a line or a list goes to that line or list, and is no command.
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(key, action, show=False, priority=True)
         for key, action in (
@@ -220,7 +220,7 @@ class OperatorScreen(OrderedApp):
         return self._station.mirror.view().turned_to(self._turned_to)
 
     def key_read(self, key: str) -> None:
-        """See :class:`.ordered_app.OrderedApp`. A STOP is sent at once, however busy the screen is.
+        """See :class:`.ordered_app.OrderedApp`. Send a STOP at once, however busy the screen is.
 
         F8 stops the robot on the screen, whatever is open but the list of robots, where another one may be marked; "!"
         does when nothing is open and no key waits that may open something. When the key has its turn, another robot may
@@ -260,7 +260,7 @@ class OperatorScreen(OrderedApp):
         self._wake()
 
     def _wake(self) -> None:
-        # From any thread; many changes make one drawing.
+        # # From any thread; several changes cause one redraw.
         if not self._is_planned and self.is_running:
             self._is_planned = True
             self.call_later(self._plan)
@@ -397,7 +397,7 @@ class OperatorScreen(OrderedApp):
         self.draw()
 
     def action_pick(self, number: int) -> None:
-        """Pick the answer of that number."""
+        """Pick the answer of this number."""
         view = self._view()
         self._panes.picking.pressed()
         decision = view.decision
@@ -405,11 +405,11 @@ class OperatorScreen(OrderedApp):
             self._panes.picking.pick(number, view)
             self.draw()
             return
-        asked = decision.id
+        asked_id = decision.id
 
         def chosen(number: int) -> None:
             now = self._view().decision
-            if now is None or now.id != asked:
+            if now is None or now.id != asked_id:
                 raise RefusedError(CHANGED)
             self._panes.picking.pick(number + 1, self._view())
             self.draw()
@@ -439,7 +439,7 @@ class OperatorScreen(OrderedApp):
         self._warn(f'Ctrl-C clears what was typed. Press q to quit: {self._station.leaving}.{stop}')
 
     async def action_quit(self) -> None:
-        """Ctrl-Q, by which Textual ends a program at once, is as "q", which asks again while a behavior runs."""
+        """Handle Ctrl-Q as "q", which asks again while a behavior runs: Textual would end the program at once."""
         self.action_press('leave')
 
     def action_slash(self) -> None:
@@ -651,8 +651,8 @@ def _label(path: str) -> str:
 
 
 def _timeless(view: View) -> View:
-    """Return what is shown of a robot at rest, whose heartbeat tells nothing new; of another one all, which is never
-    the same twice."""
+    """Return the view without the fields that each heartbeat changes if the robot stands; else the whole view, which
+    never compares equal."""
     if view.running or view.snapshot is None or not view.live:
         return view
     return replace(view, age=None, snapshot=replace(view.snapshot, sequence=0, stamp=0.0))

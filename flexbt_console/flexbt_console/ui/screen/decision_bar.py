@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The decision that waits: what, why, what each answer leads to; and the answer that the operator has picked."""
+"""The bar of the pending decision: question, reason, target of each answer; and the answer that the operator picked."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ NARROWEST: Final = 16
 
 
 class Burst:
-    """The keys that were typed in one go, wherever they went: letters, digits, and the Enters of lines and lists.
+    """The keys typed in one burst, wherever they went: letters, digits, and the Enters of lines and lists.
 
-    Arrows, Tab and Escape begin another one.
+    Arrows, Tab and Escape begin another burst.
 
     Two letters are a word. It may be meant as an answer, so no letter of it is a key that sends something, and an Enter
     behind it answers nothing. Neither does the second Enter of two: the first was meant for what it has closed.
@@ -90,7 +90,7 @@ class Burst:
 
 
 class Picking:
-    """The answer that Enter would send. A key belongs to the decision that was drawn when it was pressed."""
+    """The answer that Enter sends. A key belongs to the decision that was drawn when it was pressed."""
 
     def __init__(self, clock: Clock) -> None:
         self._shown = ShownDecision(clock)
@@ -165,7 +165,7 @@ class Picking:
 
 
 def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_pointing: bool = False) -> list[str]:
-    """Return the bar in at most :data:`ROWS` rows of this many cells. While nothing waits: what acts."""
+    """Return the bar in at most :data:`ROWS` rows of this many cells. Without a decision it shows active states."""
     decision, snapshot = view.decision, view.snapshot
     if decision is None or snapshot is None:
         acting = [f'  {signs.active} {line}' for run in view.running_trees for line in acting_lines(run)]
@@ -183,8 +183,8 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     reasons = [toned(f'  {line}', line) for line in told_of]
     texts = choice_texts(decision, view.state(decision.path), signs)
     choices = _choice_rows(decision, texts, picked, columns)
-    told = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]
-    room = ROWS - len(told)
+    answers = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]
+    room = ROWS - len(answers)
     heads = fold(head, columns, most := max(1, min(2, room - len(reasons))))
     if width(heads[-1]) + width(tails[-1]) > columns and len(heads) < most:
         heads.append(' ')
@@ -194,14 +194,14 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     for reason in reasons:
         if len(lines) < room:
             lines += fold(reason, columns, room - len(lines))
-    lines += told
+    lines += answers
     if choices and len(lines) < ROWS:
         lines.append(Line(cut(_how_to_pick(decision, picked), columns), Tone.DIM))
     return lines[:ROWS]
 
 
 def choice_texts(decision: Decision, state: StateStructure | None, signs: Glyphs) -> list[str]:
-    """Return each choice with its number and what it leads to; what is wanted has a star."""
+    """Return each choice with its number and its target; a star marks the outcome that the state wants."""
     ways = {one.outcome: one for one in state.transitions} if state else {}
     return [
         f'{number} {one_line(choice)}{"*" * (choice == decision.outcome)}{leads_text(ways.get(choice), signs)}'
@@ -224,21 +224,21 @@ def _choice_rows(decision: Decision, texts: Sequence[str], picked: str, columns:
     If there is no room for all, each is cut; what is still left out, the picked one never, is counted.
     """
     kept = decision.choices.index(picked) if picked in decision.choices else 0
-    shown = [*range(min(len(texts), CHOICE_ROWS * columns // LEAST_CELLS))]
-    if texts and kept not in shown:
-        shown.append(kept)
+    indices = [*range(min(len(texts), CHOICE_ROWS * columns // LEAST_CELLS))]
+    if texts and kept not in indices:
+        indices.append(kept)
 
     def rows_of(longest: int) -> list[str]:
-        cells = [_cell(texts[one], longest, is_picked=decision.choices[one] == picked) for one in shown]
-        if len(shown) < len(texts):
-            cells.append(f' +{len(texts) - len(shown)} more: 0 ')
+        cells = [_cell(texts[one], longest, is_picked=decision.choices[one] == picked) for one in indices]
+        if len(indices) < len(texts):
+            cells.append(f' +{len(texts) - len(indices)} more: 0 ')
         return _side_by_side(cells, columns)
 
     rows = rows_of(columns)
     if len(rows) > CHOICE_ROWS:
         narrow = min(columns, max(NARROWEST, columns // -(-len(texts) // CHOICE_ROWS) - 2))
-        while len(rows := rows_of(narrow)) > CHOICE_ROWS and len(shown) > 1:
-            del shown[-2 if shown[-1] == kept else -1]
+        while len(rows := rows_of(narrow)) > CHOICE_ROWS and len(indices) > 1:
+            del indices[-2 if indices[-1] == kept else -1]
     return [Line(row, Tone.DECISION) for row in rows[:CHOICE_ROWS]]
 
 

@@ -60,7 +60,7 @@ class Entry(NamedTuple):
 
 
 class FindField(Input):
-    """Text by which a list is filtered while it is typed. It has the focus of the list."""
+    """The text that filters a list while it is typed. It has the focus of the list."""
 
     DEFAULT_CSS = 'FindField { dock: top; height: 1; border: none; padding: 0; } FindField:focus { border: none; }'
 
@@ -69,10 +69,10 @@ HOW_TO_CHOOSE: Final = 'type to find, Up Down mark, Enter chooses, Esc leaves'
 
 
 class ChoiceList(ModalScreen[int | None]):
-    """A list that is filtered as one types; returns the number of the chosen entry, from 0 on, or None.
+    """A list with a filter; returns the index of the chosen entry, from 0, or None.
 
-    Nothing is marked before the operator marks it. Enter chooses the entry that was marked with the arrows, or the only
-    one whose name is what was typed. Otherwise it says what is missing, and chooses nothing.
+    Nothing is marked at first. Enter chooses the entry that was marked with the arrows, or the only one whose name was
+    typed. Otherwise it shows what is missing, and chooses nothing.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -92,7 +92,7 @@ class ChoiceList(ModalScreen[int | None]):
     ]
 
     def __init__(self, title: str, entries: Sequence[Entry]) -> None:
-        """Prepare the list. The title is our own text; the entries may be from others."""
+        """Prepare the list. The title is our own text; the entries may come from others."""
         super().__init__()
         self._title = title
         self._entries = entries
@@ -107,7 +107,7 @@ class ChoiceList(ModalScreen[int | None]):
             yield OptionList()
 
     def on_mount(self) -> None:
-        """Give what is typed to the list."""
+        """Focus the filter, so that it receives typed keys."""
         options = self.query_one(OptionList)
         options.can_focus = False
         options.set_options(self._options(''))  # given at once, the first would be marked
@@ -139,7 +139,7 @@ class ChoiceList(ModalScreen[int | None]):
         ]
 
     def _row(self, number: int) -> Text:
-        """Return the line; what is marked has a sign, too: a colour alone is not seen everywhere."""
+        """Return the line; a marked one has a sign as well as a colour, which not every terminal shows."""
         entry = self._entries[number]
         why = f'  (not possible: {one_line(entry.refusal)})' if entry.refusal else ''
         return Text(f'{">" if number == self._marked else " "} {one_line(entry.text)}{why}')
@@ -148,7 +148,7 @@ class ChoiceList(ModalScreen[int | None]):
         self.query_one('.dialog').border_subtitle = Text(text, 'bold' if text != HOW_TO_CHOOSE else '')
 
     def action_move(self, move: str) -> None:
-        """Mark another line, as the list moves by itself; not by a page while no line fits."""
+        """Mark another line, with the keys of Textual's list; no page moves while no line fits."""
         self._filter()
         options = self.query_one(OptionList)
         if options.scrollable_content_region.height > 0:
@@ -175,7 +175,7 @@ class ChoiceList(ModalScreen[int | None]):
             self._tell('nothing is marked yet: type a name, or mark a line with Up and Down')
 
     def _named(self, typed: str) -> list[int]:
-        """Return the entries of which that is a name, in the same case if any."""
+        """Return the entries with that name, those with the same case if any."""
         for same in (str, str.casefold):
             found = [
                 number
@@ -285,8 +285,8 @@ class OptionField(FormField):
 
 
 class StartForm(ModalScreen[str | None]):
-    """A field for each parameter and input of a behavior, and for each option of the command; returns the line that
-    starts it, or None. Below them stands the machine of a behavior that was synthesized.
+    """A form with a field for each parameter and input of a behavior, and each option of the command; returns the line
+    that starts it, or None. Below the fields it shows the machine of a synthesized behavior.
 
     ``command`` is ``start`` or ``switch``. An invalid value is not accepted: the form shows why, and stays. So does an
     Enter that comes at once, or is held down, while nothing was filled in: it was meant for what opened the form.
@@ -339,7 +339,7 @@ class StartForm(ModalScreen[str | None]):
             self.set_focus(self._fields[0])
 
     def action_send(self) -> None:
-        """Return the line; if a value cannot be used, show the reason at its field."""
+        """Close with the line; if a value cannot be used, show the reason at its field."""
         is_untouched = self.focused in (None, *self._fields[:1]) and not any(field.is_changed for field in self._fields)
         pressed_at, self._pressed_at = self._pressed_at, self._clock.now()
         if is_untouched and self._pressed_at - pressed_at < BURST_SECONDS:
@@ -421,7 +421,7 @@ class MapImage(ModalScreen[None]):
 
 
 def folded(text: Sequence[str], columns: int) -> list[str]:
-    """Return the lines in rows of this many cells; where a line goes on, it stands under where its last part began."""
+    """Fold the lines into rows of this many cells; a continuation is aligned with the last part of its line."""
     rows: list[str] = []
     for line in text:
         begins = [found.end() for found in re.finditer(r'^ +|  +(?=\S)', line[: columns // 2])]
@@ -474,7 +474,7 @@ class Overview(ModalScreen[str | None]):
 
     @property
     def chosen(self) -> str:
-        """The robot that is marked, or else the one that is on the screen."""
+        """The marked robot, or else the one on the screen."""
         self._filter()
         return self._marked or self._own
 
@@ -484,7 +484,7 @@ class Overview(ModalScreen[str | None]):
         yield Pane()
 
     def on_mount(self) -> None:
-        """Give what is typed to the list."""
+        """Focus the filter, so that it receives typed keys."""
         self.set_focus(self.query_one(FindField))
 
     def on_pane_resized(self) -> None:
@@ -539,7 +539,7 @@ class Overview(ModalScreen[str | None]):
             self.draw()
 
     def action_choose(self) -> None:
-        """Go to the robot that is marked."""
+        """Go to the marked robot."""
         fitting = self._filter()
         if self._marked:
             self.dismiss(self._marked)
@@ -549,7 +549,7 @@ class Overview(ModalScreen[str | None]):
             self.draw('no robot has such a name')
 
     def action_most_urgent(self) -> None:
-        """Go to the most urgent of the others that need their operator; leave when there is none."""
+        """Go to the most urgent of the other robots that need their operator; close the list if none does."""
         needing = (one.name for one in self._robots() if one.needs_operator and one.name != self._own)
         self.dismiss(next(needing, None))
 

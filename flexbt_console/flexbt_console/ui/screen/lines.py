@@ -90,8 +90,8 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
         shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
     asks = authority_asked_line(snapshot, operator) if snapshot is not None else ''
-    asked = [cut_middle(asks, columns - 1)] if asks else []
-    shown = [*shown[: ALARM_ROWS - len(asked)], *asked]
+    request = [cut_middle(asks, columns - 1)] if asks else []
+    shown = [*shown[: ALARM_ROWS - len(request)], *request]
     rows = ALARM_ROWS // max(1, len(shown))
     return styled([row for line in shown for row in fold(toned(f' {line}', line), columns, rows, '   ')])
 
@@ -127,7 +127,7 @@ NAME_COLUMNS: Final = 24
 
 
 class CommandInput(Input):
-    """A command input that belongs to the decision on the screen when it was begun, which is ``bound``."""
+    """A command input bound to the decision that was on the screen when typing began, which is ``bound``."""
 
     _marked = 0
 
@@ -195,8 +195,8 @@ class CommandInput(Input):
         found = offers(self.value, view)
         lines, refused = [], set()
         for number, (line, about, refusal) in enumerate(found):
-            told = one_line(f'not possible: {refusal}' if refusal else about)
-            shown = f'{">" if number == self._marked else " "} {one_line(line):{NAME_COLUMNS}}  {told}'.rstrip()
+            description = one_line(f'not possible: {refusal}' if refusal else about)
+            shown = f'{">" if number == self._marked else " "} {one_line(line):{NAME_COLUMNS}}  {description}'.rstrip()
             lines.append(cut(shown, columns))
             if refusal:
                 refused.add(lines[-1])

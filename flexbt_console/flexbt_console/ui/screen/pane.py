@@ -109,7 +109,7 @@ Cells = list[tuple[str, Style | None]]
 
 
 def _cells(row: Sequence[Segment], width: int) -> Cells:
-    """Return each cell of a row; the second one of a wide character is ''."""
+    """Return the text of each cell of a row; the second cell of a wide character is ''."""
     cells: Cells = []
     for text, style, _ in row:
         cells += [(sign, style) for sign in in_cells(text)]

@@ -30,7 +30,7 @@ from .robot_panes import LogPane, MachinePane, MapPane
 
 
 class Panes:
-    """The panes as the operator of ``station`` has them; ``line`` is typed below them, and ``replay`` stands for the
+    """The panes as the operator of ``station`` arranged them; ``line`` is typed below them, and ``replay`` replaces the
     keys in a recording."""
 
     def __init__(
@@ -55,7 +55,7 @@ class Panes:
         self.log.moved()
 
     def follow(self) -> None:
-        """Return all panes to the present, whatever their scroll position."""
+        """Scroll all panes back to the present."""
         self.machine.follow()
         self.log.follow()
 
@@ -80,7 +80,7 @@ class Panes:
         return (*visible, 'log') if self._line.is_open and 'log' not in visible else visible
 
     def has_answer(self, view: View) -> bool:
-        """Return whether Enter has something to send for the decision on the screen, or begins the line for a value."""
+        """Return whether Enter has an answer to send for the decision on the screen, or opens the line for a value."""
         if self.map.is_pointing:
             return self.map.is_aimed
         decision = view.decision
@@ -117,14 +117,14 @@ class Panes:
                 return keys_text(view, columns, self._operator, self.layout.focused, has_answer=self.has_answer(view))
 
 
-# Which panes there are, and which has the focus, is enlarged or hidden: as its operator has left it the last time.
+# The arrangement of the panes (focused, enlarged or hidden), as the operator has last left it.
 
 PANES: Final = ('machine', 'map', 'log')
 
 
 class Layout:
-    """The pane with the focus is the one that keys scroll, enlarge and hide. It is kept in ``file``, if there is one,
-    as words; others than those that are known, as of another version, are passed over.
+    """The layout of the panes. Keys scroll, enlarge and hide the focused one. It is kept in ``file``, if not None,
+    as words; unknown words, e.g. of another version, are ignored.
 
     Methods that change it raise RefusedError if it cannot be kept.
     """

@@ -118,14 +118,14 @@ class ReplayBar:
         state = 'goes' if self._wanted is not None else 'plays' if self.is_playing else 'stands'
         head = f' {state} x{SPEEDS[self._speed]:g}  {player.time:.1f} / {player.duration:.1f} s '
         room = columns - len(head) - 3
-        told = ''
+        keys = ''
         for one in HELP:
             if len(one) + 2 <= room - LEAST:
-                told, room = f'{told}  {one}', room - len(one) - 2
+                keys, room = f'{keys}  {one}', room - len(one) - 2
         room = max(4, room)
         place = round(player.time / player.duration * (room - 1)) if player.duration else 0
         line = '-' * place + '|' + '-' * (room - 1 - place)
-        return styled([Line(cut(f'{head}[{line}]{told}', columns), Tone.PLAIN)])
+        return styled([Line(cut(f'{head}[{line}]{keys}', columns), Tone.PLAIN)])
 
 
 def replay_help_lines() -> list[str]:

@@ -46,7 +46,7 @@ from .pane import drawn, styled
 
 
 class _Rank(IntEnum):
-    """The parts of a line. Where there is little room, the last ones are left out first."""
+    """The parts of a line. If space is short, the last ones are omitted first."""
 
     ACTIVE = 0
     OUTCOME_OF_FIRST = 1
@@ -73,7 +73,7 @@ class MachinePane:
         self._from = max(0, (self._from or 0) + pages * self._page)
 
     def follow(self) -> None:
-        """Return to the current part."""
+        """Show the current part again."""
         self._from = None
 
     def draw(self, view: View, columns: int, rows: int, nothing: str) -> Text:
@@ -93,8 +93,8 @@ class MachinePane:
             lines += tree_lines(run, columns, sys.maxsize, self._signs)
         self._from = min(self._from or 0, max(0, len(lines) - self._page))
         left = len(lines) - self._from - self._page
-        told = f'  ({self._from} above, {max(0, left)} below; Esc: what is active)'
-        return [*lines[self._from :][: self._page], Line(cut(told, columns), Tone.DIM)]
+        position = f'  ({self._from} above, {max(0, left)} below; Esc: what is active)'
+        return [*lines[self._from :][: self._page], Line(cut(position, columns), Tone.DIM)]
 
     def _of_now(self, view: View, columns: int, rows: int) -> list[str]:
         trees = view.drawn_trees
@@ -109,8 +109,8 @@ class MachinePane:
 
 
 def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[str]:
-    """Return the machine in at most this many rows of this many cells. Where it does not fit: what is active, and what
-    the state that waits, or else the first active one, leads to; that state is always among the lines.
+    """Return the machine in at most this many rows of this many cells. If it does not fit, show active states, and the
+    targets of the waiting state, or else of the first active one, whose line is always included.
     """
     snapshot = view.snapshot
     if snapshot is None:
@@ -153,7 +153,7 @@ def _state(
 
 
 def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
-    """Return each outcome with what it leads to, and the level of autonomy that it requires."""
+    """Return each outcome with its target, and the level of autonomy that it requires."""
     texts = []
     for one in state.transitions:
         needs = f'  ({autonomy_needed(one.autonomy)})' if one.autonomy >= 0 else ''
@@ -162,7 +162,7 @@ def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
 
 
 def leads_text(one: Transition | None, signs: Glyphs) -> str:
-    """Return what a transition leads to; '' where that is not known."""
+    """Return the target of a transition; '' if it is not known."""
     return f' {signs.arrow} {one_line(one.target.rpartition("/")[2] or one.target)}' if one and one.target else ''
 
 
@@ -270,7 +270,7 @@ class MapPane:
         return True
 
     def answer(self, view: View) -> tuple[str, Decision | None]:
-        """Take the cursor away; return what it says, and the decision that it answers, None when that is gone.
+        """Remove the cursor; return its pose, and the decision that it answers, None when that has ended.
 
         Raises:
             RefusedError: the cursor was neither moved nor turned.
@@ -343,7 +343,7 @@ class LogPane:
         self.follow()
 
     def follow(self) -> None:
-        """Return to the latest lines."""
+        """Show the latest lines again."""
         self._held, self._back = [], 0
 
     def draw(self, mirror: Mirror, columns: int, rows: int) -> Text:

@@ -37,7 +37,7 @@ FIELD_SECONDS: Final = 0.5
 
 
 class OrderedApp(App[None]):
-    """An app whose operator can act at any time: an error in the handling of a key is reported."""
+    """An app whose operator can act at any time: it reports an error in the handling of a key, and continues."""
 
     _opening: AwaitMount | None = None
 
@@ -64,7 +64,7 @@ class OrderedApp(App[None]):
         return guarded
 
     def open(self, dialog: ModalScreen[T | None], then: Callable[[T], object] = lambda given: None) -> None:
-        """Open a dialog, and do something with what it gives. It gets the keys that are typed from now on."""
+        """Open a dialog, and pass its result to ``then``. It gets the keys that are typed from now on."""
 
         def closed(given: T | None) -> None:
             if given is not None:
@@ -124,7 +124,7 @@ READ_BYTES: Final = 4096
 
 
 class TerminalDriver(LinuxDriver):
-    """Is woken by what is typed, where Textual looks ten times a second; and sets the terminal up again on SIGCONT.
+    """A driver that typed keys wake, where Textual polls ten times a second, and that restores the terminal on SIGCONT.
 
     Textual takes each SIGCONT for the end of a suspension that it has begun itself, at SIGTSTP. It comes without one
     after SIGSTOP, and when the terminal goes away (POSIX.1-2017, 11.1.10 and 2.4.3). Then Textual starts the threads
@@ -211,7 +211,7 @@ _VARIABLES: Final = ('KITTY_WINDOW_ID', 'WEZTERM_PANE', 'KONSOLE_VERSION', 'ITER
 def image_widget() -> ImageWidget | None:
     """Return the widget that shows an image in this terminal; None where it has no protocol for that.
 
-    Only a terminal that is known to have one is asked for it: one that does not answer holds up the start. To be called
+    Query only terminals that are known to have one: a terminal that does not answer delays the start. Call this
     before Textual has the terminal.
     """
     wanted = os.environ.get(IMAGES, '')

@@ -39,7 +39,7 @@ _ADDRESSES: Final = 4096
 
 
 def source_of(address: str | None) -> str:
-    """Return what stands for whoever has this address: for IPv6 its first 64 bits, all of which one may have."""
+    """Return the key of the source of an address: for IPv6 its first 64 bits, since one client may own all of them."""
     known = _address((address or '').partition('%')[0])
     if isinstance(known, ipaddress.IPv6Address):
         return str(known.ipv4_mapped or ipaddress.ip_network((known, 64), strict=False))
@@ -47,9 +47,9 @@ def source_of(address: str | None) -> str:
 
 
 class WrongTokens:
-    """The time that a token waits before it is checked, by the wrong ones from the same source.
+    """The delay before a token is checked, which grows with the wrong tokens from the same source.
 
-    A right one costs nothing, so its owner is delayed only if another client guesses from the same source.
+    A right token adds no delay, so its owner waits only if another client guesses from the same source.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
@@ -57,11 +57,11 @@ class WrongTokens:
         self._paid_at: OrderedDict[str, float] = OrderedDict()
 
     def wait(self, source: str) -> float:
-        """Return the seconds until a token from there is looked at."""
+        """Return the seconds until the next token from this source is checked."""
         return max(0.0, self._paid_at.get(source, 0.0) - (GUESSES - 1) * GUESS_SECONDS - self._now())
 
     def note(self, source: str) -> None:
-        """Note a wrong token from there."""
+        """Note a wrong token from this source."""
         self._paid_at[source] = max(self._paid_at.pop(source, 0.0), self._now()) + GUESS_SECONDS
         if len(self._paid_at) > _ADDRESSES:
             self._paid_at.popitem(last=False)
@@ -69,7 +69,7 @@ class WrongTokens:
 
 @dataclass(frozen=True)
 class Access:
-    """``address`` is where it listens, ``names`` are further names of the computer; an empty ``token`` is none.
+    """``address`` is where it listens, ``names`` are further names of the computer; an empty ``token`` means none.
 
     A page of another site reaches this server in two ways: by its own address, which the browser sends in ``Origin``;
     and under a name of its own that it lets point to us (DNS rebinding), which is the ``Host``. So Host is an address
@@ -82,7 +82,7 @@ class Access:
 
     @classmethod
     def of(cls, address: str, token: str = '') -> Access:
-        """For an address to listen at: beyond this computer there is always a token, made up when none is given.
+        """Return the access for a listening address: beyond this computer it always has a token, generated if missing.
 
         Raises:
             UsageError: it is neither an address of the Internet protocol nor ``localhost``.
@@ -103,25 +103,25 @@ class Access:
         return name in self.names or _address(name) is not None
 
     def knows_origin(self, origin: str | None, host: str) -> bool:
-        """Return whether a header ``Origin`` is the page of this server; without one it was not asked for by a page."""
+        """Return whether a header ``Origin`` is the page of this server; without the header no page asked."""
         return origin is None or origin in (f'http://{host}', f'https://{host}')
 
     def knows_token(self, token: object) -> bool:
-        """Return whether this is the token, where one is needed."""
+        """Return whether the token is right, or none is needed."""
         if not self.token:
             return True
-        given = token.encode(errors='replace') if isinstance(token, str) else b''  # JSON may hold lone surrogates
-        return hmac.compare_digest(given, self.token.encode(errors='surrogateescape'))
+        received = token.encode(errors='replace') if isinstance(token, str) else b''  # JSON may hold lone surrogates
+        return hmac.compare_digest(received, self.token.encode(errors='surrogateescape'))
 
     def page_address(self, port: int) -> str:
-        """Return what to open in a browser. The token is behind ``#``: browsers keep that to themselves."""
+        """Return the address to open in a browser. The token follows ``#``: browsers do not send that part."""
         host = {'0.0.0.0': socket.gethostname(), '::': socket.gethostname()}.get(self.address, self.address)  # noqa: S104
         shown = f'[{host}]' if ':' in host else host
         return f'http://{shown}:{port}/' + (f'#token={self.token}' if self.token else '')
 
 
 def guard(access: Access) -> Middleware:
-    """Return a middleware of aiohttp that refuses what does not come from a page of this server."""
+    """Return an aiohttp middleware that refuses requests from pages of other servers."""
 
     @web.middleware
     async def check(request: web.Request, handler: Handler) -> web.StreamResponse:

@@ -34,14 +34,14 @@ class Drawing(NamedTuple):
 
 
 class Drawings:
-    """The pictures that were made, the latest of them. One is made at a time: it takes a processor for a moment."""
+    """The latest pictures. They are made one at a time, since each occupies a processor for a moment."""
 
     def __init__(self) -> None:
         self._made: OrderedDict[str, asyncio.Task[str]] = OrderedDict()
         self._one = asyncio.Lock()
 
     def wanted(self, drawing: Drawing) -> asyncio.Task[str]:
-        """Return the task that makes it; its result is SVG. Raises ResourceError when awaited."""
+        """Return the task that makes the picture; its result is SVG. Raises ResourceError when awaited."""
         task = self._made.get(drawing.key)
         if task is None or (task.done() and (task.cancelled() or task.exception())):  # a failure is tried again
             task = self._made[drawing.key] = asyncio.create_task(self._make(drawing))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One page that is open: what has changed goes to it, and what it asks for is carried out."""
+"""An open page: send it the changes, and execute its requests."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _LOGGER: Final = logging.getLogger(__name__)
 
 
 class PageLink:
-    """A page at its WebSocket, whose ``source`` is what stands for its address."""
+    """A page at its WebSocket; ``source`` is the key of its address."""
 
     _pictures: Pictures
     _session: Session
@@ -68,11 +68,11 @@ class PageLink:
         self._sending = asyncio.Lock()
 
     def wake(self) -> None:
-        """Something has changed; on the thread of the loop."""
+        """Note a change; on the thread of the loop."""
         self._changed.set()
 
     async def serve(self, robot: str, station: Station, pictures: Pictures) -> None:
-        """Show that robot, and lines of the others, until the page or the server ends it; after :meth:`is_welcome`."""
+        """Show a robot, and a line for each other one, until the page or server ends it; after :meth:`is_welcome`."""
         self._pictures, self._session = pictures, Session(station, SteadyClock())
         await self._send({'hello': {'robot': robot, 'commands': COMMAND_PART}})
         show = asyncio.create_task(self._show())
@@ -86,7 +86,7 @@ class PageLink:
             await asyncio.gather(show, *self._tasks, return_exceptions=True)
 
     async def is_welcome(self, access: Access, wrong: WrongTokens) -> bool:
-        """Return whether the first message has the token. Nothing is sent before."""
+        """Return whether the first message has the token. Nothing is sent before that."""
         with contextlib.suppress(asyncio.TimeoutError, TypeError, ConsoleError):
             hello = read(await self._socket.receive_str(timeout=HELLO_SECONDS))
             while wait := wrong.wait(self.source):

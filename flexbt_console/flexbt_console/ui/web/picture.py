@@ -95,7 +95,7 @@ COMMAND_PART: Final = [
 
 
 def parts_of(view: View, operator: str | None) -> dict[str, Any]:
-    """Return the parts by their names, for this operator. All texts are escaped for a line, and nothing of them is
+    """Return the parts by name, for this operator. All texts are escaped for a line, and none of them is
     HTML."""
     return {
         'link': {'state': view.link.value, 'word': link_word(view), 'problem': one_line(view.problem)},
@@ -228,7 +228,7 @@ def _node_names(nodes: Sequence[MirroredNode]) -> list[str]:
 
 
 def left_out_lines(view: View) -> list[str]:
-    """Tell what is not in the parts since there is too much of it."""
+    """Report the data that the parts leave out because of their size."""
     snapshot, structure = view.snapshot, view.structure
     counts = {
         **{
@@ -306,7 +306,7 @@ def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
 
 
 def other_robots(name: str, view: View, robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
-    """Return where the other robots are on the map of this one, unless their map is known to be another one."""
+    """Return the other robots' poses on the map of this one, unless their map is known to be another one."""
     shown = []
     for robot in sorted(robots, key=lambda one: one.name):
         theirs, pose = robot.view.surroundings.map, _pose(robot.view)
@@ -350,7 +350,7 @@ class Picture(NamedTuple):
 
 
 class Pictures:
-    """The pictures of one robot for all its pages: each is made once, on another thread than that of the loop.
+    """The pictures of one robot for all its pages: each is made once, on a thread other than that of the loop.
 
     A request of a page, above all a STOP, so never waits until something is encoded.
     """
@@ -376,7 +376,7 @@ class Pictures:
         return await asyncio.shield(self._next)
 
     def close(self) -> None:
-        """Make no more: no page is left."""
+        """Stop: no page is left."""
         for task in self._begun:
             task.cancel()
 

@@ -31,10 +31,10 @@ BURST: Final = 60
 
 
 def read(text: str) -> dict[str, Any]:
-    """Return a message of a page.
+    """Return the decoded message of a page.
 
     Raises:
-        UsageError: it is none.
+        UsageError: it is invalid.
     """
     try:
         message = load_json(text)
@@ -55,13 +55,13 @@ PageRequest = Callable[[], Told]
 def answered(
     message: dict[str, Any], session: Session, left: Future[None]
 ) -> Told | dict[str, Any] | PageRequest | None:
-    """Do what a page asks for; a dictionary is a message for the page. Only a
+    """Execute a request of a page; return a dictionary to send it to the page. Only a
     :data:`PageRequest` waits for anybody.
 
     ``left`` is done once the page is closed: what is synthesized for it is canceled.
 
     Raises:
-        ConsoleError: it is not written as it has to be, or cannot work now; nothing was sent.
+        ConsoleError: the request is invalid, or cannot work now; nothing was sent.
     """
     station = session.station
     if 'complete' in message:
@@ -99,7 +99,7 @@ def _done(meaning: Meaning, view: View, session: Session, left: Future[None]) ->
 
 
 def _ignore(text: str) -> None:
-    """Leave out what a synthesis reports meanwhile: a page shows its end."""
+    """Ignore the progress of a synthesis: a page shows its end only."""
 
 
 def _obstacle(where: object, station: Station) -> Reading:

@@ -94,7 +94,7 @@ class WebServer:
         self._encoder.shutdown(wait=False, cancel_futures=True)
 
     def _wake(self) -> None:
-        """From any thread; many changes make one waking."""
+        """Wake the pages, from any thread; several changes cause one wake-up."""
         if not self._is_told and self._loop is not None:
             self._is_told = True
             try:
@@ -164,7 +164,7 @@ class WebServer:
         return socket
 
     def _named(self, name: str) -> str | None:
-        """Return the robot that a page asks for: one by its name, also without the slash; the own one, or the most
+        """Return the robot that a page requests by name, with or without the slash; by default our own, or the most
         urgent."""
         known = self._robots.fleet.names
         if name:
@@ -177,7 +177,7 @@ class WebServer:
         return f'no robot {short_repr(name)} was found{meant or ", and no other one yet"}'
 
     async def _greet(self, page: PageLink, request: web.Request) -> bool:
-        """Return whether the page is welcome. Who says nothing keeps nobody out."""
+        """Return whether the page has the token. A silent page does not block others."""
         if request.transport is None:
             return False
         of_source = Counter(one.source for one in self._greeting)
@@ -194,7 +194,7 @@ class WebServer:
             self._greeting.pop(page, None)
 
 
-# Runs the server until the operator ends it.
+# # Run the server until the operator ends it.
 
 SHUTDOWN_SECONDS: Final = 1.0
 
@@ -211,32 +211,32 @@ REPORT_SECONDS: Final = 10.0
 REPORT_CHARACTERS: Final = 200
 
 
-def run_web(application: web.Application, access: Access, port: int, told: Callable[[str], None]) -> None:
-    """Serve at a port, 0 for one that is free, until SIGINT or SIGTERM; on the main thread.
+def run_web(application: web.Application, access: Access, port: int, report: Callable[[str], None]) -> None:
+    """Serve at a port, 0 for a free one, until SIGINT or SIGTERM; on the main thread.
 
-    ``told`` gets the address of the page.
+    ``report`` receives the address of the page.
 
     Raises:
-        UsageError: nothing can be served there.
+        UsageError: the address or port cannot be used.
     """
-    asyncio.run(_serve(application, access, port, told))
+    asyncio.run(_serve(application, access, port, report))
 
 
-async def _serve(application: web.Application, access: Access, port: int, told: Callable[[str], None]) -> None:
+async def _serve(application: web.Application, access: Access, port: int, report: Callable[[str], None]) -> None:
     ended = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, ended.set)
     async with serving(application, access.address, port) as used:
-        told(access.page_address(used))
+        report(access.page_address(used))
         await ended.wait()
 
 
 @contextlib.asynccontextmanager
 async def serving(application: web.Application, address: str, port: int) -> AsyncIterator[int]:
-    """Serve at a port, 0 for one that is free, in the context; gives the port.
+    """Serve at a port, 0 for a free one, in the context; yields the port.
 
     Raises:
-        UsageError: nothing can be served there.
+        UsageError: the address or port cannot be used.
     """
     connections = _Connections()
     application.middlewares.insert(0, connections.in_hand)
@@ -348,5 +348,5 @@ def _request_logger() -> logging.Logger:
 
 
 def print_address(address: str) -> None:
-    """Tell the operator where the page is."""
+    """Show the operator the address of the page."""
     print(f'the page is at {address}  (Ctrl-C ends it; the robot goes on)', flush=True)
