@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """FlexBE's states and behaviors under FlexBT: its Python interface, generic states and manifests.
 
-Code that imports ``flexbe_core`` itself runs as it is; see :mod:`flexbt_flexbe.shim`.
+Code that imports ``flexbe_core`` runs unchanged; see :mod:`flexbt_flexbe.shim`.
 """
 
 from typing import Any
@@ -47,7 +47,7 @@ __all__ = [
 
 
 def initialize_flexbe_core(node: Any) -> None:
-    """Do nothing: everything finds the node of its run."""
+    """Do nothing: all parts find the node of their run."""
 
 
 set_node = initialize_flexbe_core
@@ -58,4 +58,4 @@ def initialize_proxies(node: Any) -> None:
 
 
 def shutdown_proxies() -> None:
-    """Do nothing: a run ends what its states use."""
+    """Do nothing: a run closes the proxies of its states."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's behaviors in the installed packages, found as FlexBE finds them, with the parameters their code declares.
+"""Discovery of FlexBE's behaviors in the installed packages, as in FlexBE, with the parameters in their code.
 
-A package takes part by ``<flexbe_behaviors/>`` in the exports of its package.xml; its manifests are all ``*.xml``
-below ``lib/PACKAGE/manifest``, apart from those whose name begins with ``#``.
+A package with ``<flexbe_behaviors/>`` in the exports of its package.xml is searched. Its manifests are all ``*.xml``
+below ``lib/PACKAGE/manifest``, except those whose name begins with ``#``.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ _ROS_1: Final = frozenset(('actionlib', 'moveit_commander', 'roslib', 'rospy', '
 
 
 def entries() -> Iterator[BehaviorEntry]:
-    """Yield an entry for each manifest; one that cannot be used has an error. Installs the shim when there is a
-    behavior."""
+    """Yield an entry for each manifest; the entry of an unusable one has an error. Install the shim if a behavior
+    exists."""
     for package, file in manifest_files():
         try:
             source = read_manifest(file)
         except FlexbeManifestError as error:
             yield BehaviorEntry(file.stem, package, BehaviorManifest(file.stem), (), None, str(error))
             continue
-        if source.package == package:  # as in FlexBE: a manifest about another package is not this one's
+        if source.package == package:  # as in FlexBE: skip a manifest that is about another package
             yield _entry(source)
 
 
@@ -74,7 +74,7 @@ def _entry(source: FlexbeManifest) -> BehaviorEntry:
         shim.install()
         known = {parameter.name for parameter in parameters}
         of_code = tuple(one for one in code_parameters(load_class(source)) if one.name not in known)
-    except (Exception, SystemExit) as error:  # any exception that foreign code raises when it is imported
+    except (Exception, SystemExit) as error:  # the import of foreign code may raise anything
         reason = described(error) + _remedy(error)
         return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters, None, reason)
     make = partial(HostedBehavior, source, of_code)
@@ -82,7 +82,7 @@ def _entry(source: FlexbeManifest) -> BehaviorEntry:
 
 
 def _remedy(error: BaseException) -> str:
-    """Return what to do about an import that failed, where the error does not say it."""
+    """Return the remedy for a failed import, if the error does not contain it."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return ''
     package = error.name.partition('.')[0]
@@ -93,17 +93,17 @@ def _remedy(error: BaseException) -> str:
     return f'; build or install the package that has {error.name}'
 
 
-# The parameters that a behavior's code declares, so that the operator is offered those that its manifest lacks.
+# The parameters in a behavior's code, so that the operator can also set those that its manifest lacks.
 #
-# The code is read and not run: a behavior's constructor needs a node, and may do anything.
+# The code is parsed but not run: a behavior's constructor needs a node, and may do anything.
 
 
 def code_parameters(behavior_class: type[Behavior]) -> list[BehaviorParameter]:
     """Return the parameters of ``self.add_parameter('name', default)`` in a class and its bases.
 
-    What has another form than this is not found, and can be set all the same. A default is found where it is written
-    as a value, as arithmetic on such, or as the name of one in the class or its module; otherwise it counts as text,
-    which the code converts.
+    Parameters in another form are not found, but can still be set. A default is found if it is a literal value,
+    arithmetic on literals, or the name of such a value in the class or its module. Other defaults count as text, which
+    the code converts.
     """
     found: dict[str, BehaviorParameter] = {}
     for one in behavior_class.__mro__[: behavior_class.__mro__.index(Behavior)]:
@@ -112,7 +112,7 @@ def code_parameters(behavior_class: type[Behavior]) -> list[BehaviorParameter]:
                 try:
                     found.setdefault(name, BehaviorParameter(name, offered))
                     break
-                except ManifestError:  # no default that an operator could write, or no name
+                except ManifestError:  # without a name, or with a default that an operator cannot write
                     continue
     return list(found.values())
 
@@ -120,7 +120,7 @@ def code_parameters(behavior_class: type[Behavior]) -> list[BehaviorParameter]:
 def _declared(one: type[Any], behavior_class: type[Any]) -> Iterator[tuple[str, Any]]:
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(one)))
-    except (OSError, TypeError, SyntaxError, ValueError):  # made by code, or the file has gone
+    except (OSError, TypeError, SyntaxError, ValueError):  # generated by code, or the file is gone
         return
     defaults = _Defaults(sys.modules.get(one.__module__), behavior_class, tree)
     for node in ast.walk(tree):
@@ -149,7 +149,7 @@ class _Defaults:
     def __init__(self, module: ModuleType | None, behavior_class: type[Any], tree: ast.Module) -> None:
         self._module = module
         self._class = behavior_class
-        self._assigned = set()  # the code knows what these are when it runs
+        self._assigned = set()  # only the running code knows their values
         for node in ast.walk(tree):
             match node:
                 case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
@@ -158,7 +158,7 @@ class _Defaults:
                     self._assigned.add(f'self.{name}')
 
     def value(self, default: ast.expr) -> Any:
-        """Return the value; None if it is not known."""
+        """Return the value; None if unknown."""
         try:
             return ast.literal_eval(default)
         except (ValueError, TypeError, MemoryError, RecursionError):

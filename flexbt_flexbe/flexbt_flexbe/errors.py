@@ -2,10 +2,10 @@
 """The errors of flexbt_flexbe.
 
 FlexbtError
-├── ProxyError          a proxy was used against its rules, or cannot provide what was requested
+├── ProxyError          a proxy was used incorrectly, or cannot serve a request
 │   └── NoResultError   a goal or request ended without a result
 ├── ShimError           FlexBE's modules cannot be replaced
-└── FlexbeManifestError a behavior's manifest, or its source, cannot be used
+└── FlexbeManifestError a behavior's manifest or class cannot be used
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from flexbt_core.errors import FlexbtError
 
 
 class ProxyError(FlexbtError, ValueError):
-    """A proxy was used against its rules. (FlexBE raises ValueError, which states catch.)"""
+    """A proxy was used incorrectly. (FlexBE raises ValueError, which states catch.)"""
 
 
 class NoResultError(ProxyError):
@@ -26,4 +26,4 @@ class ShimError(FlexbtError, ImportError):
 
 
 class FlexbeManifestError(FlexbtError):
-    """A behavior's manifest, or the class that it names, cannot be used."""
+    """A behavior's manifest, or the class named in it, cannot be used."""

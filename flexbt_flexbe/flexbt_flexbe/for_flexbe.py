@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The other way round: FlexBT's states in FlexBE's own engine.
+"""FlexBT's states in FlexBE's own engine.
 
 With FlexBE installed (and not the shim), a package of states for FlexBE has modules such as::
 
@@ -9,9 +9,9 @@ With FlexBE installed (and not the shim), a package of states for FlexBE has mod
 
     BtExecuteState = hosted(flexbt_states.BtExecuteState, EventState, Logger)
 
-The state is FlexBT's, in a shell that is FlexBE's. What FlexBE lacks the shell adds: a stop of the behavior leaves the
-state in order, so that its goal is canceled, and waits for the end of it; and what the state raises is its outcome
-``failed``, instead of being repeated at every tick.
+The result is a FlexBT state in a FlexBE wrapper. The wrapper adds what FlexBE lacks: a stop of the behavior leaves the
+state properly, cancels its goal, and waits for the end of the goal. An exception in the state means its outcome
+``failed``, instead of being raised again at every tick.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_onboard.behaviors.run_context import StateServices
 
 REST_SECONDS: Final = 3.0
-"""Time that a stopped behavior waits for a goal to end, s."""
+"""Time that a stopped behavior waits for the end of a goal, s."""
 
 _FAILED: Final = 'failed'
 
 
 def hosted(state_class: type[EventState], flexbe_event_state: type[Any], flexbe_logger: Any) -> type[Any]:
-    """Return a class that derives from FlexBE's EventState and behaves as ``state_class``: same parameters, keys,
-    outcomes."""
+    """Return a class derived from FlexBE's EventState that behaves like ``state_class``, with the same parameters,
+    keys and outcomes."""
 
     def construct(self: Any, *args: Any, **keywords: Any) -> None:
         inner = state_class(*args, **keywords)
@@ -62,7 +62,7 @@ def hosted(state_class: type[EventState], flexbe_event_state: type[Any], flexbe_
 
 
 class _HostedState:
-    """One state in its shell. It is the state's place in a run, too: its host."""
+    """One state in its wrapper, which is also the state's host in a run."""
 
     def __init__(self, shell: Any, state: EventState, logger: Any) -> None:
         self.state = state
@@ -73,10 +73,10 @@ class _HostedState:
         self._userdata: Any = None  # while the state is active
         self._wake_event = threading.Event()
 
-    # -- what FlexBE calls -------------------------------------------------------------------------------------------
+    # -- called by FlexBE --------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Before the run."""
+        """Call on_start, before the run."""
         self._services = _services_of(self._shell._node)
         self.state.bind(self)
         self.state.on_start()
@@ -89,8 +89,8 @@ class _HostedState:
         self._guarded('on_enter', self.state.on_enter)
 
     def execute(self, userdata: Any) -> str | None:
-        """Return the outcome; once there is one it stays, however often FlexBE asks while the operator makes up their
-        mind."""
+        """Return the outcome. The first outcome is kept while FlexBE calls this again and the operator has not decided
+        yet."""
         self._userdata = userdata
         if self.outcome is None:
             self.outcome = self._guarded('execute', self.state.execute)
@@ -106,7 +106,7 @@ class _HostedState:
                 self._userdata = None
 
     def stop(self) -> None:
-        """After the run; when that was stopped, FlexBE calls nothing else."""
+        """Leave the state, wait until it has halted, and call on_stop. FlexBE's only call after a stopped run."""
         self.leave(ExitReason.PREEMPTED)
         steady = self.services.runtime.steady
         deadline = steady.now() + REST_SECONDS
@@ -121,14 +121,14 @@ class _HostedState:
     def _guarded(self, what: str, callback: Any) -> str | None:
         try:
             outcome: str | None = callback(self._userdata)
-        except Exception as error:  # FlexBE would call it again at every tick
+        except Exception as error:  # else FlexBE would call it again at every tick
             self.log(Severity.ERROR, f'{what} raised {type(error).__name__}: {error}')
             if _FAILED not in self.state.outcomes:
                 raise
             outcome = self.outcome = _FAILED
         return outcome
 
-    # -- what the state asks -----------------------------------------------------------------------------------------
+    # -- called by the state -----------------------------------------------------------------------------------------
 
     @property
     def path(self) -> str:
@@ -142,31 +142,31 @@ class _HostedState:
 
     @property
     def services(self) -> StateServices:
-        """ROS."""
+        """Services of ROS."""
         assert self._services is not None  # made before the first callback
         return self._services
 
     def wake(self) -> None:
-        """FlexBE executes the state at its next tick, and :meth:`stop` at once."""
+        """Wake a waiting :meth:`stop`. FlexBE executes the state at its next tick anyway."""
         self._wake_event.set()
 
     def wake_at(self, time: float) -> None:
-        """FlexBE asks at its rate anyway."""
+        """Do nothing: FlexBE executes the state at its rate anyway."""
 
     def ask(self, prompt: str, suggestion: str | None) -> None:
-        """FlexBE lets the operator choose any outcome at any time; the prompt is logged, the suggestion wanted."""
+        """Log the prompt and use the suggestion as outcome: in FlexBE the operator can always force any outcome."""
         if prompt:
             self.log(Severity.HINT, prompt)
         self.outcome = suggestion
 
     def log(self, severity: Severity, text: str) -> None:
-        """Tell FlexBE's operator something."""
+        """Log a line for FlexBE's operator."""
         self._logger.log(f'{self.path}: {text}', getattr(self._logger, f'REPORT_{severity.name}'))
 
 
 @cache
 def _services_of(node: Any) -> StateServices:
-    """ROS for all hosted states of FlexBE's node: a node of their own beside it, with a thread that never blocks."""
+    """Return the services for all hosted states of FlexBE's node: a separate node, with a thread that never blocks."""
     is_simulated = bool(node.get_parameter('use_sim_time').value) if node.has_parameter('use_sim_time') else False
     runtime = NodeRuntime(
         f'{node.get_name()}_bt', args=(), parameters={'use_sim_time': is_simulated}, namespace=node.get_namespace()

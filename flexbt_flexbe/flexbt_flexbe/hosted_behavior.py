@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A FlexBE behavior as the executive runs it, with the faults that FlexBE allows in a state machine removed."""
+"""A FlexBE behavior for the executive, without the harmless faults that FlexBE allows in a state machine."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _SLASH: Final = '/'
 
 
 class HostedBehavior(Behavior):
-    """A behavior with the parameters of the manifest; it makes FlexBE's behavior when the run builds its state machine.
+    """A behavior with the parameters of the manifest. It creates FlexBE's behavior when the run builds the machine.
 
-    Arguments may also name parameters of embedded behaviors by their path, as in ``/Inner/speed``.
+    Arguments may also name parameters of embedded behaviors by path, such as ``/Inner/speed``.
     """
 
     def __init__(self, source: FlexbeManifest, of_code: Sequence[BehaviorParameter] = ()) -> None:
-        """``of_code`` are the parameters that were found in the code only."""
+        """``of_code`` are the parameters that only the code has."""
         self.manifest = source.manifest
         super().__init__()
         self._source = source
@@ -41,12 +41,12 @@ class HostedBehavior(Behavior):
         self._given: dict[str, Any] = {}
 
     def set_arguments(self, arguments: Sequence[tuple[str, str]]) -> None:
-        """Give parameters the values that an operator wrote: all of them, or none.
+        """Set parameters to the operator's values: all of them, or none.
 
-        A name that the manifest does not have may be one of the code, which is asked by :meth:`create`.
+        A name that the manifest lacks may be in the code; :meth:`create` checks it there.
 
         Raises:
-            ParameterError: a name that is given twice, or a text that is not a value of the type.
+            ParameterError: a name appears twice, or a text is not a value of the type.
         """
         given: dict[str, Any] = {}
         for argument, text in arguments:
@@ -59,10 +59,10 @@ class HostedBehavior(Behavior):
         self._given = given
 
     def create(self) -> OperatableStateMachine:
-        """Build the machine of FlexBE's behavior. On the thread of a run.
+        """Build the machine of FlexBE's behavior. Call it on the thread of a run.
 
         Raises:
-            ParameterError: the behavior has no such parameter, or takes no such value.
+            ParameterError: the behavior lacks a parameter, or does not accept its value.
         """
         run = current_run()
         behavior = load_class(self._source)(run.services.runtime.node)
@@ -76,7 +76,7 @@ class HostedBehavior(Behavior):
                 why = _embedded_hint(behavior, name) or did_you_mean(name, behavior.parameter_names())
                 raise ParameterError(f'behavior {self.name!r}: its code has no parameter {name!r}{why}')
         machine = behavior.create()
-        if isinstance(machine, OperatableStateMachine):  # otherwise the run says that it is none
+        if isinstance(machine, OperatableStateMachine):  # else the run reports that it is not a machine
             without_harmless_faults(machine, partial(run.log, Severity.WARN, ''))
         return machine
 
@@ -85,20 +85,20 @@ class HostedBehavior(Behavior):
         if parameter is None:
             if name in self._of_code:
                 converted(name, text, self._of_code[name].default)
-            return text  # the code says the type when it is set, or an embedded behavior does
+            return text  # the code or an embedded behavior has the type, and checks it later
         return self._content(name, parameter.from_text(text))
 
     def _content(self, name: str, value: Any) -> Any:
-        """Return what a parameter's value stands for: that of a YAML parameter may be a file."""
+        """Return a parameter's value; for a YAML parameter, read the file that it names."""
         is_file = name in self._source.yaml and is_yaml_file(str(value))
         return from_yaml_file(name, str(value)) if is_file else value
 
 
 def load_class(source: FlexbeManifest) -> type[Any]:
-    """Return the class that a manifest names; it is called with the node. Raises any exception of importing its module.
+    """Return the class named in a manifest; its constructor takes the node. Raises any error of the module's import.
 
     Raises:
-        FlexbeManifestError: the module has no such class, or one of FlexBE for ROS 1.
+        FlexbeManifestError: the module lacks the class, or the class is for FlexBE on ROS 1.
     """
     module = importlib.import_module(source.module)
     found = getattr(module, source.class_name, None)
@@ -121,7 +121,7 @@ def load_class(source: FlexbeManifest) -> type[Any]:
 
 
 def _embedded_hint(behavior: FlexbeBehavior, name: str) -> str:
-    """Return the embedded behaviors that there are, when the path in front of a parameter names none of them."""
+    """Return a hint with the embedded behaviors, if the path of a parameter names none of them."""
     path = name.rpartition(_SLASH)[0]
     embedded = behavior.get_contained_behaviors()
     if not path or path in embedded:
@@ -129,14 +129,14 @@ def _embedded_hint(behavior: FlexbeBehavior, name: str) -> str:
     return f'; there is no embedded behavior {path!r}, there are: {", ".join(sorted(embedded)) or "none"}'
 
 
-# What FlexBE lets pass in a state machine and the engine's check does not, although it does no harm.
+# Harmless faults in a state machine that FlexBE accepts and the engine's check would refuse.
 
 
 def without_harmless_faults(machine: OperatableStateMachine, warn: Callable[[str], None], path: str = '') -> None:
-    """Take out of a machine, and of those in it, what has no effect; ``warn`` is told of everything.
+    """Remove parts without an effect from a machine and its nested machines; call ``warn`` for each.
 
-    These are states that no transition leads to, and levels of autonomy, transitions and remappings of what a state
-    does not have.
+    These are states that no transition leads to, and autonomy levels, transitions and remappings for outcomes or keys
+    that a state does not have.
     """
     if machine.kind is not StateKind.CONCURRENCY:
         reached = _reached(machine)

@@ -24,9 +24,9 @@ _TYPES: Final = ('text', 'numeric', 'boolean', 'enum', 'yaml')
 
 @dataclass(frozen=True)
 class FlexbeManifest:
-    """One manifest: the class ``class_name`` of the module ``module``, and its description for the operator.
+    """One manifest: the class ``class_name`` in the module ``module``, and its description for the operator.
 
-    ``yaml`` are the names of parameters whose value may be a YAML file.
+    ``yaml`` has the names of parameters whose value may be a YAML file.
     """
 
     file: Path
@@ -38,7 +38,7 @@ class FlexbeManifest:
 
     @property
     def package(self) -> str:
-        """The package that the behavior belongs to."""
+        """Package of the behavior."""
         return self.module.partition('.')[0]
 
 
@@ -46,7 +46,7 @@ def read_manifest(file: Path) -> FlexbeManifest:
     """Read a manifest.
 
     Raises:
-        FlexbeManifestError: it is none, or says what cannot be; names the file and the reason.
+        FlexbeManifestError: it is not a manifest or has invalid content; the error names file and reason.
     """
     try:
         with open(file, 'rb', opener=open_regular) as content:
@@ -70,7 +70,7 @@ def _read(file: Path, root: ElementTree.Element) -> FlexbeManifest:
     elements = [element for path in _PARAMETERS for element in root.iterfind(path)]
     yaml = frozenset(element.get('name') or '' for element in elements if element.get('type') == 'yaml')
     manifest = BehaviorManifest(
-        # A name with a slash would be taken for package/name.
+        # A name with a slash would be read as package/name.
         name.replace('/', '-'),
         ' '.join((root.findtext('description') or '').split()),
         (root.findtext('author') or '').strip(),

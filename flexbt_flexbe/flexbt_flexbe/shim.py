@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's modules, ``flexbe_core``, ``flexbe_states`` and ``flexbe_testing``, for code that imports them.
+"""FlexBE's modules ``flexbe_core``, ``flexbe_states`` and ``flexbe_testing``, for code that imports them.
 
-They are real packages in a separate directory, which is on Python's path only on request, so that an installed FlexBE
-is never shadowed by accident. The modules in them come from a table (:data:`MODULES`): each package
-calls :func:`fill` when it is imported, and from then on a finder makes them. In a program::
+They are real packages in a separate directory. It is on Python's path only on request, so that it never shadows an
+installed FlexBE by accident. Their modules come from a table (:data:`MODULES`): on import each package calls
+:func:`fill`, which adds a finder that makes them. In a program::
 
     from flexbt_flexbe import shim
     shim.install()
 
-or for a whole process: ``PYTHONPATH=$(python3 -m flexbt_flexbe.shim):$PYTHONPATH``. The executive does it by itself
+or for a whole process: ``PYTHONPATH=$(python3 -m flexbt_flexbe.shim):$PYTHONPATH``. The executive installs it
 when it finds FlexBE behaviors.
 """
 
@@ -31,24 +31,24 @@ DIRECTORY: Final = Path(__file__).resolve().parent / 'compat'
 """Directory of the packages."""
 
 PACKAGES: Final = ('flexbe_core', 'flexbe_states', 'flexbe_testing')
-"""FlexBE's own. Beside them is ``flex_bt_flexbe_states``, which yields to an installed package of that name."""
+"""FlexBE's own packages. ``flex_bt_flexbe_states`` is provided too, unless a package of that name is installed."""
 
 
 def install(*, replace: bool = False) -> None:
     """Make FlexBE's modules importable in this process. ``replace`` puts them before an installed FlexBE.
 
     Raises:
-        ShimError: there is a FlexBE, and it is not to be replaced or was imported already.
+        ShimError: a FlexBE is installed and ``replace`` is false, or it was imported already.
     """
     for package in PACKAGES:
-        there = _location(package)
-        if there is None or there.is_relative_to(DIRECTORY):
+        found = _location(package)
+        if found is None or found.is_relative_to(DIRECTORY):
             continue
         if package in sys.modules:
-            raise ShimError(f'{package} of {there} is imported already; install the shim before that')
+            raise ShimError(f'{package} of {found} is imported already; install the shim before that')
         if not replace:
             raise ShimError(
-                f'{package} is installed in {there}, and its engine is not the one that runs here; '
+                f'{package} is installed in {found}, and its engine is not the one that runs here; '
                 f'put {DIRECTORY} first on PYTHONPATH to run its behaviors here'
             )
     path = str(DIRECTORY)
@@ -58,10 +58,10 @@ def install(*, replace: bool = False) -> None:
 
 
 def _location(package: str) -> Path | None:
-    """Return the directory that a package is, or would be, imported from."""
+    """Return the directory from which a package is, or would be, imported."""
     try:
         spec = importlib.util.find_spec(package)
-    except ValueError:  # in sys.modules, from an unknown place
+    except ValueError:  # in sys.modules, without a known location
         return Path(package)
     return Path(spec.origin).resolve().parent if spec is not None and spec.origin else None
 
@@ -78,7 +78,7 @@ _PROXIES: Final = (
     'ProxyTransformListener',
 )
 _OTHERS: Final = ('UserdataState', 'WaitForServersState')
-"""States that FlexBE has in a module with another name, or not at all."""
+"""States that FlexBE lacks, or has in a module with another name."""
 
 _STATES: Final = {
     'flexbe_states': [name for name in states.__all__ if not name.startswith('Bt') and name not in _OTHERS],
@@ -123,11 +123,11 @@ MODULES: Final[Mapping[str, Mapping[str, str]]] = {
     'flexbe_states.user_data_state': {'UserdataState': 'flexbt_flexbe.states'},
     TESTER: {'PyTester': 'flexbt_testing.flexbe'},
 }
-"""By module: its names, and the module that each is taken from, with ``:`` and the name there where that is another."""
+"""The names in each module, with their source modules; ``:NAME`` follows the module if the name there differs."""
 
 
 def fill(package: str) -> None:
-    """Give a package that is being imported its names, and have the modules below it found from now on."""
+    """Add its names to a package that is being imported, and make the modules below it importable."""
     if _FINDER not in sys.meta_path:
         sys.meta_path.insert(0, _FINDER)
     _FINDER.packages.add(package)
@@ -135,7 +135,7 @@ def fill(package: str) -> None:
 
 
 class _Finder(MetaPathFinder, Loader):
-    """A finder of the modules below ``packages``, which are ours: installed packages of these names have their own."""
+    """A finder of the modules below our ``packages``; installed packages of these names have their own modules."""
 
     def __init__(self) -> None:
         self.packages: set[str] = set()
@@ -168,7 +168,7 @@ def _give_names(module: ModuleType) -> None:
         except ModuleNotFoundError as error:
             if module.__name__ != TESTER:
                 raise
-            # No other module of a package that a robot has imports flexbt_testing.
+            # A robot may lack flexbt_testing, which only this module imports.
             raise ShimError(
                 f'{TESTER} needs the package flexbt_testing, and there is no module {error.name!r}; '
                 'install flexbt_testing where tests are run'

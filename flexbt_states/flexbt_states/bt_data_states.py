@@ -25,11 +25,11 @@ class BtLoaderState(GoalState):
 
     -- bt_topic     string      Name of the action of the BT server
     -- filepaths    string[]    XML files, as package/relative/path.xml or absolute
-    -- timeout      float       Seconds within which they have to be loaded
-    -- xml          string      XML text to load in addition; empty for none
+    -- timeout      float       Seconds until loading must be done
+    -- xml          string      Additional XML text to load; empty for none
 
     <= done                     Everything is loaded.
-    <= failed                   Something was refused, nothing was loaded; file, line and reason are logged.
+    <= failed                   A file or tree was refused, and nothing was loaded; file, line and reason are logged.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class BtLoaderState(GoalState):
 
 
 def _refusals(outcome: GoalOutcome) -> list[str]:
-    """Return every reason why a file was refused, a line each."""
+    """Return the reasons why files were refused, one line each."""
     reports = outcome.result.reports if outcome.result is not None else []
     return [
         f'{error.file}:{error.line}:{error.column}: {f"{error.node}: " if error.node else ""}{error.message}'
@@ -89,7 +89,7 @@ class BtGetDataState(GoalState):
     -- request_msg_type string  Type of the value
     -- outputs          dict    Further blackboard keys to read, with their types
     -- blackboard       string  Name of the blackboard; empty for the shared one
-    -- timeout          float   Seconds within which the values have to be there
+    -- timeout          float   Seconds until the values must be available
 
     #> data                     The value of request_id; only with a request_id.
     #> KEY                      Each key of outputs: a value of the declared type.
@@ -157,7 +157,7 @@ class BtSetDataState(GoalState):
     -- goal_msg_type    string  Type of the value
     -- inputs           dict    Further blackboard keys to write, with their types
     -- blackboard       string  Name of the blackboard; empty for the shared one
-    -- timeout          float   Seconds within which the values have to be written
+    -- timeout          float   Seconds until the values must be written
 
     ># goal                     The value for goal_id; only with a goal_id.
     ># KEY                      Each key of inputs: a value of the declared type.

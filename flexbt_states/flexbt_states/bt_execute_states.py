@@ -25,10 +25,10 @@ from .parameter_checks import checked_tree, checked_types
 
 
 class TreeState(GoalState):
-    """The base of states that run a tree on the BT server until it ends.
+    """The base class of states that run a tree on the BT server until it ends.
 
-    ``inputs`` and ``outputs`` are blackboard keys with their types, ``writes`` all that is written before the first
-    tick. ``userdata_keys`` are the userdata keys of those outputs that have another name there.
+    ``inputs`` and ``outputs`` map blackboard keys to types, ``writes`` has all keys written before the first tick.
+    ``userdata_keys`` maps outputs to their userdata keys where the names differ.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class TreeState(GoalState):
         self._control_link()
 
     def _goals(self, userdata: UserData) -> tuple[Sequence[Any], Sequence[tuple[str, Any, str]]]:
-        """Return the goal poses, and further inputs: key, value and type."""
+        """Return the goal poses, and further inputs as (key, value, type)."""
         return (), ()
 
     def _make_goal(self, userdata: UserData) -> Any:
@@ -92,7 +92,7 @@ class TreeState(GoalState):
         )
 
     def _send(self, goal: Any) -> None:
-        """Send the goal. Time counts on the state's clock."""
+        """Send the goal. The timeout counts on the state's clock."""
         self._activity = self._not_ended = ()
         self._progress = Progress()
         self._goal.send(goal, timeout=self._timeout, clock=self.clock, on_feedback=self._on_feedback)
@@ -119,9 +119,9 @@ class TreeState(GoalState):
             self.log(Severity.WARN if answer == 'canceled' else Severity.ERROR, reason)
         reads = self.bt_use.reads
         sent = result.outputs if result is not None else ()
-        if answer != 'done':  # what follows may look at what is there by then
-            there = {entry.key for entry in sent}
-            reads = {key: type for key, type in reads.items() if key in there}
+        if answer != 'done':  # the next state may read the outputs that exist
+            existing = {entry.key for entry in sent}
+            reads = {key: type for key, type in reads.items() if key in existing}
         elif result is not None and result.missing_outputs:
             self.log_error(f'{what} succeeded, but it did not write {", ".join(map(repr, result.missing_outputs))}')
             return 'failed'
@@ -138,9 +138,9 @@ class TreeState(GoalState):
         halting = super().halting()
         if halting is None and self._pause is not None:
             if self._goal.is_over:
-                self._pause.end()  # not before: a tree that is being canceled must not move again
+                self._pause.end()  # not earlier: a tree that is being canceled must not move again
             if (result := self._goal.last_result) is not None:
-                self._warn_of(result.not_ended)  # no feedback reports it any more
+                self._warn_of(result.not_ended)  # no feedback follows that would report it
             self._pause = None
         return halting
 
@@ -162,7 +162,7 @@ class TreeState(GoalState):
         return () if self._pause is None else (*self._not_ended, *self._pause.not_paused())
 
     def _warn_of(self, not_ended: Sequence[str]) -> None:
-        host = self.bound_to  # none when the run has ended, on its thread
+        host = self.bound_to  # None if the run has ended meanwhile, on its thread
         if host is not None:
             for line in self._goal.services.goals.untold(self._topic, not_ended):
                 host.log(Severity.WARN, line)
@@ -181,7 +181,7 @@ class TreeState(GoalState):
         nodes, not_ended = tuple(feedback.active_nodes), tuple(feedback.not_ended)
         if feedback.clock_problem:
             nodes += (f'{self._topic}: {feedback.clock_problem}',)
-        if pause is None or not pause.wanted:  # else the status says it
+        if pause is None or not pause.wanted:  # else the status reports it
             self._warn_of(not_ended)
         if (nodes, not_ended) != (self._activity, self._not_ended):
             self._activity, self._not_ended = nodes, not_ended
@@ -233,7 +233,7 @@ _POSE: Final = 'geometry_msgs/msg/PoseStamped'
 
 class BtExecuteGoalState(TreeState):
     """
-    Give a behavior tree a goal, and run it on the BT server until it ends.
+    Run a behavior tree with a goal on the BT server until it ends.
 
     With the goal_id "goal", a pose goes to the blackboard key "goal" and a list of several to "goals", as Nav2's
     trees expect. With another goal_id, a value of any type goes to that key; "goals" is always a list.
@@ -244,7 +244,7 @@ class BtExecuteGoalState(TreeState):
     -- bt_topic         string  Name of the action of the BT server
     -- bt_file          string  Tree identifier, or package/relative/path.xml; empty for the server's default tree
     -- goal_id          string  Blackboard key of the goal
-    -- goal_msg_type    string  Type of the goal; for poses, a list of them is accepted as well
+    -- goal_msg_type    string  Type of the goal; for poses, a list of them is accepted too
     -- request_id       string  Blackboard key to read at the end; empty for none
     -- request_msg_pkg  string  Package of request_msg_type when that is a bare message name
     -- request_msg_type string  Type of the requested value
@@ -320,7 +320,7 @@ class BtExecuteGoalState(TreeState):
 
 
 def _poses(goal: Any) -> list[Any]:
-    """Return the goal poses: one, or a list of at least one."""
+    """Return the goal poses: a single one, or a list of at least one."""
     if not isinstance(goal, list | tuple):
         return [check_value(goal, _POSE)]
     if not goal:
@@ -328,20 +328,20 @@ def _poses(goal: Any) -> list[Any]:
     return list(check_value(list(goal), f'{_POSE}[]'))
 
 
-# Keeps the tree that a state runs paused as long as the state is.
+# Pausing of the tree while the state that runs it is paused.
 
 _RESPONSE_SECONDS: Final = 10.0
-"""A pause is answered when the tick that is under way is over."""
+"""Time limit for the answer to a pause, s: the server answers after the current tick."""
 
 _PATIENCE_SECONDS: Final = 0.5
-"""A tree that is not known to be paused after this time counts as one that is not."""
+"""Time after which a tree counts as not paused if the pause is unconfirmed, s."""
 
 
 class TreePause:
     """A client that pauses and resumes the run of one goal on the BT server, one request at a time.
 
-    If the server does not know the run yet, the request is repeated when feedback arrives. From any thread.
-    :meth:`not_paused` returns the leaves that the server reports as still working.
+    If the server does not know the run yet, the request is repeated when feedback arrives. :meth:`not_paused` returns
+    the leaves that the server reports as still working. Callable from any thread.
     """
 
     def __init__(self, state: EventState, services: StateServices, link: ServiceLink, run_id: str) -> None:
@@ -357,14 +357,14 @@ class TreePause:
         self._call: ServiceCall | None = None
 
     def set(self, paused: bool) -> None:
-        """Pause the tree, or let it go on."""
+        """Pause or resume the tree."""
         with self._lock:
             self._wanted = paused
             self._wanted_at = self._services.runtime.steady.now()
             self._agree()
 
     def end(self) -> None:
-        """Resume the tree of a state that is left: its goal has ended, and the tree may have another client."""
+        """Resume the tree after its goal has ended: another client may use the tree next."""
         with self._lock:
             self._wanted = False
             self._is_known = self._is_over = True
@@ -372,11 +372,11 @@ class TreePause:
 
     @property
     def wanted(self) -> bool:
-        """True if the tree is to be paused."""
+        """True if the tree should be paused."""
         return self._wanted
 
     def not_paused(self) -> Sequence[str]:
-        """Why the tree goes on although it is to be paused, or which of its leaves do; empty when all stands still."""
+        """Return why the tree, or which of its leaves, still runs although paused; empty if all of it is paused."""
         with self._lock:
             waits = self._wanted and not self._is
             goes_on, wanted_at = self._goes_on, self._wanted_at
@@ -385,7 +385,7 @@ class TreePause:
         return goes_on
 
     def run_seen(self) -> None:
-        """Pause a run that exists and knows its goal."""
+        """Repeat an unanswered pause request: the run now exists and knows its goal."""
         if self._wanted is not self._is:
             with self._lock:
                 self._is_known = True
@@ -411,8 +411,8 @@ class TreePause:
                 self._is = wanted
                 self._goes_on = _what_goes_on(outcome) if wanted else ()
             if was_known or self._is_known or not reason:
-                self._agree()  # otherwise it is asked again by run_seen
-            is_over = self._is_over  # then no client may have taken the tree over, and there is no run
+                self._agree()  # if the run is unknown, run_seen repeats the request
+            is_over = self._is_over  # then a refusal is normal: the run may not exist any more
         if is_over:
             return
         self._services.changed()
@@ -421,7 +421,7 @@ class TreePause:
 
 
 def _what_goes_on(outcome: ServiceOutcome) -> Sequence[str]:
-    """Return what goes on in a tree that was asked to pause, by the answer."""
+    """Return what still runs in a tree that was requested to pause, from the answer."""
     if outcome.response is None:
         return (f'the tree was not paused: {outcome.reason}',)
     if outcome.response.message:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""States that reach any action, service or topic, without a class of their own."""
+"""States that use any action, service or topic, configured without code."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from .parameter_checks import checked_message_type, checked_timeout, checked_top
 from .topic_states import WaitForMessage
 
 ALWAYS: Final = ''
-"""Condition of an outcome that is taken if none before it is true."""
+"""Condition of an outcome that applies if no earlier condition is true."""
 
 
 class _Exchange:
-    """What a state sends and receives: the fields of a message that it makes, those that it keeps, and the conditions
-    of its outcomes. ``keys`` are the userdata that it reads, ``outputs`` what it writes."""
+    """The messages of a state: fields to set in the sent one, fields to keep of the received one, and the conditions
+    of its outcomes. ``keys`` are the userdata keys that it reads, ``outputs`` those that it writes."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class _Exchange:
         received: tuple[str, type[Any], Mapping[str, str] | None] | None = None,
         outcomes: Mapping[str, str] | None = None,
     ) -> None:
-        """``sent`` and ``received`` are a parameter of the state, the class of the message, and the value."""
+        """``sent`` and ``received`` hold a parameter name of the state, the message class, and the value."""
         self._scripts = ScriptLibrary()
         self._template: MessageTemplate | None = None
         self._root = ''
@@ -73,7 +73,7 @@ class _Exchange:
         """Return the message that the state sends.
 
         Raises:
-            FlexbtError: a value does not fit; it names the field.
+            FlexbtError: a value does not fit its field; the error names the field.
         """
         assert self._template is not None  # of a state that sends
         values = {key: userdata[key] for key in self.keys}
@@ -89,10 +89,10 @@ class _Exchange:
             raise FlexbtError(str(error)) from error
 
     def take(self, message: Any, userdata: UserData) -> str:
-        """Write what is kept of a message to the userdata, and return the outcome; '' if no condition is true.
+        """Write the kept fields of a message to the userdata, and return the outcome; '' if no condition is true.
 
         Raises:
-            FlexbtError: the message has no such element, or a condition cannot be evaluated.
+            FlexbtError: the message lacks an element, or a condition cannot be evaluated.
         """
         try:
             for field, key in self._kept:
@@ -102,7 +102,7 @@ class _Exchange:
             raise FlexbtError(str(error)) from error
 
     def outcome(self, message: Any, userdata: UserData) -> str:
-        """Return the first outcome whose condition is true; '' for none. Raises as an expression."""
+        """Return the first outcome whose condition is true; '' for none. Raises the errors of an expression."""
         for outcome, condition in self.conditions.items():
             if condition is None:
                 return outcome
@@ -112,7 +112,7 @@ class _Exchange:
         return ''
 
     def described(self, message: Any) -> str:
-        """Return what the conditions have read, for a person."""
+        """Return the values that the conditions have read, as text."""
         told = (one.described(Blackboard(), {self._root: message}) for one in self.conditions.values() if one)
         return f'no condition of {self._root} is true: {"; ".join(told)}'
 
@@ -184,13 +184,13 @@ def _outcomes(exchange: _Exchange, *others: str) -> list[str]:
 
 class CallActionState(GoalState):
     """
-    Send a goal to any action server, and wait for its end.
+    Send a goal to any action server, and wait until it ends.
 
     -- action_type  string      Type of the action, e.g. nav2_msgs/action/Spin, or the class
     -- topic        string      Name of the action
     -- goal         dict        Fields of the goal by path: a value, {key} of the userdata, or ${expression}
-    -- result       dict        Userdata keys by the paths of the fields of the result that they get
-    -- outcomes     dict        Conditions on the result by outcome, as result.error_code == 0; the first true counts
+    -- result       dict        Fields of the result to keep: their paths, with the userdata keys to write
+    -- outcomes     dict        Conditions on the result by outcome, e.g. result.error_code == 0; first true wins
     -- timeout      float       Seconds on the node's clock after which the goal is canceled; None for no limit
 
     ># KEY                      Each key in goal and outcomes.
@@ -247,7 +247,7 @@ class CallActionState(GoalState):
 
 
 def _taken(state: EventState, what: str, exchange: _Exchange, message: Any, userdata: UserData) -> str:
-    """Return the outcome by a message; failed, with the reason in the log, if there is none."""
+    """Return the outcome for a message. If no condition is true or one raises, log the reason and return failed."""
     try:
         outcome = exchange.take(message, userdata)
     except FlexbtError as error:
@@ -265,15 +265,15 @@ class CallServiceState(EventState):
     -- service_type string      Type of the service, e.g. std_srvs/srv/SetBool, or the class
     -- topic        string      Name of the service
     -- request      dict        Fields of the request by path: a value, {key} of the userdata, or ${expression}
-    -- response     dict        Userdata keys by the paths of the fields of the response that they get
-    -- outcomes     dict        Conditions on the response by outcome, as response.success; the first true counts
-    -- timeout      float       Seconds (wall time) for the service to appear, and then to answer
+    -- response     dict        Fields of the response to keep: their paths, with the userdata keys to write
+    -- outcomes     dict        Conditions on the response by outcome, e.g. response.success; first true wins
+    -- timeout      float       Seconds (wall time) for the service to appear, and again for its response
 
     ># KEY                      Each key in request and outcomes.
     #> KEY                      Each key in response.
 
-    <= OUTCOME                  There is a response, and the condition of this outcome is true; without outcomes, done.
-    <= failed                   There is no response, or no condition is true; the reason is logged.
+    <= OUTCOME                  A response arrived, and the condition of this outcome is true; without outcomes, done.
+    <= failed                   No response arrived, or no condition is true; the reason is logged.
     """
 
     def __init__(
@@ -340,16 +340,16 @@ class CallServiceState(EventState):
 
 class PublishState(EventState):
     """
-    Publish a message whose fields are given here. The publisher exists from the start of the run.
+    Publish a message with the given fields. The publisher is created at the start of the run.
 
     -- topic        string      Name of the topic
     -- msg_type     string      Type of its messages, e.g. geometry_msgs/msg/PoseStamped, or the class
     -- message      dict        Fields of the message by path: a value, {key} of the userdata, or ${expression}
-    -- latched      bool        Whether later subscribers shall get the message as long as the run lasts
+    -- latched      bool        Whether later subscribers get the message too, until the run ends
 
     ># KEY                      Each key in message.
 
-    <= done                     The message was handed to the middleware.
+    <= done                     The message was passed to the middleware.
     <= failed                   A value does not fit its field; the reason is logged.
     """
 
@@ -389,21 +389,21 @@ class PublishState(EventState):
 
 class ReadTopicState(WaitForMessage):
     """
-    Wait for a message of which a condition is true, and keep fields of it.
+    Wait for a message for which a condition is true, and keep some of its fields.
 
     -- topic        string      Name of the topic
     -- msg_type     string      Type of its messages, e.g. sensor_msgs/msg/BatteryState, or the class
-    -- message      dict        Userdata keys by the paths of the fields of the message that they get
-    -- outcomes     dict        Conditions on the message by outcome, as message.percentage < 0.2; the first true counts
+    -- message      dict        Fields of the message to keep: their paths, with the userdata keys to write
+    -- outcomes     dict        Conditions on the message by outcome, e.g. message.percentage < 0.2; first true wins
     -- timeout      float       Seconds (wall time) to wait; None for no limit
-    -- latched      bool        Whether a message that was published before counts, where its sender keeps it
-    -- best_effort  bool        Whether its senders are of best effort, as those of sensors are: none else hears them
+    -- latched      bool        Whether to accept an earlier message that its publisher keeps (transient local)
+    -- best_effort  bool        Whether to subscribe with best effort, as best-effort publishers (sensors) require
 
     ># KEY                      Each key in outcomes.
     #> KEY                      Each key in message.
 
-    <= OUTCOME                  The condition of this outcome is true of a message; without outcomes, received.
-    <= timeout                  None has come in time.
+    <= OUTCOME                  The condition of this outcome is true for a message; without outcomes, received.
+    <= timeout                  No such message arrived in time.
     """
 
     def __init__(
@@ -440,18 +440,18 @@ class ReadTopicState(WaitForMessage):
 
 class CheckTopicState(ReadTopicState):
     """
-    Decide by the newest message of a topic, as soon as a condition is true. It listens from the start of the run.
+    Check conditions on the newest message of a topic until one is true. It subscribes at the start of the run.
 
     -- topic        string      Name of the topic
     -- msg_type     string      Type of its messages, e.g. sensor_msgs/msg/BatteryState, or the class
-    -- outcomes     dict        Conditions on the message by outcome, as message.percentage < 0.2; '' is always true
+    -- outcomes     dict        Conditions on the message by outcome, e.g. message.percentage < 0.2; '' is always true
     -- timeout      float       Seconds (wall time) to wait; None for no limit
-    -- latched      bool        Whether a message that was published before counts, where its sender keeps it
-    -- best_effort  bool        Whether its senders are of best effort, as those of sensors are: none else hears them
+    -- latched      bool        Whether to accept an earlier message that its publisher keeps (transient local)
+    -- best_effort  bool        Whether to subscribe with best effort, as best-effort publishers (sensors) require
 
     ># KEY                      Each key in outcomes.
 
-    <= OUTCOME                  The condition of this outcome is true of the newest message.
+    <= OUTCOME                  The condition of this outcome is true for the newest message.
     <= timeout                  No condition was true in time.
     """
 

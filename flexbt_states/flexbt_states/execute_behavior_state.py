@@ -29,7 +29,7 @@ class ExecuteBehaviorState(GoalState):
     -- arguments    dict        Values of the behavior's parameters
     -- inputs       dict        Input userdata of the behavior, with types
     -- outputs      dict        Output userdata of the behavior, with types
-    -- autonomy     int         Level of autonomy that the behavior begins with
+    -- autonomy     int         Autonomy level at the start of the behavior
     -- timeout      float       Seconds on the node's clock after which the behavior is stopped; None for no limit
 
     ># KEY                      Each key of inputs: a value of the declared type.
@@ -37,7 +37,7 @@ class ExecuteBehaviorState(GoalState):
 
     <= OUTCOME                  The behavior ended by that outcome, and its outputs are available.
     <= canceled                 The behavior was stopped by another client.
-    <= failed                   It could not be started, ended otherwise, or took too long; the reason is logged.
+    <= failed                   It could not start, had another outcome, or took too long; the reason is logged.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The action goal of a state, sent on entry and ended on exit, its outcome, and the use of the BT server."""
+"""The action goal of a state, sent on entry and ended on exit; its outcome; and what a state uses of the BT server."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from flexbt_onboard.behaviors.run_context import READY_SECONDS, StateServices, s
 from .parameter_checks import checked_timeout, checked_topic, checked_type
 
 SERVER_SECONDS: Final = 1.0
-"""Time to wait for a server when all nodes that are alive are ready, s of wall time."""
+"""Time to wait for a server when all running nodes are ready, s of wall time."""
 
 _ENDED: Final = frozenset(
     (GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.REJECTED, GoalStatus.NO_SERVER)
 )
-"""Ends of a goal after which certainly no server works on it."""
+"""Ends of a goal after which no server can still work on it."""
 
 
 class GoalCall:
-    """One goal at a time on one action server, on behalf of a state.
+    """A client for one goal at a time on one action server, for a state.
 
-    The state is woken when the goal is done or its time is up. A goal that is still active when the state is left is
-    canceled, and the state has not halted before that is confirmed, or the server is gone. ``not_paused`` says why the
-    goal goes on while the state is paused, or what of it does; nothing if it does not. ``services`` are those of the
-    run, from :meth:`prepare` on: feedback may come when the run has ended, and the state is part of none.
+    The state is woken when the goal is done or its time is up. If the goal is active when the state is left, it is
+    canceled, and the state has halted only when the cancellation is confirmed or the server is gone. ``not_paused``
+    returns why, or which part of, the goal continues while the state is paused; empty if none. ``services`` are those
+    of the run and are kept from :meth:`prepare` on, because feedback may arrive after the run has ended.
     """
 
     services: StateServices
@@ -61,12 +61,12 @@ class GoalCall:
 
     @property
     def goal_id(self) -> str:
-        """ID of the goal that is worked on, hexadecimal; '' while there is none."""
+        """ID of the active goal, hexadecimal; '' without one."""
         return '' if self._call is None else self._call.goal_id.hex()
 
     @property
     def is_over(self) -> bool:
-        """True if certainly no server works on the last goal."""
+        """True if no server can still work on the last goal."""
         outcome = None if self._last is None else self._last.outcome
         return outcome is not None and outcome.status in _ENDED
 
@@ -77,7 +77,7 @@ class GoalCall:
         return None if outcome is None else outcome.result
 
     def prepare(self) -> None:
-        """Look for the server already: called when the run starts, so that discovery is over when the goal is sent."""
+        """Start the discovery of the server. Call it at the start of the run, so that it is done before the goal."""
         if self._link is None:
             self.services = state_services(self._state)
             self._link = self.services.actions.link(self._action_type, self._topic)
@@ -90,7 +90,7 @@ class GoalCall:
         clock: Clock | None = None,
         on_feedback: Callable[[Any], None] | None = None,
     ) -> None:
-        """Send a goal. Its result has to come within ``timeout`` seconds on ``clock`` (default: wall time)."""
+        """Send a goal. Its result must arrive within ``timeout`` seconds on ``clock`` (default: wall time)."""
         self.prepare()
         assert self._link is not None
         self._outcome = None
@@ -99,7 +99,7 @@ class GoalCall:
             self._clock = clock or self.services.runtime.steady
             self._deadline = self._clock.now() + timeout
             self._timer = self._clock.call_at(self._deadline, self._state.wake)
-        # A server of a node that is about to be ready will be there.
+        # A node that is not ready yet may still start the server.
         patience = READY_SECONDS if self.services.unready() else SERVER_SECONDS
         self._call = self._last = ActionCall(
             self._link, goal, on_done=self._on_done, on_feedback=on_feedback, server_timeout=patience
@@ -107,7 +107,7 @@ class GoalCall:
         self.services.goals.add(self._state, self._topic, self._call, self._not_paused)
 
     def poll(self) -> GoalOutcome | None:
-        """Return the outcome, or None while the goal is worked on. When its time is up the goal is canceled."""
+        """Return the outcome, or None while the goal is active. Cancel the goal when its time is up."""
         call = self._call
         if call is None:
             return self._outcome
@@ -125,7 +125,7 @@ class GoalCall:
         return self._outcome
 
     def leave(self) -> None:
-        """Give the goal up: it is canceled when it is not done."""
+        """Cancel the goal unless it is done."""
         if self._timer is not None:
             self._timer.cancel()
         self._timer = self._deadline = None
@@ -135,7 +135,7 @@ class GoalCall:
             call.cancel(None)
 
     def halting(self) -> str | None:
-        """Return what has not halted yet: a goal whose end is not confirmed. None if there is none."""
+        """Return a text about a goal whose end is not confirmed yet; None if it has halted."""
         for call in [call for call in self._unfinished if call.done]:
             self._unfinished.remove(call)
             if call.outcome is not None and call.outcome.status not in _ENDED:
@@ -147,9 +147,9 @@ class GoalCall:
 
 
 class GoalState(EventState):
-    """A state that sends one action goal when it is entered, and is left when that has ended.
+    """A state that sends one action goal when it is entered, and is left when the goal has ended.
 
-    A derived state makes the goal, and says what its end means. The goal has to end within ``timeout`` seconds.
+    A derived class makes the goal and maps its end to an outcome. The goal must end within ``timeout`` seconds.
     """
 
     def __init__(
@@ -171,18 +171,18 @@ class GoalState(EventState):
         self._refusal = ''
 
     def _make_goal(self, userdata: UserData) -> Any:
-        """Return the goal. Raises FlexbtError if the userdata has no value for it: the state is left as failed."""
+        """Return the goal. Raises FlexbtError if the userdata lacks a value; then the state is left by failed."""
         raise NotImplementedError
 
     def _send(self, goal: Any) -> None:
         self._goal.send(goal, timeout=self._timeout)
 
     def _what(self) -> str:
-        """Return what the goal is for, as the begin of a message."""
+        """Return the purpose of the goal, as the beginning of a message."""
         raise NotImplementedError
 
     def _end(self, ended: GoalOutcome, userdata: UserData) -> str:
-        """Return the outcome of the state by that of the goal."""
+        """Return the outcome of the state for the outcome of the goal."""
         raise NotImplementedError
 
     def on_enter(self, userdata: UserData) -> None:
@@ -215,17 +215,17 @@ class GoalState(EventState):
         return self._goal.halting()
 
 
-# From the end of a BT server's action to the outcome of a state.
+# The outcome of a state from the end of an action of the BT server.
 #
-# Three things have to agree before anything counts as done: the goal was accepted, it ended as succeeded, and the
-# server wrote the result code SUCCESS. A default value never means success.
+# The outcome is done only if the goal was accepted, it ended as succeeded, and the server wrote the result code
+# SUCCESS. A default value never means success.
 
 
 def state_outcome(outcome: GoalOutcome, what: str) -> tuple[str, str]:
-    """Return the state's outcome (done, failed or canceled) and the reason for a person; the reason is empty when done.
+    """Return the state's outcome (done, failed or canceled) and the reason as text, empty for done.
 
-    ``what`` was to be done. The result codes UNKNOWN 0, SUCCESS 1, FAILURE 2, CANCELED 3 and ERROR 4 are the same in
-    BtLoad, BtExecute, BtGetData and BtSetData.
+    ``what`` is the purpose of the goal. The result codes UNKNOWN 0, SUCCESS 1, FAILURE 2, CANCELED 3 and ERROR 4 are
+    the same in BtLoad, BtExecute, BtGetData and BtSetData.
     """
     code = outcome.result.code if outcome.result is not None else BtExecute.Result.UNKNOWN
     message = outcome.result.message if outcome.result is not None else ''
@@ -263,16 +263,16 @@ def read_values(entries: Iterable[Any], types: Mapping[str, str]) -> dict[str, A
     return values
 
 
-# What a state wants of the BT server, as it is known before anything runs.
+# What a state uses of the BT server, known before the run.
 
 
 @dataclass(frozen=True, slots=True)
 class BtUse:
     """One use of the BT server.
 
-    ``files`` and ``xml`` are loaded. ``tree`` is run: an identifier, package/relative/path.xml, '' for the server's
-    default tree, None when none is run. ``writes`` and ``reads`` are keys of ``blackboard`` ('' is the shared one) with
-    their types, from the point of view of the state: it writes before a tree runs, and reads after it.
+    The server loads ``files`` and ``xml``. It runs ``tree``: an identifier, package/relative/path.xml, '' for the
+    server's default tree, None for none. ``writes`` and ``reads`` map keys of ``blackboard`` ('' is the shared one) to
+    types; the state writes before a tree runs, and reads after it.
     """
 
     files: tuple[str, ...] = ()
@@ -285,8 +285,8 @@ class BtUse:
 
 @runtime_checkable
 class UsesBtServer(Protocol):
-    """A state that uses the BT server; tools find out by this what it needs there."""
+    """A state that uses the BT server. Tools read from it what the server must provide."""
 
     @property
     def bt_use(self) -> BtUse:
-        """Use that the state makes of the server."""
+        """The state's use of the server."""

@@ -23,14 +23,14 @@ from .parameter_checks import checked_keys, checked_outcomes, checked_type
 
 class OperatorDecisionState(EventState):
     """
-    Let the operator choose how to go on.
+    Ask the operator for the outcome.
 
-    -- outcomes     string[]    What there is to choose from
-    -- hint         string      What to consider, for the operator; may be empty
-    -- suggestion   string      Outcome that is taken without asking where the autonomy allows it; None to ask always
-    -- shows        string[]    Userdata keys that the operator is shown, such as a path; empty: all of the machine
+    -- outcomes     string[]    Outcomes to choose from
+    -- hint         string      Advice for the operator; may be empty
+    -- suggestion   string      Outcome used without asking if the autonomy level allows it; None to always ask
+    -- shows        string[]    Userdata keys to show to the operator, such as a path; empty for all of the machine
 
-    ># KEY                      Each of shows: what the operator judges.
+    ># KEY                      Each of shows: a value that the operator judges.
 
     <= OUTCOME                  Each of outcomes: the operator has chosen it.
     """
@@ -60,14 +60,14 @@ class OperatorDecisionState(EventState):
 
 class OperatorInputState(GoalState):
     """
-    Ask the operator for a typed value, such as a goal pose. The input request is withdrawn when the state is left.
+    Ask the operator for a typed value, such as a goal pose. Leaving the state withdraws the input request.
 
     -- prompt       string      Text of the input request
     -- type         string      Type of the value, e.g. geometry_msgs/msg/PoseStamped
-    -- choices      string[]    Texts that may be answered; empty for any value of the type
+    -- choices      string[]    Allowed answers; empty for any value of the type
     -- timeout      float       Seconds (wall time) to wait for the answer; None for no limit
     -- topic        string      Name of the action of the executive that asks
-    -- shows        string[]    Userdata keys that the operator is shown with the question
+    -- shows        string[]    Userdata keys to show to the operator with the question
 
     ># KEY                      Each of shows.
 
@@ -75,7 +75,7 @@ class OperatorInputState(GoalState):
 
     <= received                 The operator has answered.
     <= declined                 The operator has declined to answer.
-    <= failed                   No operator could be asked, or there was no answer in time; the reason is logged.
+    <= failed                   No operator could be asked, or no answer arrived in time; the reason is logged.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class OperatorInputState(GoalState):
             OperatorInput,
             topic,
             timeout,
-            not_paused=tuple,  # a question stays open while the state is paused: nothing moves by it
+            not_paused=tuple,  # a question may stay open while the state is paused: nothing moves
             outcomes=['received', 'declined', 'failed'],
             input_keys=checked_keys(self, 'shows', shows),
             output_keys=['data'],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of the parameters of states: those that cannot work are refused while the behavior is built."""
+"""Checks of the parameters of states. They refuse unusable values while the behavior is built."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def checked_action_type(state: object, parameter: str, action: str | type[Any]) 
 
 
 def checked_types(state: object, parameter: str, types: Mapping[str, str] | None) -> dict[str, str]:
-    """Types by blackboard key."""
+    """Return the types by blackboard key."""
     checked = {}
     for key, name in (types or {}).items():
         if not key:
@@ -77,7 +77,7 @@ def checked_types(state: object, parameter: str, types: Mapping[str, str] | None
 
 
 def checked_timeout(state: object, parameter: str, seconds: float | None) -> float | None:
-    """Return a limit in seconds, None for none."""
+    """Return a limit in s; None for no limit."""
     if seconds is None:
         return None
     if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not math.isfinite(seconds) or seconds <= 0:
@@ -86,7 +86,7 @@ def checked_timeout(state: object, parameter: str, seconds: float | None) -> flo
 
 
 def checked_file(state: object, parameter: str, name: str) -> str:
-    """Return the name of a tree file that exists. Whether its directory is allowed is the BT server's decision."""
+    """Return the name of an existing tree file. The BT server decides whether its directory is allowed."""
     try:
         resolve_file(name, allowed=[Path('/')])
     except ResourceError as error:
@@ -95,19 +95,19 @@ def checked_file(state: object, parameter: str, name: str) -> str:
 
 
 def checked_tree(state: object, parameter: str, name: str) -> str:
-    """Return a tree's identifier, or the name of a file that exists; empty for the server's default tree."""
+    """Return a tree's identifier, or the name of an existing file; empty for the server's default tree."""
     return checked_file(state, parameter, name) if name.endswith('.xml') or '/' in name else name
 
 
 def checked_outcomes(state: object, parameter: str, outcomes: Iterable[str]) -> list[str]:
-    """Outcomes to choose from: at least one, none of them twice."""
+    """Return the outcomes to choose from: at least one, without duplicates."""
     if isinstance(outcomes, str):
         raise StateParameterError(state, parameter, f'{outcomes!r} is a string, not a list of outcomes')
     names = list(outcomes)
     if not names:
         raise StateParameterError(state, parameter, 'the list is empty')
     for name in names:
-        if not isinstance(name, str):  # YAML reads on, off, yes and no as truth values
+        if not isinstance(name, str):  # YAML reads on, off, yes and no as booleans
             raise StateParameterError(state, parameter, f'{name!r} is no text; in YAML an outcome such as on is quoted')
     if len(set(names)) < len(names):
         raise StateParameterError(state, parameter, f'an outcome is listed twice: {", ".join(names)}')
@@ -115,7 +115,7 @@ def checked_outcomes(state: object, parameter: str, outcomes: Iterable[str]) -> 
 
 
 def checked_keys(state: object, parameter: str, keys: Iterable[str]) -> list[str]:
-    """Userdata keys, none of them twice."""
+    """Return userdata keys without duplicates."""
     if isinstance(keys, str):
         raise StateParameterError(state, parameter, f'{keys!r} is a string, not a list of userdata keys')
     names = list(keys)
@@ -126,7 +126,7 @@ def checked_keys(state: object, parameter: str, keys: Iterable[str]) -> list[str
 
 
 def checked_callable(state: object, parameter: str, function: Any) -> Callable[..., Any]:
-    """Return a function; text is not evaluated."""
+    """Return a function. Refuses text, which is not evaluated."""
     if not callable(function):
         hint = '; text is not evaluated, write a lambda' if isinstance(function, str) else ''
         raise StateParameterError(state, parameter, f'{short_repr(function)} cannot be called{hint}')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""States that publish a message, wait for one, or take the newest message of a topic."""
+"""States that publish a message, wait for one, or read the newest message of a topic."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from .parameter_checks import checked_message_type, checked_timeout, checked_top
 
 class PublishOnceState(EventState):
     """
-    Publish one message. The publisher exists from the start of the run, so that subscribers are known by then.
+    Publish one message. The publisher is created at the start of the run, so that subscribers are discovered in time.
 
     -- topic        string      Name of the topic
     -- msg_type     string      Type of its messages, e.g. geometry_msgs/msg/PoseStamped, or the class
-    -- latched      bool        Whether later subscribers shall get the message as long as the run lasts
+    -- latched      bool        Whether later subscribers get the message too, until the run ends
 
     ># message                  The message; a value of another type is a fault of the state.
 
-    <= done                     The message was handed to the middleware.
+    <= done                     The message was passed to the middleware.
     """
 
     is_instant = True
@@ -79,7 +79,7 @@ class WaitForMessage(EventState):
         best_effort: bool,
         **interface: Any,
     ) -> None:
-        """``interface`` has the outcomes beside ``timeout``, and the keys."""
+        """``interface`` has the outcomes other than ``timeout``, and the keys."""
         interface['outcomes'] = [*interface['outcomes'], 'timeout']
         super().__init__(desired_rate=None, **interface)
         self._topic = checked_topic(self, 'topic', topic)
@@ -93,7 +93,7 @@ class WaitForMessage(EventState):
         self._timer: Timer | None = None
 
     def _received(self, message: Any, userdata: UserData) -> str | None:
-        """Return the outcome by a message; None to wait for another one."""
+        """Return the outcome for a message; None to wait for another one."""
         raise NotImplementedError
 
     def on_enter(self, userdata: UserData) -> None:
@@ -129,18 +129,18 @@ class WaitForMessage(EventState):
 
 class SubscribeOnceState(WaitForMessage):
     """
-    Wait for the next message on a topic: one that comes after the state was entered, or the latched one.
+    Wait for the next message on a topic: one that arrives after the state was entered, or the latched one.
 
     -- topic        string      Name of the topic
     -- msg_type     string      Type of its messages, e.g. geometry_msgs/msg/PoseStamped, or the class
     -- timeout      float       Seconds (wall time) to wait; None for no limit
-    -- latched      bool        Whether a message that was published before counts, where its sender keeps it
-    -- best_effort  bool        Whether its senders are of best effort, as those of sensors are: none else hears them
+    -- latched      bool        Whether to accept an earlier message that its publisher keeps (transient local)
+    -- best_effort  bool        Whether to subscribe with best effort, as best-effort publishers (sensors) require
 
     #> message                  The message.
 
-    <= received                 A message has come.
-    <= timeout                  None has come in time.
+    <= received                 A message arrived.
+    <= timeout                  No message arrived in time.
     """
 
     def __init__(
@@ -161,22 +161,22 @@ class SubscribeOnceState(WaitForMessage):
         return 'received'
 
 
-# State that takes the newest message of a topic.
+# State that reads the newest message of a topic.
 
 
 class SubscriberState(EventState):
     """
-    Take the newest message of a topic that came since the start of the run and was not taken before.
+    Read the newest message of a topic since the start of the run. Each message is read only once.
 
     -- topic        string      Name of the topic
     -- msg_type     string      Type of its messages, e.g. geometry_msgs/msg/PoseStamped, or the class
-    -- blocking     bool        Whether to wait for a message when there is none
-    -- clear        bool        Whether a message that came before the state was entered is dropped
+    -- blocking     bool        Whether to wait if no message is available
+    -- clear        bool        Whether to drop a message that arrived before the state was entered
 
     #> message                  The message.
 
-    <= received                 There is a message.
-    <= unavailable              There is none, and the state does not wait for one.
+    <= received                 A message is available.
+    <= unavailable              No message is available, and the state does not wait.
     """
 
     def __init__(self, topic: str, msg_type: str | type[Any], blocking: bool = True, clear: bool = False) -> None:
@@ -217,7 +217,7 @@ class SubscriberState(EventState):
 class StateSubscription:
     """A subscription that keeps the newest message since :meth:`open`, and wakes the state for each.
 
-    Opened and closed on the executor thread in the order of the calls, which come from the thread of the state.
+    Call its methods on the thread of the state; it opens and closes on the executor thread, in the order of the calls.
     """
 
     def __init__(self, state: EventState, topic: str, message_type: type[Any], qos: QoSProfile) -> None:
@@ -232,7 +232,7 @@ class StateSubscription:
         self._subscription: Subscription | None = None  # executor thread only
 
     def open(self) -> None:
-        """Start to listen; does nothing when it is open."""
+        """Subscribe; does nothing if it is open."""
         if self._is_open:
             return
         self._is_open = True
@@ -241,7 +241,7 @@ class StateSubscription:
         runtime.post(lambda: self._subscribe(runtime, visit))
 
     def close(self) -> None:
-        """Stop to listen, and forget the message."""
+        """Unsubscribe, and drop the message."""
         if not self._is_open:
             return
         self._is_open = False
@@ -251,13 +251,13 @@ class StateSubscription:
         runtime.post(lambda: self._unsubscribe(runtime))
 
     def take(self) -> Any | None:
-        """Return the newest message, once; None when there is none."""
+        """Return the newest message, once; None if no message is available."""
         with self._lock:
             message, self._newest = self._newest, None
         return message
 
     def lack(self) -> list[str]:
-        """Why no message comes, for the operator; empty while nothing is known that is wrong."""
+        """Return why no message arrives, for the operator; empty if no problem is known."""
         runtime = state_services(self._state).runtime
         text = qos_misfit(runtime, runtime.node.resolve_topic_name(self._topic)) if self._newest is None else ''
         return [text] if text else []

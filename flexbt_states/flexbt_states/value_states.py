@@ -17,12 +17,12 @@ from .parameter_checks import checked_callable
 
 class CalculationState(EventState):
     """
-    Compute a value from another. An exception of the function is a fault of the state.
+    Compute a value from another one. If the function raises, the state has a fault.
 
     -- calculation  function    Function of one value
 
     ># input_value              Argument of the function.
-    #> output_value             What the function returns.
+    #> output_value             Result of the function.
 
     <= done                     The value was computed.
     """
@@ -43,9 +43,9 @@ class CalculationState(EventState):
 
 class CheckConditionState(EventState):
     """
-    Check a condition. An exception of the function is a fault of the state: it means neither true nor false.
+    Check a condition. If the function raises, the state has a fault: the result is neither true nor false.
 
-    -- predicate    function    Function of one value, whose result is taken as true or false
+    -- predicate    function    Function of one value; its result counts as true or false
 
     ># input_value              Argument of the function.
 
@@ -71,7 +71,7 @@ class LogState(EventState):
     Log a line for the operator.
 
     -- text         string      The line
-    -- severity     Severity    Its weight
+    -- severity     Severity    Severity of the line
 
     <= done                     The line was logged.
     """
@@ -98,7 +98,7 @@ class LogKeyState(EventState):
     Log a value of the userdata for the operator.
 
     -- text         string      The line, with one {} in place of the value
-    -- severity     Severity    Its weight
+    -- severity     Severity    Severity of the line
 
     ># data                     The value.
 

@@ -22,7 +22,7 @@ from .parameter_checks import checked_action_type, checked_timeout, checked_topi
 
 class WaitState(EventState):
     """
-    Wait for some time on the node's clock.
+    Wait for a time on the node's clock.
 
     -- wait_time    float       Seconds to wait
 
@@ -56,14 +56,14 @@ _PERIOD: Final = 0.2
 
 class WaitForServersState(EventState):
     """
-    Wait until servers are ready, for instance after one has died and is being restarted.
+    Wait until servers are ready, for example while one restarts after a crash.
 
-    -- nodes        string[]    Names of nodes that report their readiness: BT server, executive, simulator, navigation
+    -- nodes        string[]    Nodes that report their readiness: BT server, executive, simulator, navigation
     -- actions      dict        Action servers of other nodes, with their types, e.g. nav2_msgs/action/FollowPath
     -- timeout      float       Seconds (wall time) to wait; None for no limit
 
-    <= ready                    All of them are ready.
-    <= timeout                  Some were not ready in time; their names are logged.
+    <= ready                    All servers are ready.
+    <= timeout                  Some servers were not ready in time; their names are logged.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class WaitForServersState(EventState):
 
 
 class _NodeWatch:
-    """The watch of one node, for all states on this one that wait for it; it stays as long as the node."""
+    """The watch of one node for all states on this node that wait for it; it exists as long as this node."""
 
     def __init__(self, runtime: Runtime, name: str) -> None:
         self.waiting: set[EventState] = set()

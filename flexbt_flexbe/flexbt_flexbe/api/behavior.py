@@ -20,16 +20,16 @@ from flexbt_onboard.behaviors.behavior import to_bool
 from flexbt_onboard.errors import ParameterError
 
 _OWN: Final = ('name', 'beh_id', 'contains')
-"""Attributes of every behavior that are not for the operator."""
+"""Attributes of every behavior that the operator cannot set."""
 
 _NO_VALUES: Final = (property, staticmethod, classmethod)
 
 
 class Behavior:
-    """Base of FlexBE's behaviors, whose constructor takes the node.
+    """The base class of FlexBE's behaviors, whose constructor takes the node.
 
-    The executive runs it; see :mod:`flexbt_flexbe.hosted_behavior`. FlexBE's calls for that (``confirm``,
-    ``execute``, ``prepare_for_switch``, ``preempt``) do not exist here, since the executive controls the run.
+    The executive runs it; see :mod:`flexbt_flexbe.hosted_behavior`. FlexBE's methods to control a run (``confirm``,
+    ``execute``, ``prepare_for_switch``, ``preempt``) do not exist here, since the executive does that.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class Behavior:
         self._state_machine: OperatableStateMachine | None = None
 
     def create(self) -> OperatableStateMachine:
-        """Build the state machine; the parameters have their values. Implemented by each behavior."""
+        """Build the state machine, after the parameters are set. Each behavior implements it."""
         raise NotImplementedError(f'behavior {self.name!r} does not implement create()')
 
     def add_parameter(self, name: str, default: Any) -> None:
@@ -57,10 +57,10 @@ class Behavior:
         default_keys: Iterable[str] | None = None,
         parameters: Mapping[str, Any] | None = None,
     ) -> OperatableStateMachine:
-        """Return the state machine of an embedded behavior, to be added like a state.
+        """Return the state machine of an embedded behavior; add it like a state.
 
-        Its input keys have to be supplied by the machine around it, except for ``default_keys``, which keep the
-        behavior's own values. ``parameters`` are set regardless of the operator's choice.
+        The machine around it must supply its input keys, except ``default_keys``, which keep the behavior's own
+        values. ``parameters`` override the operator's choice.
 
         Raises:
             FlexbeManifestError: the behavior was not added.
@@ -84,7 +84,7 @@ class Behavior:
         return machine
 
     def get_contained_behaviors(self) -> dict[str, Behavior]:
-        """Return all embedded behaviors by their path, as in ``/Outer/Inner``."""
+        """Return all embedded behaviors by path, such as ``/Outer/Inner``."""
         found: dict[str, Behavior] = {}
         for key, behavior in self.contains.items():
             found[f'/{key}'] = behavior
@@ -92,13 +92,13 @@ class Behavior:
         return found
 
     def set_parameter(self, name: str, value: Any) -> bool:
-        """Give a parameter a value, converted to its type. As in FlexBE, each attribute with a value is one.
+        """Set a parameter, with the value converted to its type. As in FlexBE, each attribute with a value is one.
 
-        A bare name means the parameter of this behavior and of all embedded ones that have it; a path in front of it,
-        as in ``/Inner/speed``, those of that behavior and of what it embeds. Whether there was any.
+        A bare name sets the parameter in this behavior and in all embedded ones that have it. A name with a path, such
+        as ``/Inner/speed``, sets it in that behavior and those embedded in it. Return whether any has the parameter.
 
         Raises:
-            ParameterError: the value is none of the type; it names the parameter with its path.
+            ParameterError: the value is not of the type; the error names the parameter with its path.
         """
         path, _, key = name.rpartition('/')
         path = f'/{path.strip("/")}' if path else ''
@@ -122,28 +122,28 @@ class Behavior:
         return not (name.startswith('_') or name in _OWN or callable(value) or isinstance(value, _NO_VALUES))
 
     def set_own_parameter(self, name: str, value: Any) -> None:
-        """Give a parameter of this behavior, and of none that it embeds, a value that is converted to its type.
+        """Set a parameter of this behavior, but not of embedded ones, with the value converted to its type.
 
         Raises:
-            ParameterError: the value is none of the type.
+            ParameterError: the value is not of the type.
         """
         setattr(self, name, converted(name, value, getattr(self, name)))
 
     def set_up(self, beh_id: int, autonomy_level: int, debug: bool) -> None:
-        """Keep the id; level and the rest are settings of the run."""
+        """Store the id. The run has the level and the other settings."""
         self.beh_id = beh_id
 
 
-# Values of parameters: from what an operator wrote, or a YAML file has, to the type that the behavior declares.
+# Values of parameters, converted from the operator's text or a YAML file to the type that the behavior declares.
 
 YAML_PREFIX: Final = '/YAML:'
-"""FlexBE's mark of an argument, in front of its name, whose value is a file and a key in it."""
+"""FlexBE's prefix of the name of an argument whose value is a file and a key in it."""
 
 _FILE: Final = re.compile(r'(?P<file>[\w.-]+/[\w./-]+\.ya?ml)(?::(?P<key>\S*))?')
 
 
 def converted(name: str, value: Any, like: Any) -> Any:
-    """``value`` as a value of the type of ``like``; an int for a bool, or the reverse, is not one.
+    """Return ``value`` converted to the type of ``like``. An int is not a bool, nor the reverse.
 
     Raises:
         ParameterError: it cannot be converted without loss.
@@ -171,7 +171,7 @@ def from_yaml_file(name: str, text: str) -> Any:
     """Return the content of a YAML file: ``package/relative/path.yaml``, or a key in it after a colon.
 
     Raises:
-        ParameterError: no such file in an installed package, no YAML, or no such key.
+        ParameterError: the file is not in an installed package or not YAML, or the key is missing.
     """
     found = _FILE.fullmatch(text.strip())
     if found is None:

@@ -20,7 +20,7 @@ from flexbt_onboard.behaviors.run_context import RunContext, current_run
 from .run_proxy import Listeners, RunProxy, calling_state
 
 SERVER_SECONDS: Final = 2.0
-"""Time in which a server has to be discovered after the client was made, s; later it counts as missing."""
+"""Time from the creation of a client until its server counts as missing, s."""
 
 _STATUS: Final = {
     GoalStatus.SUCCEEDED: RosGoalStatus.STATUS_SUCCEEDED,
@@ -34,7 +34,7 @@ _STATUS_NAMES: Final = {
 
 @dataclass
 class _Client:
-    """One action as this proxy uses it: the link, and the goal that was sent last."""
+    """One action of a proxy: the link and the last goal."""
 
     topic: str
     link: ActionServerLink
@@ -46,11 +46,11 @@ class _Client:
 
     @property
     def ended(self) -> GoalOutcome | None:
-        """Outcome of the last goal, unless that was removed."""
+        """Outcome of the last goal, unless it was removed."""
         return self.call.outcome if self.call is not None and not self.is_removed else None
 
     def forget_result(self) -> None:
-        """How the last goal ended is not told again."""
+        """Drop the result of the last goal."""
         self.is_removed |= self.ended is not None
 
 
@@ -62,8 +62,8 @@ class _Clients(list[_Client]):
 
 
 class _Results:
-    """FlexBE's ``ProxyActionClient._result``, into which states of flexible_navigation write None for what they have
-    taken: the results by their topics, of the clients that the state uses that is being called."""
+    """FlexBE's ``ProxyActionClient._result``: results by topic, for the clients of the calling state. States of
+    flexible_navigation write None there for a result that they have read."""
 
     def __contains__(self, topic: str) -> bool:
         return any(self._used(topic))
@@ -83,7 +83,7 @@ class _Results:
 
 
 class ProxyActionClient(RunProxy):
-    """A client that sends goals, one at a time on each action, and keeps the results.
+    """A client that sends goals, one at a time per action, and keeps the results.
 
     Each proxy has its own goals: two states that use the same action do not disturb each other. Nothing blocks: a goal
     is sent when its server is available. If none appears, or the goal is rejected, lost, or aborted without a result,
@@ -99,7 +99,7 @@ class ProxyActionClient(RunProxy):
             self.setupClient(topic, action_type, wait_duration)
 
     def setupClient(self, topic: str, action_type: type[Any], wait_duration: float = 10.0) -> None:
-        """Make the action known. Discovery begins now; it is not waited for, regardless of ``wait_duration``."""
+        """Set up the action and start discovery. It never waits; ``wait_duration`` has no effect."""
         known = self._clients.get(topic)
         if known is not None and known.link.server_type is action_type:
             return
@@ -114,11 +114,11 @@ class ProxyActionClient(RunProxy):
     setup_client = setupClient
 
     def send_goal(self, topic: str, goal: Any, wait_duration: float = 0.0) -> None:
-        """Send a goal; its server has to appear within ``wait_duration`` seconds, which are not waited for here.
+        """Send a goal. Its server must appear within ``wait_duration`` seconds; this call does not wait for it.
 
         Raises:
-            ProxyError: the action was not set up, the goal is not one of it, the last goal is still active, or it is
-                known already that there is no server.
+            ProxyError: the action was not set up, the goal has another type, the last goal is still active, or the
+                server is known to be missing.
         """
         client = self._client(topic)
         goal_type = client.link.server_type.Goal
@@ -148,7 +148,7 @@ class ProxyActionClient(RunProxy):
         self._run.services.goals.add(calling_state(), topic, client.call)
 
     def is_available(self, topic: str) -> bool:
-        """Return whether the action was set up and its server is there."""
+        """Return whether the action was set up and its server is available."""
         client = self._clients.get(topic)
         return client is not None and client.link.is_ready()
 
@@ -158,16 +158,16 @@ class ProxyActionClient(RunProxy):
         return client is not None and client.call is not None and not client.call.done
 
     def has_result(self, topic: str) -> bool:
-        """Return whether the goal has ended; :meth:`get_result` says how."""
+        """Return whether the goal has ended; :meth:`get_result` returns or raises the result."""
         client = self._asked(topic)
         return client is not None and client.ended is not None
 
     def get_result(self, topic: str, clear: bool = False) -> Any:
-        """Return the result of the goal, None while there is none; ``clear`` forgets it, as :meth:`remove_result` does.
+        """Return the result of the goal, None before its end; ``clear`` drops it as :meth:`remove_result` does.
 
         Raises:
-            NoResultError: the goal has ended without one. An aborted goal whose result was left as it is constructed
-                counts so: its zeros often mean success.
+            NoResultError: the goal has ended without a result. This includes an aborted goal with a default result,
+                because the zeros in it often mean success.
         """
         client = self._asked(topic)
         ended = client.ended if client is not None else None
@@ -177,27 +177,27 @@ class ProxyActionClient(RunProxy):
         result = ended.result
         is_own_cancel = ended.status is GoalStatus.CANCELED and client.call is not None and client.call.cancel_requested
         if result is not None and (
-            ended.status is GoalStatus.SUCCEEDED or is_own_cancel or result != type(result)()  # says something
+            ended.status is GoalStatus.SUCCEEDED or is_own_cancel or result != type(result)()  # has content
         ):
             return result
         raise NoResultError(f'action {topic!r}: {ended.reason}')
 
     def remove_result(self, topic: str) -> None:
-        """Forget how the last goal ended."""
+        """Drop the result of the last goal."""
         client = self._clients.get(topic)
         if client is not None:
             client.forget_result()
 
     def has_feedback(self, topic: str) -> bool:
-        """Return whether there is feedback on the last goal."""
+        """Return whether feedback on the last goal has arrived."""
         client = self._asked(topic)
         return client is not None and client.feedback is not None
 
     def get_feedback(self, topic: str, clear: bool = False) -> Any:
-        """Return the newest feedback message, as rclpy gives it: the feedback itself is its field ``feedback``; or
-        None.
+        """Return the newest feedback message or None. As in rclpy, the feedback itself is in its field
+        ``feedback``.
 
-        ``clear`` forgets it.
+        ``clear`` drops it.
         """
         client = self._asked(topic)
         feedback = client.feedback if client is not None else None
@@ -206,14 +206,14 @@ class ProxyActionClient(RunProxy):
         return feedback
 
     def remove_feedback(self, topic: str) -> None:
-        """Forget the feedback."""
+        """Drop the feedback."""
         client = self._clients.get(topic)
         if client is not None:
             client.feedback = None
 
     def get_status(self, topic: str) -> int:
-        """Return a constant of action_msgs/msg/GoalStatus: UNKNOWN before the goal is accepted, ABORTED for all bad
-        ends."""
+        """Return a constant of action_msgs/msg/GoalStatus: UNKNOWN before the goal is accepted, ABORTED for all
+        failures."""
         client = self._client(topic)
         client.listeners.note_caller()
         call = client.call
@@ -233,21 +233,21 @@ class ProxyActionClient(RunProxy):
         return _STATUS_NAMES[self.get_status(topic)]
 
     def verify_action_status(self, topic: str, wait_duration: float = 0.1) -> tuple[bool, int]:
-        """Return whether the goal has ended, and its status; ``wait_duration`` is not waited for.
+        """Return whether the goal has ended, and its status. It never waits; ``wait_duration`` has no effect.
 
-        A goal that was canceled when its state was left is awaited by the run.
+        The run waits for a goal that was canceled when its state was left.
         """
         status = self.get_status(topic)
         return status in _TERMINAL, status
 
     def cancel(self, topic: str) -> None:
-        """Cancel the goal, at any time; the state that sent it is not at rest before the goal has ended."""
+        """Cancel the goal, at any time. The state that sent it has halted only when the goal has ended."""
         client = self._clients.get(topic)
         if client is not None and client.call is not None:
             client.call.cancel(None)
 
     def remove_client(self, topic: str) -> None:
-        """Cancel the goal and forget the action."""
+        """Cancel the goal and remove the action."""
         self.cancel(topic)
         self._clients.pop(topic, None)
 
@@ -268,15 +268,15 @@ class ProxyActionClient(RunProxy):
 # FlexBE's proxy for services.
 
 RESPONSE_SECONDS: Final = 30.0
-"""Time limit for the answer to a request that is not waited for, s."""
+"""Time limit for the response to an asynchronous request, s."""
 
 BLOCKING_SECONDS: Final = 5.0
-"""Time that :meth:`ProxyServiceCaller.call` waits for an answer, s."""
+"""Time that :meth:`ProxyServiceCaller.call` waits for a response, s."""
 
 
 @dataclass
 class _Service:
-    """One service as this proxy uses it: the link, and the request that was sent last."""
+    """One service of a proxy: the link and the last request."""
 
     link: ServiceLink
     listeners: Listeners = field(default_factory=Listeners)
@@ -284,7 +284,7 @@ class _Service:
 
 
 class ProxyServiceCaller(RunProxy):
-    """A client that sends requests to services, one at a time on each, and keeps the responses."""
+    """A client that sends requests, one at a time per service, and keeps the responses."""
 
     def __init__(self, topics: Mapping[str, type[Any]] | None = None, wait_duration: float = 10.0) -> None:
         super().__init__()
@@ -293,7 +293,7 @@ class ProxyServiceCaller(RunProxy):
             self.setupService(topic, service_type, wait_duration)
 
     def setupService(self, topic: str, srv_type: type[Any], wait_duration: float = 10.0) -> None:
-        """Make the service known. Discovery begins now; it is not waited for, regardless of ``wait_duration``."""
+        """Set up the service and start discovery. It never waits; ``wait_duration`` has no effect."""
         known = self._services.get(topic)
         if known is None:
             self._services[topic] = _Service(self._run.services.services.link(srv_type, topic))
@@ -304,20 +304,20 @@ class ProxyServiceCaller(RunProxy):
     setup_service = setupService
 
     def is_available(self, topic: str, wait_duration: float = 1.0) -> bool:
-        """Return whether the service was set up and is there now; ``wait_duration`` is not waited for."""
+        """Return whether the service was set up and is available. It never waits; ``wait_duration`` has no effect."""
         service = self._services.get(topic)
         if service is None:
             return False
         return bool(self._run.services.runtime.call(service.link.is_ready))
 
     def call(self, topic: str, request: Any, wait_duration: float = 1.0) -> Any:
-        """Send a request and wait for its response: at most ``wait_duration`` s for the service and 5 s for the answer.
+        """Send a request and wait for its response: at most ``wait_duration`` s for the service, then 5 s.
 
-        The run can neither be paused nor stopped meanwhile: prefer :meth:`call_async`.
+        The run cannot be paused or stopped meanwhile: prefer :meth:`call_async`.
 
         Raises:
-            ProxyError: the service was not set up, or this is a callback on the executor's thread.
-            NoResultError: no service, or no response in time.
+            ProxyError: the service was not set up, or the caller is a callback on the executor's thread.
+            NoResultError: the service is missing, or did not respond in time.
         """
         if self._run.services.runtime.on_executor_thread:
             raise ProxyError(f'service {topic!r}: a callback cannot wait for a response; use call_async')
@@ -327,33 +327,33 @@ class ProxyServiceCaller(RunProxy):
         return _response(topic, call)
 
     def call_async(self, topic: str, request: Any, wait_duration: float = 1.0) -> None:
-        """Send a request; ask :meth:`done` for its end, which comes within bounded time.
+        """Send a request without waiting; poll :meth:`done`. The request ends within bounded time.
 
         Raises:
-            ProxyError: the service was not set up, or the request is not one of it.
+            ProxyError: the service was not set up, or the request has another type.
         """
         service = self._service(topic)
         service.listeners.note_caller()
         service.call = self._send(topic, request, wait_duration, RESPONSE_SECONDS, service.listeners.wake)
 
     def done(self, topic: str) -> bool:
-        """Return whether the request has ended, with a response or without."""
+        """Return whether the request has ended, with or without a response."""
         service = self._service(topic)
         service.listeners.note_caller()
         return service.call is not None and service.call.done
 
     def result(self, topic: str) -> Any:
-        """Return the response; None while there is none.
+        """Return the response; None before it arrives.
 
         Raises:
-            NoResultError: the request has ended without one.
+            NoResultError: the request has ended without a response.
         """
         service = self._service(topic)
         service.listeners.note_caller()
         return _response(topic, service.call) if service.call is not None and service.call.done else None
 
     def remove_client(self, topic: str) -> None:
-        """Forget the service, and the response to its last request."""
+        """Remove the service and the response to its last request."""
         self._services.pop(topic, None)
 
     def _send(self, topic: str, request: Any, wait: float, response_timeout: float, ring: Any) -> ServiceCall:

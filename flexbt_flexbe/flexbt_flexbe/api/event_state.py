@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's EventState and containers: the engine's, with the names that FlexBE's states and behaviors use.
+"""FlexBE's EventState and containers: those of the engine, with the names that FlexBE's states and behaviors use.
 
-FlexBE keeps its node in class attributes, so that a process can have one. Here the same attributes are looked up when
-they are read, in the run on whose thread that happens.
+FlexBE stores its node in class attributes, which allows one node per process. Here a read of such an attribute returns
+the node of the run on the current thread.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from .topic_proxies import ProxyPublisher, ProxySubscriberCached, lacks_of
 
 
 class _RunNode:
-    """A class attribute that is the node of the current run: ``self._node`` and ``MyState._node``."""
+    """A class attribute that returns the node of the current run, for ``self._node`` and ``MyState._node``."""
 
     def __get__(self, instance: object, owner: type[Any]) -> Any:
         return current_run().services.runtime.node
 
 
 class RosAccess:
-    """Base of what FlexBE initializes with a node."""
+    """The base of classes that FlexBE initializes with a node."""
 
     _node = _RunNode()
 
     @staticmethod
     def initialize_ros(node: Any) -> None:
-        """Do nothing, since the node is that of the run; behaviors written by FlexBE's editor call it."""
+        """Do nothing: the run provides the node. Behaviors from FlexBE's editor call this method."""
 
 
-# FlexBE's EventState: the engine's, with the names that FlexBE's states use.
+# FlexBE's EventState: that of the engine, with the names that FlexBE's states use.
 
 
 class _Provided:
-    """An attribute that every state has, and that a state may set to its own value."""
+    """An attribute of every state, which a state may overwrite."""
 
     def __init__(self, value_of: Callable[[Any], Any]) -> None:
         self._value_of = value_of
@@ -50,18 +50,18 @@ class _Provided:
 
 
 class EventState(RosAccess, event_state.EventState):
-    """Base of FlexBE's states.
+    """The base class of FlexBE's states.
 
-    It is executed at its rate (10 Hz, or ``desired_rate``), as in FlexBE, and besides whenever something arrives that
-    it has asked a proxy about: a result, feedback, a message.
+    As in FlexBE, it is executed at its rate (10 Hz, or ``desired_rate``). It is also executed when data arrives that it
+    has asked a proxy about: a result, feedback, a message.
 
-    As in FlexBE it is executed on while its outcome waits for the operator: it may take the outcome back by giving
-    None, and may have to go on, for instance with commands that keep a robot where it is.
+    As in FlexBE, it is still executed while its outcome waits for the operator. It may withdraw the outcome by
+    returning None, and can continue its work, for example to send commands that hold a robot in place.
     """
 
     runs_while_blocked = True
 
-    # FlexBE has nothing of these names, so that its states may have something else under them.
+    # FlexBE does not use these names, so its states may use them for other values.
     clock = _Provided(lambda state: state._bound().clock)
     services = _Provided(lambda state: state._bound().services)
 
@@ -76,28 +76,28 @@ class EventState(RosAccess, event_state.EventState):
     )
 
     def set_rate(self, desired_rate: float) -> None:
-        """How often the state is executed while nothing wakes it, Hz.
+        """Set the rate in Hz at which the state is executed without wake-ups.
 
         Raises:
-            StateError: it is not positive.
+            StateError: the rate is not positive.
         """
         if not desired_rate > 0:
             raise StateError(f'{self.path}: the rate has to be positive, not {desired_rate} Hz')
         self.desired_rate = desired_rate
 
     def activity(self) -> Sequence[str]:
-        """Topics that the state waits for and that cannot reach it."""
+        """Return the topics that the state waits for but cannot receive."""
         return lacks_of(self)
 
     def halting(self) -> str | None:
-        """Goals that the state has canceled are waited for; when the run ends, none is left behind."""
+        """Return the canceled goals that have not ended. When the run ends, stop its goals."""
         goals = current_run().services.goals
         if self.exit_reason is not None and self.exit_reason.is_of_the_run:
             goals.stop()
         return goals.halting(self)
 
 
-# FlexBE's containers: the engine's, with what behaviors written by FlexBE's editor call.
+# FlexBE's containers: those of the engine, with the methods that behaviors from FlexBE's editor call.
 
 
 class OperatableStateMachine(RosAccess, machine.OperatableStateMachine):
@@ -105,8 +105,8 @@ class OperatableStateMachine(RosAccess, machine.OperatableStateMachine):
 
 
 class ConcurrencyContainer(RosAccess, machine.ConcurrencyContainer):
-    """Its children run at the same time; see :class:`ConcurrencyContainer`."""
+    """A container whose children run at the same time; see :class:`ConcurrencyContainer`."""
 
 
 class PriorityContainer(RosAccess, machine.PriorityContainer):
-    """Everything else is paused meanwhile; see :class:`PriorityContainer`."""
+    """A container that pauses everything else; see :class:`PriorityContainer`."""

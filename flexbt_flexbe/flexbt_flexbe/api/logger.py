@@ -30,7 +30,7 @@ class _Throttle:
 
 
 def log(text: object, severity: int) -> None:
-    """Tell the operator something, in the name of the state that is being called."""
+    """Log a line for the operator, in the name of the calling state."""
     state = called_state()
     current_run().log(severity_of(severity), state.path if state is not None else '', str(text))
 
@@ -41,7 +41,7 @@ def local(text: object, severity: int) -> None:
 
 
 def log_throttle(period: float, text: object, severity: int) -> None:
-    """Tell the operator something, at most once in ``period`` seconds."""
+    """Log a line for the operator, at most once in ``period`` seconds."""
     if current_run().shared(_Throttle).is_due((log, text, severity), period):
         log(text, severity)
 
@@ -54,7 +54,7 @@ def local_throttle(period: float, text: object, severity: int, *args: Any) -> No
 
 
 def severity_of(constant: int) -> Severity:
-    """Return the severity that one of Logger's constants means; an unknown one is a debug line, as in FlexBE."""
+    """Return the severity for one of Logger's constants; as in FlexBE, an unknown one means debug."""
     return _SEVERITIES.get(constant, Severity.DEBUG)
 
 
@@ -73,8 +73,8 @@ def _throttled(tell: Callable[[float, object, int], None], severity: int) -> Cal
 
 
 def _formatted(text: object, args: tuple[Any, ...]) -> str:
-    """Return the text with its arguments. Without arguments ``%%`` is a percent sign, and any other one is what it
-    is."""
+    """Return the text with its arguments inserted. Without arguments, ``%%`` becomes a percent sign, and other percent
+    signs stay unchanged."""
     try:
         return str(text) % args
     except (TypeError, ValueError):
@@ -84,9 +84,9 @@ def _formatted(text: object, args: tuple[Any, ...]) -> str:
 
 
 class Logger:
-    """Lines for the operator (``log...``), or for the log of the node only (``local...``).
+    """A logger for the operator (``log...``), or for the node's log only (``local...``).
 
-    ``..._throttle`` takes a period in seconds in front, in which the same line is written once.
+    ``..._throttle`` has a period in seconds as its first argument and writes the same line once per period.
     """
 
     REPORT_INFO: Final = 0
@@ -126,7 +126,7 @@ class Logger:
 
     @staticmethod
     def initialize(node: Any) -> None:
-        """Do nothing: lines go to the run on whose thread they are written."""
+        """Do nothing: lines go to the run on the current thread."""
 
 
 _SEVERITIES: Final = {getattr(Logger, f'REPORT_{severity.name}'): severity for severity in Severity}
@@ -140,8 +140,8 @@ Class = TypeVar('Class', bound=type[Any])
 class StateLogger(RosAccess):
     """A logger whose records become debug lines of the run.
 
-    The executive records entering, leaving, outcomes and decisions of every state by itself, so that the decorators
-    which add this to single classes leave them as they are.
+    The executive records entry, exit, outcomes and decisions of every state. So the decorators that add this to single
+    classes return them unchanged.
     """
 
     @staticmethod
@@ -154,7 +154,7 @@ class StateLogger(RosAccess):
 
     @staticmethod
     def log(name: str, state: EventState, **kwargs: Any) -> None:
-        """Record something of a state, under the name of a logger."""
+        """Record data of a state, under the name of a logger."""
         fields = ' '.join(f'{key}={value!r}' for key, value in kwargs.items())
         current_run().log(Severity.DEBUG, state.path, f'{name}: {fields}')
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The common part of all proxies: the run that they belong to, and the states that wait for messages."""
+"""The common part of all proxies: their run, and the states that wait for messages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Proxy = TypeVar('Proxy', bound=type[Any])
 
 
 class RunProxy:
-    """The base of the proxies, which belongs to the run in which it is made."""
+    """The base class of the proxies. A proxy belongs to the run in which it is created."""
 
     def __init__(self) -> None:
         self._run = current_run()
@@ -31,7 +31,7 @@ class RunProxy:
 
     @staticmethod
     def shutdown() -> None:
-        """Do nothing: what proxies hold ends with the run."""
+        """Do nothing: the resources of proxies are closed with the run."""
 
 
 class _OnClassToo:
@@ -46,7 +46,7 @@ class _OnClassToo:
 
 
 def callable_on_class(proxy: Proxy) -> Proxy:
-    """Let methods be called on the class, too, as in FlexBE: of proxies that share what they have within a run."""
+    """Make methods callable on the class too, as in FlexBE. For proxies that share their data within a run."""
     for name, method in tuple(vars(proxy).items()):
         if isinstance(method, FunctionType) and not name.startswith('_'):
             setattr(proxy, name, _OnClassToo(method))
@@ -54,25 +54,25 @@ def callable_on_class(proxy: Proxy) -> Proxy:
 
 
 def calling_state() -> EventState | None:
-    """Return the state that is being called; not what may be wrapped around it."""
+    """Return the calling state, without its wrappers."""
     state = called_state()
     return None if state is None else state.unwrapped
 
 
 class Listeners:
-    """The states that requested something and are woken when it arrives."""
+    """The states that have requested data and are woken when it arrives."""
 
     def __init__(self) -> None:
         self._states: set[EventState] = set()
 
     def note_caller(self) -> None:
-        """Wake the state that is being called."""
+        """Add the calling state to the states to wake."""
         state = calling_state()
         if state is not None:
             self._states.add(state)
 
     def has_caller(self) -> bool:
-        """Return whether the state that is being called is one of them."""
+        """Return whether the calling state is one of them."""
         return calling_state() in self._states
 
     def has(self, state: EventState) -> bool:
@@ -80,16 +80,16 @@ class Listeners:
         return state in self._states
 
     def wake(self) -> None:
-        """Something has arrived; from any thread."""
+        """Wake the states, since data has arrived. Callable from any thread."""
         for state in tuple(self._states):
             state.wake()
 
 
 def message_class(topic: str, message: str | type[Any]) -> type[Any]:
-    """Return the class of a topic's messages, which may be given by its name, as in ``std_msgs/msg/String``.
+    """Return the message class of a topic, from the class or its name, such as ``std_msgs/msg/String``.
 
     Raises:
-        ProxyError: neither a message class nor the name of one.
+        ProxyError: ``message`` is neither a message class nor the name of one.
     """
     if isinstance(message, type) and hasattr(message, 'get_fields_and_field_types'):
         return message

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's proxies for publishing, for subscriptions and for transforms, with FlexBE's names of qualities of
-service."""
+"""FlexBE's proxies for publishers, subscriptions and transforms, with FlexBE's names of quality-of-service
+settings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .run_proxy import Listeners, RunProxy, callable_on_class, message_class
 
 
 class _RunPublishers:
-    """The publishers of a run, which all its proxies share, as in FlexBE."""
+    """The publishers of a run. As in FlexBE, all its proxies share them."""
 
     def __init__(self, run: RunContext) -> None:
         self._runtime = run.services.runtime
@@ -56,7 +56,7 @@ class ProxyPublisher(RunProxy):
         qos: QoSProfile | int | None = None,
         **ignored: Any,
     ) -> None:
-        """``ignored`` are options of ROS 1 (``latch``, ``queue_size``); ``qos`` takes their place."""
+        """``ignored`` are options of ROS 1 (``latch``, ``queue_size``); ``qos`` replaces them."""
         super().__init__()
         self._publishers = self._run.shared(_RunPublishers)
         for topic, message in (topics or {}).items():
@@ -65,10 +65,10 @@ class ProxyPublisher(RunProxy):
     def createPublisher(
         self, topic: str, msg_type: type[Any] | str, qos: QoSProfile | int | None = None, **ignored: Any
     ) -> None:
-        """Publish on a topic from now on.
+        """Create the publisher of a topic.
 
         Raises:
-            ProxyError: no message type, or another than the topic has already.
+            ProxyError: the type is not a message type, or the topic already has another type.
         """
         self._publishers.create(topic, message_class(topic, msg_type), QOS_DEFAULT if qos is None else qos)
 
@@ -93,11 +93,11 @@ class ProxyPublisher(RunProxy):
         publisher.publish(msg)
 
     def number_of_subscribers(self, topic: str) -> int:
-        """Return how many subscriptions match the publisher, as far as discovery knows."""
+        """Return the number of discovered subscriptions that match the publisher."""
         return int(self._topic(topic).get_subscription_count())
 
     def wait_for_any(self, topic: str, timeout: float = 5.0) -> bool:
-        """Return whether there is a subscriber now; ``timeout`` is not waited for."""
+        """Return whether a subscriber exists now. It never waits; ``timeout`` has no effect."""
         return self.number_of_subscribers(topic) > 0
 
     def _topic(self, topic: str) -> Publisher:
@@ -113,9 +113,9 @@ MessageCallback = Callable[[Any], None]
 
 
 class _Feed:
-    """One topic: what has come, and whom it concerns. Messages come on the executor thread.
+    """The messages of one topic, and the states that wait for them. Messages arrive on the executor thread.
 
-    ``newest`` is the newest message, None if there is none; ``buffer`` has all, None if they are not kept.
+    ``newest`` is the newest message or None; ``buffer`` has all messages, or is None if they are not kept.
     """
 
     def __init__(self, runtime: Runtime, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
@@ -132,7 +132,7 @@ class _Feed:
         runtime.post(lambda: self._subscribe(qos))
 
     def set_callback(self, user: Any, callback: MessageCallback | None) -> None:
-        """Call the callback for a message, in the context of the run."""
+        """Call ``callback`` for each message, in the context of the run."""
         if callback is None:
             self._callbacks.pop(user, None)
         else:
@@ -166,7 +166,7 @@ class _Feed:
 
 
 class _RunFeeds:
-    """The subscriptions of a run, which all its proxies share, as in FlexBE."""
+    """The subscriptions of a run. As in FlexBE, all its proxies share them."""
 
     def __init__(self, run: RunContext) -> None:
         self._runtime = run.services.runtime
@@ -184,7 +184,7 @@ class _RunFeeds:
         return feed
 
     def lacks(self, state: EventState) -> list[str]:
-        """Why no message comes on topics that a state has asked about and has none of."""
+        """Return why no message arrives on topics that a state has requested and has no message of."""
         asked = (feed for feed in self.feeds.values() if feed.newest is None and feed.listeners.has(state))
         return [text for feed in asked if (text := feed.misfit())]
 
@@ -222,10 +222,10 @@ class ProxySubscriberCached(RunProxy):
         qos: QoSProfile | int | None = None,
         inst_id: Any = -1,
     ) -> None:
-        """Listen to a topic until every ``inst_id`` that has subscribed has called :meth:`unsubscribe_topic`.
+        """Subscribe to a topic, until every subscribed ``inst_id`` has called :meth:`unsubscribe_topic`.
 
         Raises:
-            ProxyError: no message type, or another than the topic has already.
+            ProxyError: the type is not a message type, or the topic already has another type.
         """
         feed = self._feeds.open(topic, message_class(topic, msg_type), QOS_DEFAULT if qos is None else qos)
         feed.users.add(inst_id)
@@ -235,7 +235,7 @@ class ProxySubscriberCached(RunProxy):
             self.enable_buffer(topic)
 
     def set_callback(self, topic: str, callback: MessageCallback | None, inst_id: Any = -1) -> None:
-        """Have something called for each message, on the executor's thread: it must not block."""
+        """Set a callback for each message. It runs on the executor's thread and must not block."""
         self._feed(topic).set_callback(inst_id, callback)
 
     def enable_buffer(self, topic: str) -> None:
@@ -248,15 +248,15 @@ class ProxySubscriberCached(RunProxy):
         self._feed(topic).buffer = None
 
     def is_available(self, topic: str) -> bool:
-        """Return whether the run listens to the topic."""
+        """Return whether the run subscribes to the topic."""
         return self._asked(topic) is not None
 
     def has_msg(self, topic: str) -> bool:
-        """Return whether a message has come and was not removed."""
+        """Return whether a message has arrived and was not removed."""
         return self.get_last_msg(topic) is not None
 
     def get_last_msg(self, topic: str) -> Any:
-        """Return the newest message, None when there is none."""
+        """Return the newest message or None."""
         feed = self._asked(topic)
         return feed.newest if feed is not None else None
 
@@ -266,17 +266,17 @@ class ProxySubscriberCached(RunProxy):
         return feed is not None and bool(feed.buffer)
 
     def get_from_buffer(self, topic: str) -> Any:
-        """Take the oldest message of the buffer; None when it is empty."""
+        """Remove and return the oldest message of the buffer; None if it is empty."""
         feed = self._asked(topic)
         return feed.buffer.popleft() if feed is not None and feed.buffer else None
 
     def peek_at_buffer(self, topic: str) -> Any:
-        """Return the oldest message of the buffer, which stays there."""
+        """Return the oldest message of the buffer without removing it."""
         feed = self._asked(topic)
         return feed.buffer[0] if feed is not None and feed.buffer else None
 
     def remove_last_msg(self, topic: str, clear_buffer: bool = False) -> None:
-        """Forget the newest message, unless the topic is persistent."""
+        """Drop the newest message, unless the topic is persistent."""
         feed = self._asked(topic)
         if feed is not None:
             if not feed.is_persistent:
@@ -285,13 +285,13 @@ class ProxySubscriberCached(RunProxy):
                 feed.buffer.clear()
 
     def make_persistant(self, topic: str) -> None:
-        """Let :meth:`remove_last_msg` leave the newest message where it is."""
+        """Make the topic persistent: :meth:`remove_last_msg` then keeps the newest message."""
         self._feed(topic).is_persistent = True
 
     make_persistent = make_persistant
 
     def unsubscribe_topic(self, topic: str, inst_id: Any = -1) -> None:
-        """``inst_id`` listens no more; with the last one the subscription ends."""
+        """Unsubscribe ``inst_id``; the last one ends the subscription."""
         feed = self._feeds.feeds.get(topic)
         if feed is not None:
             feed.set_callback(inst_id, None)
@@ -313,7 +313,7 @@ class ProxySubscriberCached(RunProxy):
 
 
 def lacks_of(state: EventState) -> list[str]:
-    """Why no message comes on topics that a state has asked about, for the operator. On the thread of the run."""
+    """Return why no message arrives on requested topics of a state, for the operator. On the thread of the run."""
     return current_run().shared(_RunFeeds).lacks(state)
 
 
@@ -337,7 +337,7 @@ class _RunTransforms:
 
 
 class ProxyTransformListener(RunProxy):
-    """A listener to transforms since its construction. ``buffer.lookup_transform`` without a timeout does not wait."""
+    """A listener to transforms from its creation on. ``buffer.lookup_transform`` without a timeout does not wait."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -354,7 +354,7 @@ class ProxyTransformListener(RunProxy):
         return self._transforms.buffer
 
 
-# Qualities of service, under FlexBE's names.
+# Quality-of-service settings, under FlexBE's names.
 
 QOS_DEFAULT: Final = QoSProfile(depth=10)
 QOS_LATCH: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -1,4 +1,4 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Packages of FlexBE's names; this directory is what :mod:`flexbt_flexbe.shim` puts on Python's path. Their modules are
-in a table there.
+"""Packages with FlexBE's names. :mod:`flexbt_flexbe.shim` puts this directory on Python's path and has the table of
+their modules.
 """

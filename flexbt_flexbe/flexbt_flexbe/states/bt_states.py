@@ -20,14 +20,14 @@ _TYPES: Final = {
 
 
 def full_type(name: str) -> str:
-    """Return the name of a type, which may be short as in ``PoseStamped`` or ``pose_stamped[]``."""
+    """Return the full name of a type, which may be short, such as ``PoseStamped`` or ``pose_stamped[]``."""
     brackets = '[]' if name.endswith('[]') else ''
     short = name.removesuffix('[]').replace('_', '').lower()
     return f'{_TYPES[short]}{brackets}' if '/' not in name and short in _TYPES else name
 
 
 class _ShortTypes(GoalState):
-    """A base that accepts such names for the types of its parameters."""
+    """A base class that accepts short type names in its parameters."""
 
     def _checked_type(self, parameter: str, name: str, package: str = '') -> str:
         return super()._checked_type(parameter, name if package else full_type(name), package)

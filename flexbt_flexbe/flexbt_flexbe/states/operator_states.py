@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's states that let the operator decide, or ask for a value."""
+"""FlexBE's states that ask the operator for a decision or a value."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class OperatorDecisionState(RosAccess, flexbt_states.OperatorDecisionState):
 
 
 class _OperatorInputState(RosAccess, GoalState):
-    """The base of states with one request to the operator, open as long as the state is active."""
+    """The base class of states with one input request, which is open while the state is active."""
 
     def __init__(self, message: str, input_keys: Sequence[str], topic: str | None) -> None:
         super().__init__(
@@ -79,14 +79,14 @@ class _OperatorInputState(RosAccess, GoalState):
 
 class InputState(_OperatorInputState):
     """
-    Ask the operator for a value. The input request is withdrawn when the state is left.
+    Ask the operator for a value. Leaving the state withdraws the input request.
 
     -- request      uint8       0 int, 1 float, 2 to 4 that many floats, 10 Pose, 11 PoseStamped, 12 string
     -- message      string      Text of the input request
     -- timeout      float       No effect: a missing operator is detected after a second
     -- action_topic string      Name of the action of the executive that asks; None for the usual one
 
-    #> data                     The answer; None when there is none.
+    #> data                     The answer; None without one.
 
     <= received                 The operator has answered.
     <= aborted                  The operator has declined to answer.
@@ -104,19 +104,19 @@ class InputState(_OperatorInputState):
 
 class SelectionState(_OperatorInputState):
     """
-    Let the operator select one of several texts.
+    Ask the operator to select one of several texts.
 
     -- message      string      Text of the input request
     -- timeout      float       No effect: a missing operator is detected after a second
     -- action_topic string      Name of the action of the executive that asks; None for the usual one
 
     ># items                    A list; the text of each item can be selected.
-    #> data                     The text that was selected; None when there is none.
+    #> data                     The selected text; None without one.
 
     <= received                 The operator has selected.
-    <= aborted                  The operator has declined to.
+    <= aborted                  The operator has declined to select.
     <= no_connection            No operator could be asked.
-    <= data_error               There is nothing to select from, or the answer is not a text.
+    <= data_error               The list is empty, or the answer is not a text.
     """
 
     def __init__(self, message: str, timeout: float = 1.0, action_topic: str | None = None) -> None:

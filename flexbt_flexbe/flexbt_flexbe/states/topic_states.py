@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's states that publish one message, or take the newest message of a topic."""
+"""FlexBE's states that publish one message, or read the newest message of a topic."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from flexbt_onboard.behaviors.run_context import state_services
 
 
 class _PublisherState(EventState):
-    """The base of states that publish a message when they are entered."""
+    """The base class of states that publish a message when they are entered."""
 
     is_instant = True
 
@@ -80,23 +80,23 @@ class PublisherStringState(_PublisherState):
         self._publisher.publish(self._topic, String(data=str(userdata['value'])))
 
 
-# FlexBE's state that takes the newest message of a topic.
+# FlexBE's state that reads the newest message of a topic.
 
 
 class SubscriberState(EventState):
     """
-    Take the newest message of a topic.
+    Read the newest message of a topic.
 
     -- topic        string      Name of the topic
-    -- msg_type     string      Type of its messages, or the class; empty for what is published when it is entered
-    -- blocking     bool        Whether to wait for a message when there is none
-    -- clear        bool        Whether a message that came before the state was entered is dropped
+    -- msg_type     string      Type of its messages, or the class; empty to use its publishers' type on entry
+    -- blocking     bool        Whether to wait if no message is available
+    -- clear        bool        Whether to drop a message that arrived before the state was entered
     -- qos          QoSProfile  Quality of service; None for FlexBE's default
 
-    #> message                  The message; None when there is none.
+    #> message                  The message; None without one.
 
-    <= received                 There is a message.
-    <= unavailable              No publisher exists, so the type is not known; or no message came and it does not wait.
+    <= received                 A message is available.
+    <= unavailable              The type is unknown without a publisher, or no message arrived and it does not wait.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class SubscriberState(EventState):
         return 'unavailable'
 
     def _published_type(self) -> str | None:
-        """Return the type of the topic, as far as discovery knows."""
+        """Return the type of the topic's publishers that discovery knows."""
         runtime = state_services(self).runtime
         topics = dict(runtime.call(runtime.node.get_topic_names_and_types))
         types = topics.get(runtime.node.resolve_topic_name(self._topic), ())

@@ -22,13 +22,13 @@ class CalculationState(RosAccess, flexbt_states.CalculationState):
 
 class FlexibleCalculationState(EventState):
     """
-    Compute a value from several. An exception of the function is a fault of the state.
+    Compute a value from several ones. If the function raises, the state has a fault.
 
-    -- calculation  function    Function that takes each of input_keys as a keyword; or else one list of the values
-    -- input_keys   string[]    Keys whose values it is given
+    -- calculation  function    Function with a keyword for each of input_keys, or with one list of the values
+    -- input_keys   string[]    Keys whose values the function gets
 
     ># KEY                      Each of input_keys.
-    #> output_value             What the function returns.
+    #> output_value             Result of the function.
 
     <= done                     The value was computed.
     """
@@ -53,10 +53,10 @@ class CheckConditionState(RosAccess, flexbt_states.CheckConditionState):
 
 class FlexibleCheckConditionState(EventState):
     """
-    Check a condition of several values. An exception of the function is a fault: it means neither true nor false.
+    Check a condition of several values. If the function raises, the state has a fault: neither true nor false.
 
-    -- predicate    function    Function that takes one list of the values; or else each of input_keys as a keyword
-    -- input_keys   string[]    Keys whose values it is given
+    -- predicate    function    Function with one list of the values, or with a keyword for each of input_keys
+    -- input_keys   string[]    Keys whose values the function gets
 
     ># KEY                      Each of input_keys.
 
@@ -76,14 +76,14 @@ class FlexibleCheckConditionState(EventState):
 
 class DecisionState(EventState):
     """
-    Leave by the outcome that a function gives. It is asked again, at the state's rate, as long as it gives None.
+    Leave by the outcome that a function returns. While it returns None, it is called again, at the state's rate.
 
-    -- outcomes     string[]    What there is to choose from
-    -- conditions   function    Function of one value; gives an outcome, or None to wait
+    -- outcomes     string[]    Possible outcomes
+    -- conditions   function    Function of one value; returns an outcome, or None to wait
 
     ># input_value              Argument of the function.
 
-    <= OUTCOME                  Each of outcomes: the function gave it. Another name is a fault of the state.
+    <= OUTCOME                  Each of outcomes: the function returned it. Another name is a fault of the state.
     """
 
     def __init__(self, outcomes: Iterable[str], conditions: Callable[[Any], str | None]) -> None:
@@ -108,7 +108,7 @@ class UserdataState(EventState):
 
     #> data                     The value.
 
-    <= done                     It was written.
+    <= done                     The value was written.
     """
 
     is_instant = True
@@ -122,7 +122,7 @@ class UserdataState(EventState):
         return 'done'
 
 
-# FlexBE's states that tell the operator a text, or a value.
+# FlexBE's states that log a text or a value for the operator.
 
 
 class LogState(EventState):
@@ -175,19 +175,19 @@ class LogKeyState(EventState):
         return 'done'
 
 
-# The two ways in which FlexBE's flexible states hand several values to a function.
+# The two ways in which FlexBE's flexible states pass several values to a function.
 #
-# FlexBE's documentation says "a list" for both states, its code passes keywords in one and a list in the other. Here
-# a function gets what its parameters can take, so that either reading works; the state says which it prefers.
+# FlexBE's documentation says "a list" for both states, but its code passes keywords in one and a list in the other.
+# Here the parameters of the function decide, so that both forms work; the state defines which form it prefers.
 
 
 def _of_keys(
     state: EventState, parameter: str, function: Callable[..., Any], *, prefers_list: bool
 ) -> Callable[[UserData], Any]:
-    """Return a function of the userdata that calls a function, which is a parameter, with the values of the input keys.
+    """Return a function of the userdata that calls ``function`` with the values of the input keys.
 
     Raises:
-        StateParameterError: it takes neither form.
+        StateParameterError: ``function`` accepts neither form.
     """
     checked_callable(state, parameter, function)
     keys = state.input_keys
@@ -204,6 +204,6 @@ def _binds(function: Callable[..., Any], *args: Any, **keywords: Any) -> bool:
         inspect.signature(function).bind(*args, **keywords)
     except TypeError:
         return False
-    except ValueError:  # a builtin that does not tell: all of those that are used so take one list
+    except ValueError:  # a builtin without a signature: those in use take one list
         return not keywords
     return True
