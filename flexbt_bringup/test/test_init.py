@@ -46,7 +46,8 @@ def test_its_files_are_what_their_readers_expect(workspace: Path) -> None:
     assert unit['Service']['Restart'] == 'always'
     services = yaml.safe_load((package / 'deploy' / 'compose.yaml').read_text())['services']
     assert set(services) == {'bt_server', 'onboard_executive', 'stop_guard'}
-    left = [file for file in package.rglob('*') if file.is_file() and '@NAME@' in file.read_text()]
+    files = [file for file in package.rglob('*') if file.is_file() and '__pycache__' not in file.parts]
+    left = [file for file in files if '@NAME@' in file.read_text()]
     assert left == []
     compile((package / 'launch' / 'robot.launch.py').read_text(), 'robot.launch.py', 'exec')
 

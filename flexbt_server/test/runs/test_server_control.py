@@ -492,7 +492,9 @@ def test_commands_goals_and_cancels_at_random_are_all_answered(
                 futures.append(operator.send(chance.choice((PAUSE, RESUME, STEP))))
         time.sleep(chance.uniform(0.0, 0.004))
     for future in futures:
-        assert answer(future) in (
+        text = answer(future)
+        is_held = text.startswith('the tree is held: ')  # by a process that had to wait for the processor
+        assert is_held or text in (
             '', 'the run has ended', 'no tree is running', 'the tree is not paused; pause it before you step it'
         )  # fmt: skip
     while not all(goal.ended for goal in goals):

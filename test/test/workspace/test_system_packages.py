@@ -21,6 +21,7 @@ ROSDEP_KEYS = {
     'aiohttp': 'python3-aiohttp',
     'hypothesis': 'python3-hypothesis',
     'lark': 'python3-lark-parser',
+    'lxml': 'python3-lxml',
     'msgpack': 'python3-msgpack',
     'numpy': 'python3-numpy',
     'prompt_toolkit': 'python3-prompt-toolkit',
