@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The managed node ``bt_server``: loads behavior trees and runs them. Files are read on a thread of their own.
+"""The managed node ``bt_server``: it loads behavior trees and runs them. A separate thread reads files.
 
-Actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (see their definitions in flexbt_msgs),
-topics ``tree_structure`` and ``tree_status``, service ``control_tree``.
+It offers the actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (defined in flexbt_msgs), the
+topics ``tree_structure`` and ``tree_status``, and the service ``control_tree``.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ from .node_types import node_registry
 from .parameters import DEFAULT_TREES, NavigatorParameters, ServerParameters, declare_parameters
 
 _END_SECONDS = 1.1
-"""Time for which the end of the process waits for running trees to halt, s."""
+"""Time for which the process waits at its end for running trees to halt, s."""
 
 
 class BtServer:
     """The parts of the server, on a running node."""
 
     def __init__(self, runtime: Runtime, refusal: str = '') -> None:
-        """Must be called off the executor thread. ``refusal``: why all goals are refused until it is activated.
+        """Create the server, off the executor thread. ``refusal``: why it refuses all goals until its activation.
 
         Raises:
             FlexbtError: a parameter cannot work, or a file of ``preload`` is refused.
@@ -118,7 +118,7 @@ class BtServer:
         self._log(f'configured: {len(registry)} node types, {len(store.library.tree_ids())} trees loaded')
 
     def activate(self) -> None:
-        """Let goals in."""
+        """Accept goals."""
         self._admission.open()
         self._call(self.navigators.activate)
         self._log('active')
@@ -126,10 +126,10 @@ class BtServer:
     def deactivate(self, why: str, refusal: str, within: float) -> None:
         """Refuse goals, stop every tree and wait until all goals have their results. Not on the executor thread.
 
-        ``why`` (for what runs) and ``refusal`` follow a subject; ``within`` is in seconds of wall time.
+        ``why`` (for running trees) and ``refusal`` follow a subject; ``within`` is in seconds of wall time.
 
         Raises:
-            BtServerError: something did not halt in this time.
+            BtServerError: a tree did not halt in this time.
         """
         is_at_rest = self._stop(why, refusal, within)
         is_read = self._reader.is_done_within(within)
@@ -187,33 +187,33 @@ def main(args: list[str] | None = None) -> int:
 # The thread that reads the files of trees and the values of blackboards, in the order of the goals.
 
 READ_SECONDS: Final = 5.0
-"""Time within which the files of one goal should be read, s. If they are not, and the thread that reads does not use
-the processor either, the disk does not answer, and the server is not ready."""
+"""Time for reading the files of one goal, s. If it takes longer and the reader thread does not use the processor
+either, the disk does not answer, and the server is not ready."""
 
 SLOW_SECONDS: Final = 60.0
-"""Time, s, after which the server is not ready although the thread that reads uses the processor: it may never end.
+"""Time, s, after which the server is not ready although the reader thread uses the processor: the read may never end.
 Until then a slow read is only logged."""
 
 _FILES: Final = 'files'
-"""The part of the server that is not ready then."""
+"""The part of the server that is reported as not ready then."""
 
 _SLOW: Final = 'it is still being read: smaller files, or a faster computer'
 
 
 def tree_reader(runtime: Runtime) -> WorkThread:
-    """Return a reader, until the end of the node. What it is given is named by what was not done: 'tree x was not
-    read'."""
+    """Return a reader that lives until the end of the node. Describe each job by what did not happen if it is late:
+    'tree x was not read'."""
     token = LivelinessToken(runtime)
     lock = threading.Lock()
-    is_open, told = True, ''
+    is_open, reported = True, ''
 
     def late(work: LateWork | None) -> None:
-        nonlocal told
+        nonlocal reported
         reason = _reason(work)
         with lock:
-            if not is_open or reason == told:  # once it is closed, what the token says is of another reader
+            if not is_open or reason == reported:  # after the close, the token belongs to another reader
                 return
-            told, why = reason, ''
+            reported, why = reason, ''
             if work is not None:
                 why = f'{work.what} within {work.seconds:g} s, goals wait: {reason}'
                 runtime.node.get_logger().warning(why)
@@ -225,7 +225,7 @@ def tree_reader(runtime: Runtime) -> WorkThread:
     reader = WorkThread('tree_reader', runtime.steady, READ_SECONDS, late, fault)
 
     def close() -> None:
-        """Clear the report of a read that may never end from the token, which the node keeps."""
+        """Remove the report of a read that may never end from the token, which the node keeps."""
         nonlocal is_open
         reader.close()
         with lock:
@@ -237,7 +237,7 @@ def tree_reader(runtime: Runtime) -> WorkThread:
 
 
 def _reason(work: LateWork | None) -> str:
-    """Reason why reading is slow; '' if it is not."""
+    """Return the reason why reading is slow, or ''."""
     if work is None:
         return ''
     if not work.uses_processor:

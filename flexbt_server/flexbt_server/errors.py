@@ -5,7 +5,7 @@ FlexbtError
 └── BtServerError
     ├── ServerParameterError    a parameter has a value that cannot work
     ├── UnknownTreeError        a goal names a tree that is not loaded and cannot be
-    └── UnknownRunError         a command names a run that there is not, or not clearly enough
+    └── UnknownRunError         a command names a run that does not exist, or is ambiguous
 """
 
 from __future__ import annotations
@@ -26,4 +26,4 @@ class UnknownTreeError(BtServerError):
 
 
 class UnknownRunError(BtServerError):
-    """A command names a run that there is not, or not clearly enough."""
+    """A command names a run that does not exist, or is ambiguous."""

@@ -5,5 +5,5 @@ from flexbt_common.executables import NODE_BYTES, run_main
 
 
 def bt_server() -> int:
-    """See :mod:`flexbt_server.bt_server`; gives the exit code."""
+    """Run :mod:`flexbt_server.bt_server` and return the exit code."""
     return run_main('flexbt_server.bt_server', address_space=NODE_BYTES)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Node types that a YAML file declares: a call of an action or a service, or a topic, with a name and ports of its own.
+"""Node types that a YAML file declares: a call of an action or a service, or a topic, with custom name and ports.
 
 ::
 
@@ -13,13 +13,13 @@
           goal.dock_id: '{station}'            # an input port, of the type of the field
           goal.max_staging_time: '${patience * 2}'
           result.num_retries: '{retries}'      # an output port
-        ports:                                 # what else is known of ports
+        ports:                                 # further properties of ports
           station: {description: name of the station}
           patience: {type: float64, default: 30.0}
         success: result.success
         skill: {resources: [base]}             # as in a file of skills
 
-A package lists its files in the ament index, as resource ``flexbt_nodes``: paths relative to its share, one a line.
+A package lists its files in the ament index, in resource ``flexbt_nodes``: paths relative to its share, one per line.
 """
 
 from __future__ import annotations
@@ -61,15 +61,15 @@ KINDS: Final[Mapping[str, tuple[type[MessageLeaf], str]]] = {
     'read': (ReadTopic, 'topic_name'),
     'check': (CheckTopic, 'topic_name'),
 }
-"""Classes by the key that holds the type of the interface, and the port for the name of the server or topic."""
+"""Classes by the key for the interface type, with the port for the name of the server or topic."""
 FIXED: Final = ('type', 'success', 'check', 'resources', 'on_pause', 'qos')
-"""Ports of those classes that a node with a manifest does not have: the manifest determines their values."""
+"""Ports of these classes that a node from a manifest lacks: the manifest determines their values."""
 _OF_SKILLS: Final = ('types', 'predicates')
 """Sections that the skills of a manifest refer to, as in a file of skills."""
 
 
 class ManifestError(FlexbtError):
-    """A manifest cannot be used; ``problems`` has everything that is wrong, as ``file:line: what``."""
+    """A manifest cannot be used; ``problems`` lists all errors, as ``file:line: what``."""
 
     def __init__(self, problems: list[str]) -> None:
         super().__init__('\n'.join(problems))
@@ -80,7 +80,7 @@ def read_manifest(text: str, source: str) -> dict[str, type[MessageLeaf]]:
     """Return the node types that a manifest declares, by ID.
 
     Raises:
-        ManifestError: it declares something wrong, or an interface is not installed.
+        ManifestError: a declaration is wrong, or an interface is not installed.
     """
     reader = _Reader(source)
     nodes = reader.nodes(text)
@@ -90,7 +90,7 @@ def read_manifest(text: str, source: str) -> dict[str, type[MessageLeaf]]:
 
 
 def register_manifests(registry: NodeRegistry, on_broken: Callable[[str, Exception], None]) -> None:
-    """Make the node types of all manifests of installed packages known."""
+    """Register the node types of all manifests of installed packages."""
     for file in installed_manifests():
         try:
             if file.stat().st_size > MOST_BYTES:
@@ -243,7 +243,7 @@ class _Reader(YamlParts):
             return Source('', embedded(value))
         kind = type_of_field(field)
         if isinstance(value, str) and kind.from_text is not None:
-            return Source('', kind.parse(value))  # such as the name of a constant
+            return Source('', kind.parse(value))  # for example the name of a constant
         return Source('', value if field.slot is None else slot_value(value, field.slot, path))
 
     def _add_port(self, id: str, node: yaml.Node, name: str, port: Port, ports: dict[str, Port]) -> None:
@@ -259,7 +259,7 @@ class _Reader(YamlParts):
         ports.setdefault(name, port)
 
     def _describe(self, id: str, name: str, node: yaml.Node, ports: dict[str, Port]) -> None:
-        """Complete a port by what the manifest says of it; one that only expressions use is declared here."""
+        """Complete a port from its entry in the manifest, or declare it if only expressions use it."""
         facts = self.mapping(node, f'port {name} of {id}')
         self.refuse_others(facts, ('type', 'default', 'description', 'optional'), f'port {name} of {id}')
         port = ports.get(name)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node types that trees may name: the engine's, Nav2's, and those of installed packages. Needs no ROS to be
-imported; where there is none, only the leaves that need it are missing."""
+"""The node types for trees: the engine's, Nav2's, and those of installed packages. The import works without ROS; then
+only the leaves that need ROS are missing."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.nodes.nav2.registration import Nav2Branch, register_nav2
 
 ENTRY_POINTS: Final = 'flexbt.bt_nodes'
-"""Group of the entry points by which an installed package adds node types: functions that take the registry."""
+"""Group of entry points by which installed packages add node types: functions with the registry as argument."""
 
 
 def node_registry(on_broken: Callable[[str, Exception], None], nav2_branch: Nav2Branch = 'jazzy') -> NodeRegistry:
-    """Return a registry with everything that is installed. ``nav2_branch`` is the branch of Nav2 whose nodes trees
-    expect that do not show it themselves.
+    """Return a registry with all installed node types. ``nav2_branch`` is the branch of Nav2 for trees that do not show
+    their branch.
 
-    ``on_broken(nodes, error)`` is called for nodes that cannot be used: the nodes of an entry point or a module, or
-    only one of them, whose ID an earlier source has taken; the others can. Entry points come in the order of their
-    names.
+    ``on_broken(nodes, error)`` is called for unusable nodes: all nodes of an entry point or a module, or a single node
+    whose ID an earlier source has registered; the other nodes remain usable. Entry points are loaded in the order of
+    their names.
     """
     registry = builtin_registry()
     register_nav2(registry, nav2_branch)
     points = sorted(_installed(tuple(map(_state_of, sys.path))), key=lambda point: point.name)
     _add(registry, 'flexbt_server.nav2', lambda: _ros_leaves(nav2_branch), on_broken)
-    if 'CallAction' in registry:  # there is ROS
+    if 'CallAction' in registry:  # ROS is installed
         _add(registry, 'manifests', lambda: _of_manifests(on_broken), on_broken)
     for point in points:
         _add(registry, f'{point.name} = {point.value}', point.load, on_broken)
@@ -40,15 +40,15 @@ def node_registry(on_broken: Callable[[str, Exception], None], nav2_branch: Nav2
 
 @lru_cache(maxsize=1)
 def _installed(_directories: tuple[tuple[str, int, int], ...]) -> EntryPoints:
-    """Return what is installed in these directories; to read it takes longer than all else of a registry."""
+    """Return the entry points installed in these directories. Reading them is the slowest part of a registry."""
     return entry_points(group=ENTRY_POINTS)
 
 
 def _state_of(directory: str) -> tuple[str, int, int]:
-    """Return what differs when something has been installed in a directory, or it is another one."""
+    """Return a stamp of a directory that changes when something is installed there, or the directory is replaced."""
     try:
         status = Path(directory).stat()
-    except OSError:  # as for most directories where Python looks
+    except OSError:  # most directories of Python's search path lack it
         return directory, 0, 0
     return directory, status.st_ino, status.st_mtime_ns
 
@@ -62,7 +62,7 @@ def _add(
     registry.on_clash = lambda id, error: on_broken(f'the node type [{id}] of {source}', error)
     try:
         load()(registry)
-    except Exception as error:  # code of others, or no ROS
+    except Exception as error:  # an error in third-party code, or no ROS
         on_broken(f'the nodes of {source}', error)
     registry.on_clash = None
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The parameters of the BT server: declared, described and checked in one place."""
+"""The parameters of the BT server, with their descriptions and checks."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ DEFAULT_TREES: Final = {
     names.NAVIGATE_TO_POSE: 'default_nav_to_pose_bt_xml',
     names.NAVIGATE_THROUGH_POSES: 'default_nav_through_poses_bt_xml',
 }
-"""The parameter of the default tree of each navigator that runs trees."""
+"""The parameter for the default tree of each navigator that runs trees."""
 
 
 def _default_tree(navigator: str) -> Any:
@@ -67,7 +67,7 @@ def _default_tree(navigator: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class NavigatorParameters:
-    """Parameters of the navigators, with the names that they have in Nav2 where Nav2 has them."""
+    """Parameters of the navigators, with Nav2's names where Nav2 has the same parameters."""
 
     search_directories: tuple[Path, ...]
     navigators: tuple[str, ...] = parameter(
@@ -110,20 +110,20 @@ class NavigatorParameters:
 
     @property
     def default_trees(self) -> dict[str, str]:
-        """The tree of each navigator that is served and runs trees."""
+        """Default tree of each enabled navigator that runs trees."""
         trees = dict(zip(DEFAULT_TREES, (self.tree_to_pose, self.tree_through_poses), strict=True))
         return {name: tree for name, tree in trees.items() if name in self.navigators}
 
     @property
     def trusted(self) -> tuple[Path, ...]:
-        """Files and directories that the parameters name by absolute paths: a client that sets parameters may use
-        any."""
+        """Files and directories that the parameters name by absolute paths: a client that may set parameters may use
+        any of them."""
         trees = (Path(tree) for tree in self.default_trees.values() if tree.startswith('/'))
         return (*trees, *self.search_directories)
 
     @property
     def found_files(self) -> list[Path]:
-        """The XML files of the search directories."""
+        """Return the XML files in the search directories."""
         return [file for directory in self.search_directories for file in sorted(directory.glob('*.xml'))]
 
 
@@ -205,11 +205,11 @@ class ServerParameters:
 
 
 def declare_parameters(node: Node) -> ServerParameters:
-    """Declare the parameters on ``node`` and read them;
-    see :mod:`flexbt_common.runtime.parameters` for when they can be set.
+    """Declare the parameters on ``node`` and read them; :mod:`flexbt_common.runtime.parameters` describes when they can
+    be set.
 
     Raises:
-        ServerParameterError, UnfitParameterError: a value that cannot work.
+        ServerParameterError, UnfitParameterError: a value cannot work.
     """
     declare = ParameterDeclarer(node)
     written = declare.fixed.text(

@@ -25,20 +25,20 @@ from .tree_goals import MESSAGE_LIMIT, TreeGoals
 LoadResult = BtLoad.Result
 
 MOST_LOADS: Final = 100
-"""Goals that wait for their turn at most."""
+"""Maximum number of goals that wait for their turn."""
 
 ERRORS_SHOWN: Final = 20
-"""Errors of one file that travel with the result; a hostile file has more than anyone reads."""
+"""Maximum number of errors of one file in the result; a hostile file has more than anyone reads."""
 
 
 class LoadServer:
-    """The server of BtLoad. Files are read on the thread of ``reader``, one goal after the other."""
+    """The server of BtLoad. The thread of ``reader`` reads the files, one goal after the other."""
 
     def __init__(self, runtime: Runtime, store: TreeStore, reader: WorkThread, admission: GoalAdmission) -> None:
         self._runtime = runtime
         self._store = store
         self._reader = reader
-        # A goal that is to be canceled ends at the next file.
+        # A cancel takes effect at the next file.
         GoalServer(
             runtime,
             BtLoad,
@@ -75,7 +75,7 @@ class LoadServer:
         self._reader.submit(work, f'goal of {names.BT_LOADER}: its trees were not read')
 
     def _abort(self, goal: ServedGoal, fault: BaseException) -> None:
-        """Tell the client of an internal fault, too."""
+        """Report an internal fault to the client too."""
         self._runtime.report_fault(fault, f'goal of {names.BT_LOADER}')
         goal.abort(BtLoad.Result(code=LoadResult.ERROR, message=f'fault in the BT server: {fault!r}'))
 
@@ -117,13 +117,13 @@ def _message(report: FileReport) -> BtLoadReport:
     )
 
 
-# The actions ``bt_get_data`` and ``bt_set_data``: blackboards, read and written from outside.
+# The actions ``bt_get_data`` and ``bt_set_data``, by which clients read and write blackboards.
 
 
 class DataServers:
-    """The servers of BtGetData and BtSetData. The trees among ``goals`` are woken when entries were written.
+    """The servers of BtGetData and BtSetData. Written entries wake the trees among ``goals``.
 
-    Values are converted on the thread of ``reader``, as those of goals for trees: in the order of all these goals.
+    The thread of ``reader`` converts the values, in order with the values of goals for trees.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class DataServers:
             def work() -> None:
                 try:
                     result = answer(goal.request)
-                except BaseException as error:  # a fault of ours goes to the client as well
+                except BaseException as error:  # the client gets a fault of the server too
                     fault = error
                     self._runtime.post(lambda: self._runtime.report_fault(fault, 'a goal for a blackboard'))
                     message = sanitize_for_message(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)

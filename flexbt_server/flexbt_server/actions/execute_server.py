@@ -33,11 +33,11 @@ from .tree_goals import MESSAGE_LIMIT, RunningTree, TreeGoal, TreeGoals
 ExecuteResult = BtExecute.Result
 
 MOST_RUNS: Final = 200
-"""Goals that are worked on at a time: each tree that runs has a thread."""
+"""Maximum number of active goals: each running tree has a thread."""
 
 
 class ExecuteServer:
-    """The server of BtExecute. ``default_tree`` is run for a goal that names no tree."""
+    """The server of BtExecute. A goal that names no tree runs ``default_tree``."""
 
     def __init__(
         self,
@@ -103,10 +103,10 @@ def _refused(why: str) -> Any:
     return ExecuteResult(code=ExecuteResult.ERROR, message=why)
 
 
-# Messages about a run to clients of ``bt_executor``: feedback while it goes on, the result at its end.
+# Messages about a run to clients of ``bt_executor``: feedback during the run, the result at its end.
 
 REASON_LIMIT: Final = 1000
-"""Characters of a reason for people: a leaf may give any text."""
+"""Maximum number of characters of a reason: a leaf may give any text."""
 
 
 def feedback_of(
@@ -119,9 +119,9 @@ def feedback_of(
     not_ended: Sequence[str],
     clock_problem: str,
 ) -> Any:
-    """Return the feedback message of a run. ``pose``: the latest of the robot, a PoseStamped; ``speed`` in m/s;
-    ``seconds`` since the acceptance; ``not_ended``: canceled goals that go on; ``clock_problem``: what is wrong with
-    the time.
+    """Return the feedback message of a run. ``pose``: latest pose of the robot, a PoseStamped; ``speed`` in m/s;
+    ``seconds`` since the acceptance; ``not_ended``: canceled goals that continue; ``clock_problem``: problem of the
+    node's time, or ''.
     """
     distance = distance_along(board.get_or('path', None), pose)
     poses = _poses_ahead(board)
@@ -141,7 +141,7 @@ def feedback_of(
 
 
 def _poses_ahead(board: Blackboard) -> list[PoseStamped]:
-    """Return where the robot has still to go, by Nav2's names of the keys."""
+    """Return the remaining poses of the robot, from the blackboard keys that Nav2 uses."""
     goal, goals = board.get_or('goal', None), board.get_or('goals', None)
     poses = goals if isinstance(goals, list) else [goal]
     return [pose for pose in poses if isinstance(pose, PoseStamped)]
@@ -150,10 +150,10 @@ def _poses_ahead(board: Blackboard) -> list[PoseStamped]:
 def result_of(
     request: Any, outcome: RunOutcome, board: Blackboard, notice: str, seconds: float, not_ended: Sequence[str]
 ) -> Any:
-    """Return the result message for a goal. An output that cannot be sent makes it an ERROR.
+    """Return the result message for a goal. If an output cannot be sent, the result is an ERROR.
 
-    ``notice`` is for the case that the run did not succeed; ``seconds`` since the acceptance; ``not_ended``: canceled
-    goals that go on.
+    ``notice`` is added if the run did not succeed; ``seconds`` since the acceptance; ``not_ended``: canceled goals
+    that continue.
     """
     encoding = Encoding.BINARY if request.output_encoding == BtExecute.Goal.BINARY else Encoding.TEXT
     entries, missing, problems = entries_of(board, request.outputs, encoding)
@@ -184,7 +184,7 @@ _COMMANDS: Final = {
 class ControlServer:
     """The server of ControlTree, for any number of clients.
 
-    Every request is answered when the command has had its effect, or can have none any more.
+    It answers a request when the command has taken effect, or can no longer take effect.
     """
 
     def __init__(self, runtime: Runtime, goals: TreeGoals) -> None:
@@ -198,7 +198,7 @@ class ControlServer:
         return response
 
     async def _obey(self, request: Any, response: Any) -> str:
-        """'' when the command has had its effect; otherwise why not."""
+        """Execute the command. Return '' when it has taken effect, otherwise the reason why not."""
         command = _COMMANDS.get(request.command)
         if command is None:
             known = ', '.join(f'{number} ({known.name})' for number, known in _COMMANDS.items())

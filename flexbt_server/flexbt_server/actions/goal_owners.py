@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes on whose behalf trees run (the ``owner`` of a goal): when one is gone, its trees are to stop; while it is late,
-they are to be held.
+"""The owners of goals: nodes on whose behalf trees run. The trees of an owner stop when it is gone, and are held while
+it is late.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ OWNER_SECONDS: Final = 5.0
 token."""
 
 OnOwnerGone = Callable[[str], None]
-"""Told the reason why a goal has to stop."""
+"""Called with the reason why a goal has to stop."""
 
 OnOwnerLate = Callable[[], None]
-"""Called when a goal has to be held, or may go on: see :meth:`GoalOwners.problem`."""
+"""Called when a goal must be held, or may continue: see :meth:`GoalOwners.problem`."""
 
 MOST_IDLE: Final = 50
-"""Maximum number of owners without goals that are watched for OWNER_SECONDS more, since they may send the next goal
-soon."""
+"""Maximum number of owners without goals that stay watched for OWNER_SECONDS, since they may soon send the next
+goal."""
 
 
 class GoalOwners:
-    """Used on the executor thread only."""
+    """The owners of all active goals, and the watches on them. Executor thread only."""
 
     def __init__(self, runtime: Runtime, peer_timeout: float) -> None:
-        """``peer_timeout``: for how long an owner may be late before it is taken for gone, s of wall time."""
+        """``peer_timeout``: time for which an owner may be late before it counts as gone, s of wall time."""
         self._runtime = runtime
         self._peer_timeout = peer_timeout
         self._watches: dict[str, LivelinessWatch] = {}
@@ -43,11 +43,11 @@ class GoalOwners:
         self._idle: dict[str, Timer] = {}  # the longest first
 
     def watch(self, owner: str, goal: Hashable, stop: OnOwnerGone, hold: OnOwnerLate | None = None) -> None:
-        """Call ``stop`` when the owner is gone, or is not seen in time, and ``hold`` when it is late, or not any more;
-        until the goal is released. ``goal`` may be something else that ends with the owner.
+        """Call ``stop`` when the owner is gone or is not seen in time, and ``hold`` when it becomes late or returns,
+        until :meth:`release`. ``goal`` may be any other object that ends with the owner.
 
         Raises:
-            FlexbtError: no node can have this name.
+            FlexbtError: the name is not valid for a node.
         """
         timer = self._idle.pop(owner, None)
         if timer is not None:
@@ -63,7 +63,7 @@ class GoalOwners:
             )
         self._goals.setdefault(owner, {})[goal] = (stop, hold)
         if not self.sees(owner):
-            # It may be too new to be known yet; but a run must not go on for an owner that is not alive.
+            # The owner may be too new to be known, but a run must not continue for an owner that is not alive.
             self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal))
 
     def release(self, owner: str, goal: Hashable) -> None:
@@ -83,11 +83,11 @@ class GoalOwners:
             del self._goals[owner]
 
     def sees(self, owner: str) -> bool:
-        """Return whether the owner is watched, and alive."""
+        """Return whether the owner is watched and alive."""
         return owner in self._watches and self._watches[owner].alive is True
 
     def problem(self, owner: str) -> str:
-        """Why goals of the owner are to be held; '' when they are not."""
+        """Return the reason to hold the goals of the owner, or ''."""
         watch = self._watches.get(owner)
         if watch is None or not (watch.late or watch.alive is False):
             return ''

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress of a robot for the feedback of running trees: the distance that remains, and the time that it takes."""
+"""Progress of a robot for the feedback of running trees: the remaining distance and the remaining time."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from flexbt_server.leaves.path_tracking import path_length, points_of, position_
 from flexbt_server.trees.blackboards import RECOVERIES_KEY
 
 MOST_COUNTED: Final = 2**15 - 1
-"""Recoveries and poses that feedback can count, an int16."""
+"""Maximum count of recoveries and of poses in feedback: an int16."""
 
 LONGEST: Final = 2.0**31 - 1.0
 """Maximum time that feedback can report, s."""
 
 LEAST_SPEED: Final = 0.01
 LEAST_DISTANCE: Final = 0.1
-"""Below these, m/s and m, no time is estimated, as in Nav2."""
+"""Minimum speed and distance for an estimate of the time, m/s and m, as in Nav2."""
 
 SMOOTHING: Final = 0.3
-"""Time over which the speed is taken, s, as Nav2 smooths that of the odometry."""
+"""Time over which the speed is averaged, s, as Nav2 smooths the speed of the odometry."""
 
 
 UNKNOWN_DISTANCE: Final = -1.0
 
 
 def distance_along(path: Any, pose: PoseStamped) -> float:
-    """Metres from ``pose`` to the nearest place of ``path``, and along it to its end; negative when unknown."""
+    """Return the metres from ``pose`` to the nearest place on ``path`` and along it to its end; negative if unknown."""
     if not isinstance(path, Path) or not path.poses or not pose.header.frame_id:
         return UNKNOWN_DISTANCE
     here, points = position_of(pose), points_of(path)
@@ -50,7 +50,7 @@ def distance_along(path: Any, pose: PoseStamped) -> float:
 
 
 def distance_left(path: Any, pose: PoseStamped) -> float:
-    """Metres along ``path`` from its pose that is nearest to ``pose``; 0 while there is no path."""
+    """Return the metres along ``path`` from its pose nearest to ``pose``; 0 without a path."""
     if not isinstance(path, Path) or not path.poses or not pose.header.frame_id:
         return 0.0
     here, points = position_of(pose), points_of(path)
@@ -59,26 +59,26 @@ def distance_left(path: Any, pose: PoseStamped) -> float:
 
 
 def seconds_left(distance: float, speed: float) -> float:
-    """Return how long ``distance``, m, takes at ``speed``, m/s; 0 while the robot hardly moves, or is nearly there."""
+    """Return the time for ``distance``, m, at ``speed``, m/s; 0 if the robot hardly moves or has nearly arrived."""
     return min(distance / speed, LONGEST) if speed > LEAST_SPEED and distance > LEAST_DISTANCE else 0.0
 
 
 def recoveries(board: Blackboard) -> int:
-    """Return the recoveries that trees have counted on a blackboard, where anybody may write what he likes."""
+    """Return the number of recoveries that trees have counted on a blackboard, where any client may write any value."""
     return int(min(max(finite_number(board.get_or(RECOVERIES_KEY, 0)) or 0.0, 0.0), MOST_COUNTED))
 
 
 class Speed:
-    """The speed of a robot by its poses, m/s."""
+    """The speed of a robot, computed from its poses, m/s."""
 
     def __init__(self) -> None:
         self._poses: list[tuple[float, float, float]] = []
 
     def at(self, pose: PoseStamped) -> float:
-        """Return the speed over the last :data:`SMOOTHING` seconds and up to this pose."""
+        """Return the speed over the last :data:`SMOOTHING` seconds up to this pose, m/s."""
         seen = (seconds_of(pose.header.stamp), *position_of(pose))
         if self._poses and seen[0] < self._poses[-1][0]:
-            self._poses.clear()  # time has gone back
+            self._poses.clear()  # time has jumped back
         if not self._poses or seen[0] > self._poses[-1][0]:
             self._poses.append(seen)
         while len(self._poses) > 2 and self._poses[1][0] <= seen[0] - SMOOTHING:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The goals a server works on: each becomes the run of a tree, or takes over the run of the same tree.
+"""The goals of a server: each starts the run of a tree, or takes over the run of the same tree.
 
-All of this happens on the executor thread; runs and file reading have threads of their own and report back.
+Everything here runs on the executor thread. Runs and file reading have separate threads and report back.
 """
 
 from __future__ import annotations
@@ -52,23 +52,23 @@ from .goal_owners import GoalOwners
 ExecuteResult = BtExecute.Result
 
 MESSAGE_LIMIT: Final = 10_000
-"""Maximum characters of a message to a client."""
+"""Maximum number of characters of a message to a client."""
 
 RETURN_SECONDS: Final = 3.5
-"""Time for which trees are held after the process was stopped, s of wall time: until it has found the others again and
-received their requests. By default, Fast DDS resends after 3 s what was lost in full queues."""
+"""Time for which trees are held after the process was stopped, s of wall time: until it has found the other nodes again
+and received their requests. By default, Fast DDS resends messages lost in full queues after 3 s."""
 
 _REPORT_SECONDS: Final = 0.3
-"""A run that has not halted in time says so a little later, s."""
+"""Time beyond its time to halt after which a run reports that it has not halted, s."""
 
 MOST_PAUSING: Final = 20
-"""Maximum number of nodes on whose behalf one tree is paused: each is watched."""
+"""Maximum number of nodes that may hold one tree paused: each is watched."""
 
 _BY_CLIENT: Final = 'canceled by the client'
 
 
 class TreeGoals:
-    """The goals of a server, by whatever action they came, and the trees that run for them."""
+    """The goals of all actions of a server, and the trees that run for them."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class TreeGoals:
         self._services = services
         self._reader = reader
         self._watchers = watchers
-        self._pose = services.topics.cache(SubscribedTopic(PoseStamped, parameters.pose_topic))  # as the leaves do
+        self._pose = services.topics.cache(SubscribedTopic(PoseStamped, parameters.pose_topic))  # like the leaves
         self.running = RunningTrees()
         self.owners = GoalOwners(runtime, parameters.peer_timeout)
         self._goals: dict[bytes, TreeGoal] = {}
@@ -98,20 +98,20 @@ class TreeGoals:
 
     @property
     def pose(self) -> PoseStamped | None:
-        """The latest pose of the robot; None until there is one."""
+        """The latest pose of the robot; None before the first."""
         return self._pose.latest
 
     def _after_hang(self, hang: Hang) -> None:
-        """Hold all trees after the process was stopped, until it has handled what came meanwhile. From any thread."""
+        """Hold all trees after the process was stopped, until it has handled the pending messages. From any thread."""
         if hang.was_out_of_reach:
             self._returned = f'{hang}: what was said meanwhile comes first'
             self._hold_all()
             self._runtime.post(lambda: self._come_back(str(hang), hang.seconds))
 
-    def _come_back(self, told: str, seconds: float) -> None:
-        """After ``peer_timeout`` others have taken the process for gone, and given up what it was to do."""
+    def _come_back(self, hang: str, seconds: float) -> None:
+        """Stop all goals after a stop of ``peer_timeout`` or more: other nodes count the process as gone by then."""
         if seconds >= self._parameters.peer_timeout:
-            self._stop_goals(f'{told}: who waited for the tree has given it up')
+            self._stop_goals(f'{hang}: who waited for the tree has given it up')
         self._runtime.post_in(RETURN_SECONDS, self._go_on)
 
     def _go_on(self) -> None:
@@ -130,14 +130,14 @@ class TreeGoals:
             self.stop(goal, reason, halting)
 
     def wake(self, blackboard: str) -> None:
-        """Tick the trees that run on a blackboard: its entries were changed from outside."""
+        """Tick the trees that run on a blackboard, since a client has changed its entries."""
         for running in self.running.on(blackboard):
             running.run.wake()
 
     def stop_all(self, reason: str, within: float) -> bool:
         """Stop every tree, and wait until all goals have their results. Not on the executor thread.
 
-        Return whether they have, within this many seconds of wall time.
+        Return False if that takes longer than ``within``, s of wall time.
         """
 
         halting = min(self._parameters.cancel_timeout, within - _REPORT_SECONDS)
@@ -148,10 +148,10 @@ class TreeGoals:
         self, run_id: str, command: TickCommand, owner: str, answer: Callable[[str], None]
     ) -> TreeRun[TreeGoal]:
         """Pause, resume or step the run that ``run_id`` names, on behalf of the node ``owner``; see
-        :meth:`TreeRun.control` and :meth:`RunningTrees.find`. A pause ends, too, when all those nodes are gone.
+        :meth:`TreeRun.control` and :meth:`RunningTrees.find`. A pause also ends when all its owners are gone.
 
         Raises:
-            FlexbtError: the run does not exist, or the pause cannot be on behalf of this node.
+            FlexbtError: the run does not exist, or this node cannot own a pause.
         """
         running = self.running.find(run_id)
         if command is TickCommand.PAUSE:
@@ -173,7 +173,7 @@ class TreeGoals:
     def _end_pause(self, running: RunningTree, owner: str) -> None:
         self.owners.release(owner, running)
         running.paused_for.discard(owner)
-        # Runs of the owner that is gone are being stopped: they must not move again.
+        # The runs of an owner that is gone are being stopped and must not move again.
         if not running.paused_for and running.goal.owner != owner:
             self._runtime.node.get_logger().warning(
                 f'{running.description} goes on: {owner}, on whose behalf it was paused, is gone'
@@ -188,7 +188,7 @@ class TreeGoals:
     # -- a goal ------------------------------------------------------------------------------------------------------
 
     def serve(self, goal: TreeGoal) -> None:
-        """Work on a goal until it has its result. Goals begin in the order in which they come here."""
+        """Work on a goal until it has its result. Goals start in the order of these calls."""
         self._goals[goal.served.id] = goal
         self._no_goals.clear()
         self.guard(goal, lambda: self._look_for_tree(goal))
@@ -196,14 +196,14 @@ class TreeGoals:
     def _look_for_tree(self, goal: TreeGoal) -> None:
         def read() -> None:
             if not goal.served.active:
-                return  # it was stopped before its turn
+                return  # stopped before its turn
             try:
                 values = goal.read()
                 found = self._store.find(goal.tree)
             except FlexbtError as error:
                 reason = str(error)
                 self._runtime.post(lambda: self.end(goal, RunOutcome(ExecuteResult.ERROR, reason)))
-            except BaseException as error:  # a fault of ours goes to the client as well
+            except BaseException as error:  # the client gets a fault of the server too
                 fault = error
                 self._runtime.post(lambda: self.end(goal, RunOutcome(ExecuteResult.ERROR, self._fault(goal, fault))))
             else:
@@ -212,7 +212,7 @@ class TreeGoals:
         goal.leave_queue = self._reader.submit(read, f'tree {short_repr(goal.tree)} was not read')
 
     def guard(self, goal: TreeGoal, step: Callable[[], None]) -> None:
-        """Take a step with a goal; when it raises, the goal ends: the machine may be out of threads or files."""
+        """Run a step for a goal, and end the goal if it raises: the machine may be out of threads or files."""
         try:
             step()
         except FlexbtError as error:
@@ -221,13 +221,13 @@ class TreeGoals:
             self.end(goal, RunOutcome(ExecuteResult.ERROR, self._fault(goal, error)))
 
     def _fault(self, goal: TreeGoal, error: BaseException) -> str:
-        """Report a fault of ours; gives what the client is told."""
+        """Report a fault of the server, and return the text for the client."""
         self._runtime.report_fault(error, f'goal of {goal.action}')
         return sanitize_for_message(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
 
     def _found(self, goal: TreeGoal, found: FoundTree, values: list[Value]) -> None:
         if not goal.served.active:
-            return  # it was stopped while the file was read
+            return  # stopped while the file was read
         goal.found, goal.values, goal.notice = found, values, found.notice
         if goal.notice:
             self._runtime.node.get_logger().warning(f'tree {found.key.id!r}: {goal.notice}')
@@ -256,7 +256,7 @@ class TreeGoals:
         values = [*goal.fresh_values(), *goal.values]
         run = TreeRun(self._runtime, self._parameters, self._services, found, board, goal, values, events)
         running = goal.running = RunningTree(events.run_id, found.key, name, board, run, goal)
-        events.add(_GoalReader(self._runtime, self, running))  # the last: its client has seen all before the result
+        events.add(_GoalReader(self._runtime, self, running))  # last: all else is sent before the result
         run.hold(self._reason_to_hold(goal))
         self._runtime.default_context.open()  # a leaf may have shut it down
         run.start()
@@ -264,7 +264,7 @@ class TreeGoals:
         self._schedule_feedback(running)
 
     def note(self, running: RunningTree, event: RunAdopted | OfferRefused | RunEnded) -> None:
-        """Handle what has become of a run, or of the client that it was offered."""
+        """Handle the end of a run, or the adoption or refusal of a client that was offered to it."""
         match event:
             case RunAdopted(client):
                 self._on_adopted(running, client)
@@ -290,7 +290,7 @@ class TreeGoals:
         self.end(running.goal, outcome)
         offered = running.run.accept_offer()
         if offered is not None and offered.found is not None and offered.served.active:
-            # It came while the tree was ending. It gets a separate run at once, before goals that came later.
+            # The goal arrived while the tree was ending. It gets a new run at once, before later goals.
             found = offered.found
             self.guard(offered, lambda: self._run(offered, found))
 
@@ -301,10 +301,10 @@ class TreeGoals:
         self.stop(self._goals[served.id], _BY_CLIENT)
 
     def stop(self, goal: TreeGoal, reason: str, within: float | None = None) -> None:
-        """Stop what is done for a goal; within this many seconds of wall time, by default the cancel timeout."""
+        """Stop the work for a goal within this many seconds of wall time, by default the cancel timeout."""
         if goal.stop_reason is None:
             goal.stop_reason = reason
-        if goal.running is None:  # its tree is being looked for, on a disk that may not answer
+        if goal.running is None:  # the reader is looking for its tree, on a disk that may not answer
             self.end(goal, RunOutcome(ExecuteResult.CANCELED, reason))
         elif goal.running.goal is goal:
             goal.running.run.stop(goal, reason, within)
@@ -360,19 +360,19 @@ def _replaced() -> RunOutcome:
     return RunOutcome(ExecuteResult.CANCELED, 'a newer goal for the same tree has taken over')
 
 
-# The trees that run now, and the goals that they run for. All of this is used on the executor thread.
+# The running trees and their goals. Executor thread only.
 
 _GOALS_REMEMBERED: Final = 100
-"""Maximum number of goal IDs by which a run is known."""
+"""Maximum number of goal IDs that identify a run."""
 
 
 class TreeGoal(ABC):
-    """A goal that is being served by the run of a tree. Used on the executor thread, but for :meth:`read`.
+    """A goal that the run of a tree serves. Executor thread only, except :meth:`read`.
 
-    ``served`` is the goal as the action server has it, ``action`` the name of its action; ``tree`` is the tree that it
-    names, by ID or file, ``blackboard`` that on which the tree runs, ``owner`` the node that has to be alive meanwhile,
-    if any. ``running`` is set once a tree runs for it, or is asked to; ``stop_reason`` once it is to stop.
-    ``leave_queue`` takes it back from the thread that reads files; ``on_ended`` is called when the result was sent.
+    ``served`` is the goal of the action server, ``action`` the name of its action. ``tree`` is the requested tree, by
+    ID or file, ``blackboard`` the blackboard of the run, ``owner`` the node that must stay alive meanwhile, or ''.
+    ``running`` is set once a tree runs for the goal or the goal is offered to a run, ``stop_reason`` once it must stop.
+    ``leave_queue`` removes it from the queue of the reader thread. ``on_ended`` is called when the result was sent.
     """
 
     def __init__(
@@ -394,29 +394,29 @@ class TreeGoal(ABC):
 
     @abstractmethod
     def read(self) -> list[Value]:
-        """Return what is written to the blackboard before the tree works for this goal; on the thread that reads files.
+        """Return the values to write to the blackboard before the tree works for this goal; on the reader thread.
 
         Raises:
             FlexbtError: the goal cannot be served.
         """
 
     def fresh_values(self) -> list[Value]:
-        """Return what is written as well when the tree begins to run for this goal, and not when it takes it over."""
+        """Return further values to write if a new run starts for this goal, but not if the goal takes a run over."""
         return []
 
     def when_ready(self, go_on: Callable[[], None]) -> None:
-        """Call ``go_on`` to begin, once tree and values are known; or end the goal."""
+        """Call ``go_on`` to begin, now that tree and values are known, or end the goal."""
         go_on()
 
     @abstractmethod
     def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
-        """Return the feedback message. ``pose``: the latest of the robot, without a frame while there is none;
+        """Return the feedback message. ``pose``: latest pose of the robot, without a frame before the first;
         ``seconds`` since the acceptance.
         """
 
     @abstractmethod
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
-        """Return how the goal ends, as a code of BtExecute.Result, and the result message."""
+        """Return the outcome of the goal, a code of BtExecute.Result, and the result message."""
 
     @abstractmethod
     def fault_result(self, why: str) -> Any:
@@ -425,16 +425,16 @@ class TreeGoal(ABC):
 
 @dataclass(eq=False)
 class RunningTree:
-    """The run of one tree on one blackboard, and the goal that it works for; ``goal_ids`` are the last ones that it has
-    worked for: a client that has paused the run for one of them resumes it by the same ID. ``paused_for`` are the nodes
-    on whose behalf it was asked to pause, '' for nobody's.
+    """The run of one tree on one blackboard, and its present goal. ``goal_ids`` are the IDs of its last goals: a client
+    that has paused the run by one of them resumes it by the same ID. ``paused_for`` are the nodes that have requested a
+    pause, '' for a request without an owner.
     """
 
     id: str
     key: TreeKey
     blackboard: str
     board: Blackboard
-    """Blackboard of this name, which is kept as long as it is held."""
+    """Blackboard of this name; holding it here keeps it."""
     run: TreeRun[TreeGoal]
     goal: TreeGoal
     feedback: Timer | None = None
@@ -451,13 +451,13 @@ class RunningTree:
 
     @property
     def description(self) -> str:
-        """Tree and blackboard, for people."""
+        """Tree and blackboard, as text for people."""
         where = f'blackboard {self.blackboard!r}' if self.blackboard else 'the shared blackboard'
         return f'tree {self.key.id!r} on {where}'
 
 
 class _GoalReader(RunReader):
-    """The reader that passes events of goals to the executor thread, and logs events for a person."""
+    """A reader that passes events of goals to the executor thread, and logs events for people."""
 
     def __init__(self, runtime: Runtime, goals: TreeGoals, running: RunningTree) -> None:
         self._runtime = runtime
@@ -475,24 +475,24 @@ class _GoalReader(RunReader):
 
 
 class RunningTrees:
-    """One run at the most for each tree on each blackboard."""
+    """The running trees, at most one run for each tree on each blackboard."""
 
     def __init__(self) -> None:
         self._running: dict[tuple[TreeKey, str], RunningTree] = {}
 
     def get(self, key: TreeKey, blackboard: str) -> RunningTree | None:
-        """Return the run of a tree on a blackboard, if there is one."""
+        """Return the run of a tree on a blackboard, or None."""
         return self._running.get((key, blackboard))
 
     def __contains__(self, running: RunningTree) -> bool:
         return self.get(running.key, running.blackboard) is running
 
     def all(self) -> tuple[RunningTree, ...]:
-        """Return every tree that runs."""
+        """Return all running trees."""
         return tuple(self._running.values())
 
     def on(self, blackboard: str) -> list[RunningTree]:
-        """Return those that run on a blackboard."""
+        """Return the trees that run on a blackboard."""
         return [running for running in self.all() if running.blackboard == blackboard]
 
     def add(self, running: RunningTree) -> None:
@@ -504,11 +504,11 @@ class RunningTrees:
         del self._running[running.key, running.blackboard]
 
     def find(self, run_id: str) -> RunningTree:
-        """Return the run of this ID (TreeStructure.run_id), or that works or has worked for the goal of this ID; the
-        only one there is for ''.
+        """Return the run with this ID (TreeStructure.run_id), the run that serves or has served the goal with this ID,
+        or the only run for ''.
 
         Raises:
-            UnknownRunError: there is none, or there are several; says which.
+            UnknownRunError: no run, or more than one, matches; the text lists them.
         """
         runs = self.all()
         found = [running for running in runs if not run_id or run_id == running.id or run_id in running.goal_ids]

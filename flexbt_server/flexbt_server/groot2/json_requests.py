@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The JSON in requests of Groot2: parsed and converted as BehaviorTree.CPP does, with its texts for what is wrong.
+"""The JSON in requests of Groot2, parsed and converted as in BehaviorTree.CPP, with its error texts.
 
-Numbers are cut to the width of the field, and a boolean is one, as in the JSON library that BehaviorTree.CPP uses.
+Numbers are cut to the width of the field, and booleans count as numbers, as in BehaviorTree.CPP's JSON library.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NAMES: Final = {
 
 
 class RequestError(Exception):
-    """A request that is answered by an error; its text is the answer."""
+    """An invalid request; the text is the error that the client gets."""
 
 
 def parse(data: bytes) -> Any:
@@ -39,7 +39,7 @@ def parse(data: bytes) -> Any:
         raise _parse_error(error.lineno, error.colno, f'syntax error while parsing value - {error.msg}') from error
     except RecursionError as error:
         raise _parse_error(1, 1, 'the document is nested too deep') from error
-    except ValueError as error:  # an integer with thousands of digits, for one
+    except ValueError as error:  # for example an integer with thousands of digits
         raise _parse_error(1, 1, str(error)) from error
 
 
@@ -68,12 +68,12 @@ def member(document: Any, name: str) -> Any:
 
 
 def unsigned_16(value: Any) -> int:
-    """Return a number of 16 bits without sign. Raises RequestError."""
+    """Return an unsigned 16-bit number. Raises RequestError."""
     return _number(value) & 0xFFFF
 
 
 def signed_32(value: Any) -> int:
-    """Return a number of 32 bits. Raises RequestError."""
+    """Return a signed 32-bit number. Raises RequestError."""
     return ((_number(value) + 0x80000000) & 0xFFFFFFFF) - 0x80000000
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Log files for Groot2 (``.btlog``), written without loss and read, and the buffers that logs are read from.
+"""A writer and a reader of log files for Groot2 (``.btlog``), and the buffers from which logs are read.
 
-A file is: ``BTCPP4-FileLogger2``; one byte, 1; the length of the XML of the tree, 4 bytes; that XML; the time of the
-beginning since the epoch in µs, 8 bytes; and for each transition 9 bytes, as in a recording (:mod:`.protocol`).
-Source: FileLogger2 of BehaviorTree.CPP 4.10, which loses transitions at the end of a run.
+A file consists of: ``BTCPP4-FileLogger2``; one byte, 1; the length of the XML of the tree, 4 bytes; that XML; the start
+time since the epoch in µs, 8 bytes; and 9 bytes for each transition, as in a recording (:mod:`.protocol`).
+Source: FileLogger2 of BehaviorTree.CPP 4.10, which loses transitions at the end of a run. This writer loses none.
 """
 
 from __future__ import annotations
@@ -42,11 +42,10 @@ class LogError(Exception):
 class LogWriter:
     """A writer of the transitions of one run into a file.
 
-    The tree writes to a log, and at the end of each round what is there is handed to ``write``, which does what it is
-    given, in order, at once or on another thread; it may give a text instead: why it does not. That is reported to
-    ``on_error`` and ends the log; marks handed over before are still written. So does an error of the file system, as
-    of a full disk: the file ends with the last round that it took as a whole then, and is none when it took not even
-    the beginning.
+    The tree writes to a log. At the end of each round the writer passes the new content to ``write`` as a step, which
+    ``write`` runs in order, at once or on another thread. It may return a reason for a refusal instead: ``on_error``
+    gets the reason, and the log ends after the steps passed before. An error of the file system, such as a full disk,
+    also ends the log: the file ends with its last complete round, and is removed if not even the header was written.
     """
 
     def __init__(
@@ -60,8 +59,8 @@ class LogWriter:
         write: Callable[[LogStep], str | None] = lambda step: step(),
         on_error: Callable[[str], None],
     ) -> None:
-        """Begin the file. ``log`` is timed; ``start`` is the time of the beginning on its clock, ns, and ``epoch``
-        since 1970, s."""
+        """Begin the file. ``log`` is timed; ``start`` is the start time on its clock, ns, and ``epoch`` the same since
+        1970, s."""
         self._path = path
         self._log = log
         self._start = start
@@ -74,11 +73,11 @@ class LogWriter:
         if self._takes_no_more:
             on_error(f'{path}: not written, the tree has more than {protocol.MAX_UID} nodes, which is the limit')
         else:
-            header = _header(tree, epoch)  # at once: when it is written the tree may have other nodes
+            header = _header(tree, epoch)  # now: at the time of writing the tree may have other nodes
             self._hand_over(lambda: self._store('wb', header))
 
     def flush(self) -> None:
-        """Hands over what was logged. On the thread that ticks the tree."""
+        """Pass the new content of the log to ``write``. On the thread that ticks the tree."""
         marks = self._log.take()
         if marks and not self._takes_no_more:
             self._hand_over(lambda: self._store('r+b', self._records(marks)))
@@ -107,7 +106,7 @@ class LogWriter:
                 file.seek(self._written)
                 try:
                     rest = data
-                    while rest:  # if not all of it fits, writing the rest raises the reason
+                    while rest:  # if it does not all fit, writing the rest raises the reason
                         rest = rest[file.write(rest) :]
                 except OSError:
                     file.truncate(self._written)
@@ -137,7 +136,7 @@ class LoggedNode(NamedTuple):
 
 
 class LoggedTransition(NamedTuple):
-    """``time`` is since the beginning of the log, s; ``before`` is IDLE for the first transition of a node."""
+    """A transition in a log. ``time`` since the start of the log, s; ``before`` is IDLE for a node's first one."""
 
     time: float
     uid: int
@@ -146,8 +145,8 @@ class LoggedTransition(NamedTuple):
 
 
 class LogContent(NamedTuple):
-    """The content of a log file. ``epoch`` is its beginning since 1970, s; ``left_over`` are bytes at its end that are
-    not a complete transition, or not a transition at all."""
+    """The content of a log file. ``epoch`` is its start since 1970, s; ``left_over`` counts bytes at its end that are
+    not a complete or valid transition."""
 
     nodes: dict[int, LoggedNode]
     epoch: float
@@ -156,7 +155,7 @@ class LogContent(NamedTuple):
 
 
 def read_log(path: Path) -> LogContent:
-    """Read a log file, also one that is still being written, or was cut off. Raises LogError and OSError."""
+    """Read a log file, even one that is still being written or was cut off. Raises LogError and OSError."""
     with open(path, 'rb', opener=open_regular) as file:
         data = file.read()
     position = len(_MAGIC) + 1 + _LENGTH.size
@@ -212,13 +211,13 @@ def _nodes(root: Element) -> Iterator[tuple[int, LoggedNode]]:
             yield uid, LoggedNode(path, type)
 
 
-# Logs of a tree (see ``observers``) that are read later, maybe by another thread, and that know the times.
+# Logs of a tree (see ``observers``) with times, which another thread may read later.
 
 
 class LogBuffer:
-    """A log. While it is ``timed``, each mark is followed by the complement of the time of writing it, by ``now`` (ns).
+    """A log. While it is ``timed``, the complement of its time by ``now`` (ns) follows each mark.
 
-    One thread writes; any may take.
+    One thread writes; any thread may take.
     """
 
     def __init__(self, now: Callable[[], int], *, timed: bool = False) -> None:
@@ -237,8 +236,8 @@ class LogBuffer:
         return len(self._marks)
 
     def take(self) -> list[int]:
-        """Return what was written since the last call."""
-        count = len(self._marks)  # the tree may go on meanwhile
+        """Return the marks written since the last call."""
+        count = len(self._marks)  # the tree may write more meanwhile
         marks = self._marks[:count]
         del self._marks[:count]
         return marks

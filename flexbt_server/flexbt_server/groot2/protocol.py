@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The messages of a running tree to Groot2: frames of ZeroMQ, and the XML that describes the tree.
+"""The messages between a running tree and Groot2: ZeroMQ frames, and the XML that describes the tree.
 
-The client asks (REQ), the server answers (REP); each message begins with a header. On the next port, the server
-publishes breakpoints that were reached (PUB). Source: groot2_protocol.h of BehaviorTree.CPP 4.10.
+The client sends requests (REQ), the server replies (REP). Each message begins with a header. On the next port, the
+server publishes the breakpoints that were reached (PUB). Source: groot2_protocol.h of BehaviorTree.CPP 4.10.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DEFAULT_PORT: Final = 1667
 HEADER_BYTES: Final = 6
 RECORD_BYTES: Final = 9
 MAX_UID: Final = 0xFFFF
-"""The protocol, and the log files, have two bytes for the uid of a node."""
+"""Maximum uid of a node: the protocol and the log files have two bytes for it."""
 
 _HEADER: Final = struct.Struct('<BBI')
 _RECORD: Final = struct.Struct('<IHHB')
@@ -52,41 +52,41 @@ class RequestType(IntEnum):
 
 
 def request_header(type: RequestType, id: int | None = None) -> bytes:
-    """Return the first frame of a request, and of a notification. A random ``id`` will do."""
+    """Return the first frame of a request or notification. Without ``id``, the ID is random."""
     return _HEADER.pack(PROTOCOL, type, random.getrandbits(32) if id is None else id)
 
 
 def reply_header(request: bytes, tree: bytes) -> bytes:
-    """Return the first frame of a reply: the header of the request, in our protocol, and the 16 bytes that name the
-    tree."""
+    """Return the first frame of a reply: the header of the request with our protocol version, and the 16 bytes that
+    identify the tree."""
     return bytes((PROTOCOL,)) + request[1:HEADER_BYTES] + tree
 
 
 def status_bytes(uid: int, status: NodeStatus) -> bytes:
-    """Return a node in the reply to a request for statuses."""
+    """Return the bytes of a node in the reply to a request for statuses."""
     return _STATUS.pack(uid, status)
 
 
 def status_byte(before: int, after: int) -> int:
-    """Return the number of a status as clients see it; of a node that is IDLE again they see what it was before."""
+    """Return the number of a status for clients. For a node that has become IDLE it encodes the status before."""
     return after or _WENT_IDLE + before
 
 
 def record(microseconds: int, uid: int, status: int) -> bytes:
-    """Return a transition in a recording or a log file; ``microseconds`` since its beginning, 48 bits of them."""
+    """Return the bytes of a transition in a recording or a log file; ``microseconds`` since its start, 48 bits."""
     return _RECORD.pack(microseconds & 0xFFFFFFFF, microseconds >> 32 & 0xFFFF, uid, status)
 
 
 def read_record(data: bytes, offset: int) -> tuple[int, int, int]:
-    """Microseconds, uid and status of a transition."""
+    """Return microseconds, uid and status of a transition."""
     low, high, uid, status = _RECORD.unpack_from(data, offset)
     return high << 32 | low, uid, status
 
 
-# The XML that describes a running tree to Groot2: every instance of a sub-tree by itself, with the uids of its nodes.
+# The XML that describes a running tree to Groot2, with a separate tree for each instance of a sub-tree, and with uids.
 #
-# As BehaviorTree.CPP writes it for Groot2 and into log files; it is not a document to load trees from. Of the node
-# types it has those that the tree uses.
+# It follows the XML that BehaviorTree.CPP writes for Groot2 and into log files. Trees cannot be loaded from it. It
+# contains only the node types that the tree uses.
 
 
 def tree_document(tree: Tree) -> str:
@@ -114,7 +114,7 @@ def _lines(tree: Tree) -> Iterator[str]:
 
 
 def _nodes(root: TreeNode, definitions: dict[TreeNode, NodeDefinition], tree_ids: Mapping[str, str]) -> Iterator[str]:
-    """Yield the nodes of one sub-tree. ``tree_ids`` has the trees of sub-trees by their paths."""
+    """Yield the nodes of one sub-tree. ``tree_ids`` has the tree IDs of sub-trees by their paths."""
     pending: list[tuple[int, TreeNode | str]] = [(2, root)]
     while pending:
         level, node = pending.pop()
@@ -147,7 +147,7 @@ def _attributes(**values: str) -> str:
 
 
 def models_document(manifests: Iterable[NodeManifest]) -> Iterator[str]:
-    """Lines of a document with nothing but a TreeNodesModel, as Groot2 imports it."""
+    """Yield the lines of a document with only a TreeNodesModel, for import into Groot2."""
     yield '<?xml version="1.0" encoding="UTF-8"?>'
     yield '<root BTCPP_format="4">'
     yield '  <TreeNodesModel>'

@@ -30,7 +30,7 @@ from .protocol import RequestType
 from .watched_tree import WatchedTree, clock
 
 SILENCE: Final = 5.0
-"""Time without a request after which the client has gone, s: its hooks block nothing until it is back."""
+"""Time without a request after which the client counts as gone, s: its hooks block nothing until it returns."""
 
 LARGEST_REQUEST: Final = 1 << 20
 _SEND_MILLISECONDS: Final = 1000
@@ -38,15 +38,15 @@ _logger = logging.getLogger(__name__)
 
 
 class Groot2Server:
-    """A server that shows running trees to Groot2, on ``port`` (requests) and the port that follows (breakpoints that
-    are reached).
+    """A server that shows running trees to Groot2, on ``port`` for requests and the next port for breakpoints that were
+    reached.
 
-    Clients see the tree that was started last; when it ends, the one started before it that still runs, or else the
-    ended one. A tree that a breakpoint holds stays until it continues. Each run has its own identity, by which clients
-    notice a new run. Hooks of a tree that is not shown have no effect; those of the shown tree are handed on to the
-    next run of the same tree.
+    Clients see the tree that started last. When it ends, they see the latest tree that still runs, or else the ended
+    one. A tree that a breakpoint holds stays visible until it continues. Each run has a unique ID, by which clients
+    notice a new run. Hooks of hidden trees have no effect. The next run of the same tree inherits the hooks of the
+    visible tree.
 
-    ``only``, if given, is the ID of the tree whose runs are shown, and no others.
+    With ``only``, the ID of a tree, clients see only runs of this tree.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Groot2Server:
         types: JsonTypes | None = None,
         silence: float = SILENCE,
     ) -> None:
-        """Begin to answer. ``types`` shows values of one's own on blackboards. Raises OSError if it cannot listen."""
+        """Begin to answer. ``types`` converts blackboard values of custom types. Raises OSError if it cannot listen."""
         self._only = only
         self._types = types if types is not None else JsonTypes()
         self._silence = silence
@@ -101,7 +101,7 @@ class Groot2Server:
         self.close()
 
     def close(self) -> None:
-        """End it; every tree that a breakpoint holds continues."""
+        """Close the server. Every tree that a breakpoint holds continues."""
         with self._lock:
             self._silent = True
             self._mute()
@@ -116,11 +116,10 @@ class Groot2Server:
     def add(
         self, tree: Tree, log: LogBuffer, on_held: Callable[[bool], None] = lambda held: None
     ) -> WatchedTree | None:
-        """Show a tree whose first tick is next; None when it is not to be shown.
+        """Show a tree before its first tick. Return None if the server does not show it.
 
-        The tree writes to ``log``, whose clock is that of ``watched_tree``; ``settle`` of what is returned is to be
-        called after each round. ``on_held`` is called, on the ticking thread, when a breakpoint holds the tree, or
-        releases it.
+        The tree writes to ``log``, with the clock of ``watched_tree``. Call ``settle`` of the returned object after
+        each round. ``on_held`` is called on the ticking thread when a breakpoint holds or releases the tree.
         """
         if self._only and tree.key.id != self._only:
             return None
@@ -138,8 +137,8 @@ class Groot2Server:
         return watched
 
     def expanded(self, before: WatchedTree, on_held: Callable[[bool], None] = lambda held: None) -> WatchedTree | None:
-        """Return the nodes of a watched tree are others, between two ticks: clients see another tree. Gives what
-        watches it from now on; None when it is too large."""
+        """Replace a watched tree whose nodes have changed between two ticks; clients see another tree. Return the new
+        watched tree, or None if it is too large."""
         before.end()
         if not self._fits(before.tree):
             before.breakpoints.end()
@@ -169,7 +168,7 @@ class Groot2Server:
             self._mute()
 
     def watch(self, tree: Tree) -> WatchHandle:
-        """Show a tree, for a program that has no other observer: a context manager."""
+        """Return a context manager that shows a tree, for programs without another observer."""
         return WatchHandle(self, tree)
 
     def _mute(self) -> None:
@@ -177,7 +176,7 @@ class Groot2Server:
             watched.breakpoints.mute(self._silent or watched is not self._shown)
 
     def _tell(self, uid: int) -> None:
-        """On the thread of a run."""
+        """Publish a reached breakpoint. On the thread of a run."""
         header = protocol.request_header(RequestType.BREAKPOINT_REACHED)
         with self._publishing, suppress(zmq.ZMQError):
             self._notices.send_multipart([header, str(uid).encode()], zmq.NOBLOCK)
@@ -197,7 +196,7 @@ class Groot2Server:
             if self._replies in ready:
                 heard = time.monotonic()
                 self._hear(silent=False)
-                # A client that has gone, or sends something that is not a message, is ignored.
+                # Ignore clients that have gone, and data that is not a message.
                 with suppress(zmq.ZMQError):
                     self._replies.send_multipart(self.answer(self._replies.recv_multipart()))
             elif time.monotonic() >= heard + self._silence:
@@ -210,12 +209,12 @@ class Groot2Server:
                 self._mute()
 
     def answer(self, frames: Sequence[bytes]) -> list[bytes]:
-        """Return the frames of the reply to those of a request, whatever they are."""
+        """Return the frames of the reply to a request with any frames."""
         try:
             return self._answer(frames)
         except RequestError as error:
             text = str(error)
-        except Exception:  # a fault of ours must not end the server
+        except Exception:  # an internal fault must not end the server
             _logger.exception('a request of Groot2 could not be answered')
             text = 'Unknown error while processing request'
         return [b'error', text.encode('utf-8', 'replace')]
@@ -258,7 +257,7 @@ _WITH_CONTENT: Final[dict[int, Callable[[WatchedTree, bytes], bytes | None]]] = 
 
 
 class WatchHandle:
-    """A context that shows a tree while it is open. The tree is observed for that time (:meth:`Tree.observe`)."""
+    """A context manager that shows a tree, and observes it meanwhile (:meth:`Tree.observe`)."""
 
     def __init__(self, server: Groot2Server, tree: Tree) -> None:
         self._server = server

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A running tree as Groot2 sees it: structure, statuses, transitions, blackboards, breakpoints. Needs msgpack."""
+"""A running tree for Groot2: structure, statuses, transitions, blackboards, breakpoints. Needs msgpack."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .log_file import LogBuffer
 from .protocol import tree_document
 
 RECORDED: Final = 1000
-"""Transitions that a recording keeps, the newest ones, until the client takes them."""
+"""Maximum number of transitions that a recording keeps for the client; it drops the oldest."""
 
 clock = time.perf_counter_ns
 """Clock of the logs of watched trees."""
@@ -39,13 +39,13 @@ ROOT: Final = 'ROOT'
 """Name of the topmost blackboard in the reply to a request for others."""
 
 _MANY: Final = 2000
-"""Number of marks above which they are read without a request."""
+"""Number of marks above which the thread of the run reads them without a request."""
 
 _LARGEST: Final = (-(1 << 63), (1 << 64) - 1)
 
 
 class WatchedTree:
-    """One run of a tree. The log of the tree is read when a client asks, on the thread of the server."""
+    """One run of a tree. The server thread reads the log of the tree when a client sends a request."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class WatchedTree:
         self._boards: dict[str, Blackboard] = {}
         for subtree in tree.subtrees:
             self._boards.setdefault(subtree.path or subtree.tree_id, subtree.blackboard)
-        # Where the status of each node is: sub-tree by sub-tree, in the order of their making, as clients expect.
+        # Position of each node's status: sub-tree by sub-tree, in the order of their creation, as clients expect.
         self._places = [0] * (len(tree.nodes) + 1)
         self._statuses = bytearray()
         groups: dict[int, list[TreeNode]] = {id(subtree.blackboard): [] for subtree in tree.subtrees}
@@ -83,18 +83,18 @@ class WatchedTree:
         self._untimed: list[tuple[int, int]] = []
 
     def _change(self, uid: int, before: int, after: int) -> tuple[int, int, int, int]:
-        """Return where and what clients see of it, and what is recorded."""
+        """Return the position and status of a change for clients, and the values to record."""
         return self._places[uid], protocol.status_byte(before, after), uid, after
 
     def same_tree(self, other: WatchedTree) -> bool:
-        """Return whether both are runs of one tree, with the same nodes."""
+        """Return whether both are runs of the same tree with the same nodes."""
         ours, theirs = self.tree.definitions, other.tree.definitions
         return len(ours) == len(theirs) and all(one is two for one, two in zip(ours, theirs, strict=True))
 
     def end(self) -> None:
-        """Nothing more is about these nodes: reads what was written, and ends a recording of theirs.
+        """Read the last marks of these nodes, and end a recording of them.
 
-        Marks from now on are for another one, even if a request arrives late.
+        Later marks belong to another watched tree, even if a request arrives late.
         """
         with self._reading:
             self._read()
@@ -102,7 +102,7 @@ class WatchedTree:
             self._ended = True
 
     def settle(self) -> None:
-        """Read what was written in a round of a tick, if it is much."""
+        """Read the marks of a round of a tick if there are many."""
         if len(self.log) > _MANY:
             self._read()
 
@@ -140,7 +140,7 @@ class WatchedTree:
         return bytes(self._statuses)
 
     def toggle_recording(self, command: bytes) -> bytes | None:
-        """Begin to record, and gives the time since the epoch in µs, or ends it."""
+        """Start recording and return the time since the epoch in µs, or stop recording."""
         if command not in (b'start', b'stop'):
             return None
         with self._reading:
@@ -155,7 +155,7 @@ class WatchedTree:
         return str(time.time_ns() // 1000).encode()
 
     def transitions(self) -> bytes:
-        """Return what was recorded since the last call."""
+        """Return the transitions recorded since the last call."""
         self._read()
         start = self._recorded_from
         records = [protocol.record(max(0, when - start) // 1000, uid, status) for when, uid, status in self._recorded]
@@ -163,10 +163,9 @@ class WatchedTree:
         return b''.join(records)
 
     def blackboards(self, names: str) -> bytes:
-        """Blackboards by the paths of their sub-trees (the tree ID for the main one), separated by ``;``, as msgpack.
-
-        Those that do not exist are left out. Raises RequestError when a sub-tree has the name of the topmost one.
-        """
+        """Return the blackboards of sub-trees as msgpack. ``names`` are the paths of the sub-trees (the tree ID for the
+        main one), separated by ``;``. Missing ones are left out. Raises RequestError if a sub-tree has the name of the
+        topmost blackboard."""
         boards: dict[str, dict[str, Any] | None] = {}
         top: Blackboard | None = None
         for name in dict.fromkeys(names.split(';')):
@@ -186,7 +185,7 @@ class WatchedTree:
                     )
                 top = external
                 boards[ROOT] = self._shown(top)
-        # As in BehaviorTree.CPP, what is empty is null.
+        # As in BehaviorTree.CPP, an empty result is null.
         packed: bytes = msgpack.packb(_packable(boards) if boards else None, unicode_errors='replace')
         return packed
 
@@ -195,7 +194,7 @@ class WatchedTree:
 
 
 def _packable(value: Any) -> Any:
-    """Return the value with text in the place of integers that msgpack has no room for."""
+    """Return the value, with integers that are too large for msgpack replaced by text."""
     if isinstance(value, dict):
         return {key: _packable(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -205,7 +204,7 @@ def _packable(value: Any) -> Any:
     return value
 
 
-# The hooks that Groot2 sets on nodes of a tree: breakpoints, which block its ticking thread, and replacements.
+# The hooks that Groot2 sets on nodes of a tree: breakpoints, which block its ticking thread, and replaced results.
 #
 # Rules: Groot2Publisher of BehaviorTree.CPP 4.10.
 
@@ -213,7 +212,7 @@ UNKNOWN_NODE: Final = 'Node ID not found'
 
 
 class HookMode(IntEnum):
-    """The effect of a hook whose node is reached. Other numbers are as REPLACE."""
+    """The effect of a hook when its node is reached. Other numbers count as REPLACE."""
 
     BREAKPOINT = 0
     REPLACE = 1
@@ -221,7 +220,7 @@ class HookMode(IntEnum):
 
 @dataclass
 class HookSettings:
-    """A hook as the client sees it. ``position`` is 0 before the tick, otherwise after it."""
+    """The settings of a hook, as clients see them. ``position`` is 0 before the tick, otherwise after it."""
 
     enabled: bool
     uid: int
@@ -232,7 +231,7 @@ class HookSettings:
 
     @classmethod
     def read(cls, document: Any) -> HookSettings:
-        """From the JSON of a request. Raises RequestError."""
+        """Return the settings in the JSON of a request. Raises RequestError."""
         status = read.string(read.member(document, 'desired_status'))
         if status not in NodeStatus.__members__:
             raise RequestError(f'Cannot convert this to NodeStatus: {status}')
@@ -247,7 +246,7 @@ class HookSettings:
 
 
 class _Hook:
-    """A hook in use. ``ready``: the next time that it is reached, or now when it is, it does not hold up the tick."""
+    """A hook in use. ``ready``: it does not hold up the present or the next tick that reaches it."""
 
     def __init__(self, settings: HookSettings) -> None:
         self.settings = settings
@@ -255,10 +254,10 @@ class _Hook:
 
 
 class Breakpoints:
-    """The hooks of one tree; the requests of Groot2 about them. From any thread.
+    """The hooks of one tree, and Groot2's requests about them. From any thread.
 
-    ``on_reached(uid)`` is called when a hook that is enabled is reached, ``on_held(held)`` when a breakpoint holds the
-    tree up and when it lets go; both on the ticking thread.
+    ``on_reached(uid)`` is called when the tree reaches an enabled hook, ``on_held(held)`` when a breakpoint holds or
+    releases the tree; both on the ticking thread.
     """
 
     def __init__(self, tree: Tree, on_reached: Callable[[int], None], on_held: Callable[[bool], None]) -> None:
@@ -275,23 +274,23 @@ class Breakpoints:
 
     @property
     def held(self) -> bool:
-        """True if a breakpoint holds the tree, and nothing has released it yet."""
+        """True if a breakpoint holds the tree and has not been released."""
         with self._changed:
             return self._holding is not None and not self._goes_on(self._holding)
 
     def take_over(self, older: Breakpoints) -> None:
-        """Place the hooks of an earlier run of the same tree."""
+        """Copy the hooks of an earlier run of the same tree."""
         for settings in older.all():
             self._place(settings)
 
     def take_over_from(self, older: Breakpoints) -> None:
-        """Take the hooks of the same run from before it had other nodes: those of nodes that it has still."""
+        """Move the hooks of the same run here after its nodes have changed, for nodes that still exist."""
         for settings in older.end():
             if self._nodes.get(settings.uid) is older._nodes[settings.uid]:
                 self._place(settings)
 
     def end(self) -> list[HookSettings]:
-        """Remove all hooks, and gives their settings; from now on none is placed: a request may have come late."""
+        """Remove all hooks and return their settings. From now on insert nothing: a request may arrive late."""
         with self._changed:
             self._ended = True
             settings = self.all()
@@ -299,12 +298,12 @@ class Breakpoints:
             return settings
 
     def all(self) -> list[HookSettings]:
-        """Copy of the settings of all hooks, those before ticks first, by uid."""
+        """Return copies of the settings of all hooks, those before ticks first, by uid."""
         with self._changed:
             return [replace(hook.settings) for _, hook in sorted(self._placed.items(), key=lambda item: item[0])]
 
     def mute(self, muted: bool) -> None:
-        """While muted, hooks have no effect, and hold nothing up. They are as they were afterwards."""
+        """Disable all hooks while ``muted`` is true: they have no effect and hold nothing up. Their settings stay."""
         with self._changed:
             self._muted = muted
             self._changed.notify_all()
@@ -312,7 +311,7 @@ class Breakpoints:
     # -- requests ----------------------------------------------------------------------------------------------------
 
     def insert(self, document: Any) -> None:
-        """Place one hook or several; one that is there gets other settings. Raises RequestError.
+        """Insert one hook or several. An existing hook gets the new settings. Raises RequestError.
 
         Hooks of nodes that do not exist are dropped.
         """
@@ -361,7 +360,7 @@ class Breakpoints:
             self._changed.notify_all()
 
     def unlock(self, document: Any) -> None:
-        """Let a breakpoint go, with the result that the node is to have. Raises RequestError."""
+        """Release a breakpoint, with the result for its node. Raises RequestError."""
         uid = read.unsigned_16(read.member(document, 'uid'))
         status = read.string(read.member(document, 'desired_status'))
         after = read.signed_32(read.member(document, 'position')) != 0

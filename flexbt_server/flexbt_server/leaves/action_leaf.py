@@ -129,9 +129,9 @@ def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
 
     0 if the type has no codes, and for a canceled goal, as in Nav2, since no recovery helps after a cancel.
     """
-    told = int(getattr(outcome.result, 'error_code', 0))
-    if told or outcome.status is GoalStatus.CANCELED:
-        return told
+    code = int(getattr(outcome.result, 'error_code', 0))
+    if code or outcome.status is GoalStatus.CANCELED:
+        return code
     return int(getattr(result_type, _CODES.get(outcome.status, ''), getattr(result_type, 'UNKNOWN', 0)))
 
 
@@ -340,8 +340,8 @@ class ActionLeaf(ServerNode, StatefulAction):
             return self.on_success(outcome.result)
         self._cancel_all()
         code = error_code_of(self.action_type.Result, outcome)
-        told = getattr(outcome.result, 'error_msg', '') or getattr(outcome.result, 'message', '')
-        reason = told or ': '.join(filter(None, (outcome.reason, error_name_of(outcome.result))))
+        text = getattr(outcome.result, 'error_msg', '') or getattr(outcome.result, 'message', '')
+        reason = text or ': '.join(filter(None, (outcome.reason, error_name_of(outcome.result))))
         if outcome.status is GoalStatus.CANCELED:
             reason = 'the goal was canceled by somebody else'
         status = self.on_failure(outcome)

@@ -139,17 +139,17 @@ class FollowPath(FieldAction):
             self.set_output('tracking_feedback', TrackingFeedback())
 
     def _track(self, feedback: Any) -> None:
-        told = getattr(feedback, 'tracking_feedback', None)
+        tracking = getattr(feedback, 'tracking_feedback', None)
         path = self._sent[0]
-        if told is None and len(path.poses) > 1:
+        if tracking is None and len(path.poses) > 1:
             if self._tracker is None or self._tracker.path is not path:
                 self._tracker = PathTracker(path)
             try:
-                told = self._tracker.feedback(self.host.frames.robot_pose(path.header.frame_id), feedback.speed)
+                tracking = self._tracker.feedback(self.host.frames.robot_pose(path.header.frame_id), feedback.speed)
             except TransformError:
                 return  # while the pose of the robot is unknown, there is nothing new to report
-        if told is not None:
-            self.set_output('tracking_feedback', told)
+        if tracking is not None:
+            self.set_output('tracking_feedback', tracking)
 
     def _wanted(self) -> tuple[Any, ...]:
         return (self.get_input('path'), *(str(self.get_input_or(port, '')) for port in _PLUGINS))

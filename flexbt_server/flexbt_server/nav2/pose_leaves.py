@@ -197,10 +197,10 @@ class IsWithinPathTrackingBounds(PoseLeaf, Condition):
     )
 
     def evaluate(self) -> NodeStatus:
-        told: Any = self.get_input_or('tracking_feedback', None)
-        if told is None:
+        feedback: Any = self.get_input_or('tracking_feedback', None)
+        if feedback is None:
             return NodeStatus.SUCCESS
-        aside, turned = told.position_tracking_error, told.heading_tracking_error
+        aside, turned = feedback.position_tracking_error, feedback.heading_tracking_error
         bound = self.get_input('max_error_left' if aside >= 0.0 else 'max_error_right')
         if abs(aside) <= abs(bound) and abs(turned) <= abs(self.get_input('max_error_heading')):
             return NodeStatus.SUCCESS

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The activation of ``bt_navigator``, which ends when the servers are there that its default trees call.
+"""The activation of ``bt_navigator``, which ends when the servers that its default trees call are available.
 
 In Nav2 the lifecycle manager starts planner and controller before bt_navigator, and the nodes of the default tree wait
-for their servers. As there, it does not matter later whether they are still alive: goals report it.
+for their servers. As in Nav2, a server that dies later does not matter here: goals report it.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from flexbt_server.leaves.service_leaf import ServiceNode
 from flexbt_server.leaves.topic_cache import SubscribedTopic, SubscribesToTopics
 
 ACTIVATION_SECONDS: Final = 60.0
-"""Time for which the servers are awaited, s of wall time. A server that is missing then may never start: goals report
+"""Time to wait for the servers, s of wall time. A server that is still missing then may never start: goals report
 it."""
 
 _LOOK_SECONDS: Final = 0.1
 _TOLD_AFTER: Final = 2.0
-"""Processes that begin together find each other within that time, s; those that do not are logged."""
+"""Time within which processes that start together discover each other, s; missing servers are logged after it."""
 
 
 class Activation:
     """A wait for servers. Made and used on the executor thread.
 
-    ``is_over``: all of them were there, the time is up, or it was canceled. If it is not ``patient``, it ends at once,
-    and missing servers are reported.
+    ``is_over``: all servers were available, the time is up, or the wait was canceled. A wait that is not ``patient``
+    ends at once and reports missing servers.
     """
 
     def __init__(self, runtime: Runtime, servers: Mapping[str, str], *, patient: bool) -> None:
-        """``servers``: a service of each, and what people call it."""
+        """``servers``: a service of each server, and its name for people."""
         self._runtime = runtime
         self._servers = servers
         self._patient = patient
@@ -48,7 +48,7 @@ class Activation:
         self._look()
 
     def cancel(self) -> None:
-        """Wait no longer."""
+        """Stop waiting."""
         self.is_over = True
         if self._timer is not None:
             self._timer.cancel()
@@ -79,17 +79,17 @@ class Activation:
         try:
             return bool(node.count_services(node.resolve_service_name(service)))
         except RCLError:
-            return False  # no server can have that name
+            return False  # the name is not valid for a server
 
 
-# The servers that a tree calls, and the topics that it subscribes to, as far as its XML shows.
+# The servers that a tree calls and the topics that it subscribes to, as far as its XML shows them.
 
 
 def called_servers(nodes: Iterable[NodeDefinition]) -> dict[str, str]:
-    """Return the servers of the action and service leaves among ``nodes``: names of services that are in the graph when
-    they are there, and what trees call them.
+    """Return the servers of the action and service leaves among ``nodes``: the name of a service that shows in the
+    graph that the server exists, and the name of the server in the tree.
 
-    A server whose name comes from the blackboard, which only the run knows, is not among them.
+    Servers whose names come from the blackboard are left out, since only the run knows them.
     """
     found = {}
     for node in nodes:
@@ -106,7 +106,7 @@ def called_servers(nodes: Iterable[NodeDefinition]) -> dict[str, str]:
 def subscribed_topics(nodes: Iterable[NodeDefinition]) -> Iterator[SubscribedTopic]:
     """Yield the topics that ``nodes`` subscribe to, by their names in the tree.
 
-    One whose name comes from the blackboard, which only the run knows, is not among them.
+    Topics whose names come from the blackboard are left out, since only the run knows them.
     """
     for node in nodes:
         leaf = node.manifest.node_class
@@ -117,7 +117,7 @@ def subscribed_topics(nodes: Iterable[NodeDefinition]) -> Iterator[SubscribedTop
 
 
 def _name(node: NodeDefinition, port: str, default: str) -> str:
-    """Return what a leaf calls, or subscribes to; '' when the blackboard has it."""
+    """Return the name of the server or topic of a leaf; '' if it comes from the blackboard."""
     given = node.values.get(port)
     if given is None:
         return default

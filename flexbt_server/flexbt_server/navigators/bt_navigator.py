@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The navigators, which Nav2's clients find as the node ``bt_navigator``: actions whose goals become runs of trees.
 
-One navigator at a time drives the robot. A goal that comes while it drives
+One navigator at a time drives the robot. A goal that arrives meanwhile
 
-- takes the run over when it is for the same navigator and the same tree: the tree is neither halted nor begun again,
-  and finds another goal on its blackboard;
-- is aborted otherwise, with the reason, and the robot drives on; but if everything
-  in its way was requested to stop, it waits until that has ended.
+- takes the run over if it is for the same navigator and the same tree: the tree is neither halted nor restarted,
+  and gets the new goal on its blackboard;
+- otherwise waits, if all goals that block it are already stopping, until they have ended;
+- otherwise is aborted with the reason, and the robot continues.
 
-Goals begin in the order in which they were accepted.
+Goals start in the order of their acceptance.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ from .waypoint_follower import InputAtWaypoint, WaitAtWaypoint, WaypointFollower
 ExecuteResult = BtExecute.Result
 
 LOOK_SECONDS: Final = 0.05
-"""Time between two checks of a goal that waits, s of wall time."""
+"""Period of the check of a waiting goal, s of wall time."""
 
 
 class Navigators:
-    """The navigators that the parameter ``navigators`` asks for. Made and used on the executor thread."""
+    """The navigators that the parameter ``navigators`` enables. Made and used on the executor thread."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class Navigators:
         default_trees: Sequence[FoundTree],
         refusal: str,
     ) -> None:
-        """``services`` are those of leaves. ``refusal``: why goals are refused until :meth:`activate`."""
+        """``services``: the services of the leaves. ``refusal``: why goals are refused until :meth:`activate`."""
         self.runtime = runtime
         self.parameters = parameters
         self.goals = goals
@@ -84,7 +84,7 @@ class Navigators:
             TreeNavigator(self, name, boards.get(name)) for name in parameters.navigators if name in ACTIONS
         ]
         if names.NAVIGATE_TO_POSE in parameters.navigators:
-            # Of many poses only the last counts.
+            # Depth 1: of many poses only the last counts.
             runtime.node.create_subscription(PoseStamped, names.GOAL_POSE, self._on_goal_pose, 1)
         self._follower: WaypointFollower | None = None
         if names.FOLLOW_WAYPOINTS in parameters.navigators:
@@ -95,7 +95,7 @@ class Navigators:
     def activate(self) -> None:
         """Accept goals, and report the active lifecycle state of Nav2's nodes."""
         if self._navigators:
-            TransformListener.of(self.runtime)  # the first goal in another frame may be stamped before it comes
+            TransformListener.of(self.runtime)  # the first goal in another frame may have an earlier stamp
             self.admission.open()
             self._wait_for_servers(patient=True)
             self._parts.append(
@@ -113,7 +113,7 @@ class Navigators:
             )
 
     def deactivate(self, refusal: str) -> None:
-        """Refuse goals. Waypoints end here, the trees of navigators by :meth:`TreeGoals.stop_all`."""
+        """Refuse goals and end waypoints. :meth:`TreeGoals.stop_all` ends the trees of navigators."""
         for part in self._parts:
             part.close()
         self._parts.clear()
@@ -123,9 +123,9 @@ class Navigators:
             self._follower.admit(refusal)
 
     def _on_change(self, is_active: bool) -> None:
-        """Follow a lifecycle manager that has changed the state of bt_navigator."""
+        """Follow the state of bt_navigator, which a lifecycle manager has changed."""
         if is_active:
-            self._wait_for_servers(patient=False)  # Nav2's manager, once answered, demands that it is active
+            self._wait_for_servers(patient=False)  # Nav2's manager expects the active state once it has an answer
             self.admission.open()
             return
         self._wait_no_longer()
@@ -144,10 +144,10 @@ class Navigators:
     def _has_its_servers(self) -> bool:
         return self._activation is not None and self._activation.is_over
 
-    # -- whose turn it is --------------------------------------------------------------------------------------------
+    # -- the queue of goals ------------------------------------------------------------------------------------------
 
     def enqueue(self, goal: NavigatorGoal, go_on: Callable[[], None]) -> None:
-        """Have a goal begin when it is its turn and its poses are known."""
+        """Queue a goal. It starts when it is its turn and its poses are known."""
         deadline = self.runtime.steady.now() + self._services.first_timeout
         self._waiting.append((goal, go_on, deadline))
         self._proceed()
@@ -158,7 +158,7 @@ class Navigators:
         self._proceed()
 
     def _proceed(self) -> None:
-        """Begin, or end, the goals that wait, in their order, as far as that is decided."""
+        """Start or end the waiting goals, in order, up to the first undecided one."""
         if self._look is not None:
             self._look.cancel()
             self._look = None
@@ -173,7 +173,7 @@ class Navigators:
 
     def _has_to_wait(self, goal: NavigatorGoal, deadline: float) -> bool:
         if goal.poses is None:
-            return True  # until they are transformed, or the goal has ended for want of that
+            return True  # until the poses are transformed, or that has failed and ended the goal
         if self.goals.pose is None:
             return self.runtime.steady.now() < deadline
         in_the_way = self._in_the_way(goal)
@@ -239,22 +239,22 @@ def _waypoint_task(runtime: Runtime, parameters: NavigatorParameters) -> Waypoin
     return WaitAtWaypoint(runtime, parameters.wait_milliseconds * 1e-3 if waits else 0.0)
 
 
-# A navigator: an action of Nav2 whose goals become runs of a tree, which finds poses on its blackboard.
+# A navigator: an action of Nav2 whose goals become runs of a tree, which reads the poses from its blackboard.
 
 MOST_NAVIGATOR_GOALS: Final = 200
-"""Goals of a navigator that are worked on at a time; of a flood of them each replaces the one before."""
+"""Maximum number of active goals of a navigator; in a flood, each goal replaces the one before."""
 
 ACTIONS: Final = {names.NAVIGATE_TO_POSE: NavigateToPose, names.NAVIGATE_THROUGH_POSES: NavigateThroughPoses}
 """The action of each navigator."""
 
 TRACKING_KEY: Final = 'tracking_feedback'
-"""The key under which main's trees keep what the controller says of how the robot is on its path."""
+"""Blackboard key under which main's trees store the tracking feedback of the controller."""
 
 
 class TreeNavigator:
     """The server of one of :data:`ACTIONS`. On the executor thread.
 
-    Its trees run on a separate blackboard, which has the name of the action and lasts as long as the navigator.
+    Its trees run on a separate blackboard, which is named after the action and lives as long as the navigator.
     """
 
     def __init__(self, navigators: Navigators, name: str, board: Blackboard) -> None:
@@ -263,7 +263,7 @@ class TreeNavigator:
         self.parameters = navigators.parameters
         self.speed = Speed()
         self.navigators = navigators
-        self._board = board  # held, so that it stays
+        self._board = board  # the reference keeps it
         GoalServer(
             navigators.runtime,
             self.action_type,
@@ -278,12 +278,12 @@ class TreeNavigator:
         self.navigators.goals.serve(NavigatorGoal(self, served, self.navigators.runtime.clock.now()))
 
     def statuses(self) -> list[Any]:
-        """Return what has become of the poses so far, where trees keep account of it."""
+        """Return the statuses of the poses so far, if the trees record them."""
         statuses = self._board.get_or(self.parameters.statuses_key, [])
         return statuses if isinstance(statuses, list) else []
 
     def in_global_frame(self, goal: NavigatorGoal) -> None:
-        """Find the poses of a goal in the global frame; when one is not known in time, the goal ends."""
+        """Transform the poses of a goal to the global frame. If one is not known in time, the goal ends."""
         frame = self.parameters.global_frame
         there: list[PoseStamped | None] = [None] * len(goal.asked)
 
@@ -310,9 +310,9 @@ class TreeNavigator:
 
 
 class NavigatorGoal(TreeGoal):
-    """A goal of a navigator. ``poses`` are those that it asks for, in the global frame, once they are known.
+    """A goal of a navigator. ``poses`` are the requested poses in the global frame, once they are known.
 
-    ``problem`` is the name of the error code, where the action has one, of a goal that ends before its tree has run.
+    ``problem`` names the error code for a goal that ends before its tree has run, if the action has such a code.
     """
 
     def __init__(self, navigator: TreeNavigator, served: ServedGoal, accepted: float) -> None:
@@ -328,8 +328,8 @@ class NavigatorGoal(TreeGoal):
         return []
 
     def fresh_values(self) -> list[Value]:
-        # A tree that begins does not drive the path of the goal before. One that is taken over drives on, on the path
-        # that it has, until it plans again.
+        # A new run must not drive the path of the previous goal. A run that is taken over continues on its path until
+        # it plans again.
         return [(self.navigator.parameters.path_key, Path(), PATH)]
 
     def when_ready(self, go_on: Callable[[], None]) -> None:
@@ -339,7 +339,7 @@ class NavigatorGoal(TreeGoal):
             self.navigator.navigators.enqueue(self, go_on)
 
     def begin(self) -> None:
-        """Begin: the poses are known, and it is the goal's turn."""
+        """Start the goal: its poses are known and it is its turn."""
         assert self.poses is not None
         parameters = self.navigator.parameters
         if self.navigator.action_type is NavigateToPose:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The action ``follow_waypoints``: poses in turn, each a goal of ``navigate_to_pose``, and the task at each
-waypoint.
+"""The action ``follow_waypoints``: it sends each pose in turn as a goal of ``navigate_to_pose``, and runs a task at
+each waypoint (Nav2's waypoint task executors).
 
-A newer goal takes over: the robot drives on to its first waypoint without a stop. At each waypoint the robot may do
-something (Nav2's waypoint task executors, :mod:`.waypoint_tasks`).
+A newer goal takes over: the robot continues to its first waypoint without a stop.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from flexbt_server.nav2.branches import missed
 FollowWaypointsResult = FollowWaypoints.Result
 
 MOST_MISSED: Final = 1000
-"""Maximum number of missed waypoints in a result, the last ones: a goal may have billions of loops."""
+"""Maximum number of missed waypoints in a result; it has the last ones. A goal may have billions of loops."""
 
 
 class WaypointFollower:
@@ -36,7 +35,7 @@ class WaypointFollower:
     def __init__(
         self, runtime: Runtime, services: LeafServices, task: WaypointTask, stop_on_failure: bool, refusal: str
     ) -> None:
-        """``task`` is done at each waypoint."""
+        """``task`` runs at each waypoint."""
         self.runtime = runtime
         self.services = services
         self.task = task
@@ -48,7 +47,7 @@ class WaypointFollower:
         )
 
     def admit(self, refusal: str) -> None:
-        """Refuse goals for this reason, which follows a subject, and end the one that is served; '' to let them in."""
+        """Refuse goals for this reason, which follows a subject, and end the active goal; '' to accept goals."""
         if not refusal:
             self._admission.open()
             return
@@ -71,13 +70,13 @@ class WaypointFollower:
             self._tour.cancel()
 
     def forget(self, tour: _Tour) -> None:
-        """Note that a goal has ended."""
+        """Remove a goal that has ended."""
         if self._tour is tour:
             self._tour = None
 
 
 class _Tour:
-    """The way of one goal."""
+    """The tour of one goal through its waypoints."""
 
     def __init__(self, follower: WaypointFollower, served: ServedGoal) -> None:
         self.served = served
@@ -90,7 +89,7 @@ class _Tour:
         self._is_canceled = False
 
     def replaced(self) -> ActionCall | None:
-        """Return a newer goal has come; gives what the robot does for this one."""
+        """End this goal since a newer one has arrived, and return the running call for it, or None."""
         call = self._call
         self._end(self.served.abort, 'a newer goal has taken over')
         return call
@@ -104,13 +103,13 @@ class _Tour:
             self._end(self.served.canceled)
 
     def stop(self, why: str) -> None:
-        """End at once; the robot is stopped."""
+        """Cancel the call that drives the robot, and abort the goal at once."""
         if self._call is not None:
             self._call.cancel(self._follower.services.cancel_timeout)
         self._end(self.served.abort, why)
 
     def drive(self, replaced: ActionCall | None = None) -> None:
-        """Drive to the next waypoint. ``replaced``: what the robot does until then, which the navigator replaces."""
+        """Drive to the next waypoint. ``replaced``: the present call, which the navigator replaces."""
         self.served.publish_feedback(FollowWaypoints.Feedback(current_waypoint=self._index))
         pose = deepcopy(self.served.request.poses[self._index])
         pose.header.stamp = self._follower.runtime.clock.stamp()
@@ -153,15 +152,15 @@ class _Tour:
 
     def _miss(self, how: str, why: str, code: int, end_code: str) -> None:
         self._missed.append(missed(self._index, self.served.request.poses[self._index], code, why))
-        told = f'waypoint {self._index} {how}: {why}'
-        self._follower.runtime.node.get_logger().warning(told)
+        text = f'waypoint {self._index} {how}: {why}'
+        self._follower.runtime.node.get_logger().warning(text)
         if self._follower.stop_on_failure:
-            self._end(self.served.abort, told, end_code)
+            self._end(self.served.abort, text, end_code)
         else:
             self._go_on()
 
     def _go_on(self) -> None:
-        """To the next waypoint, if there is one."""
+        """Continue to the next waypoint, or end the goal after the last."""
         self._index += 1
         if self._index == len(self.served.request.poses) and self._loops:
             if not self._reached:
@@ -182,7 +181,7 @@ class _Tour:
 
 
 def _result(why: str, code: str, those_missed: Iterable[Any] = ()) -> Any:
-    """``code`` is the name of the error code, where the action has it; Jazzy's has UNKNOWN only."""
+    """Return the result. ``code`` is the name of the error code, if the action has it; Jazzy's has only UNKNOWN."""
     error_code = (
         getattr(FollowWaypointsResult, code, FollowWaypointsResult.UNKNOWN) if why else FollowWaypointsResult.NONE
     )
@@ -193,17 +192,17 @@ def _result(why: str, code: str, those_missed: Iterable[Any] = ()) -> Any:
 
 
 class WaypointTask(Protocol):
-    """Used on the executor thread; once at a time."""
+    """A task at a waypoint. Executor thread only; one run at a time."""
 
     def begin(self, on_end: Callable[[str], None]) -> None:
-        """Begin; ``on_end`` is called on the executor thread with why the task has failed, or ''."""
+        """Start the task. ``on_end`` is called on the executor thread with the reason of a failure, or ''."""
 
     def cancel(self) -> None:
-        """End without a word. Harmless if nothing has begun."""
+        """End the task without calling ``on_end``. No effect if it has not started."""
 
 
 class WaitAtWaypoint:
-    """``wait_at_waypoint``: lets some time pass, s of the clock of the node."""
+    """``wait_at_waypoint``: a task that waits, in s on the clock of the node."""
 
     def __init__(self, runtime: Runtime, pause: float) -> None:
         self._runtime = runtime
@@ -226,7 +225,7 @@ class WaitAtWaypoint:
 
 
 class InputAtWaypoint:
-    """``input_at_waypoint``: waits for a message on a topic, and fails when none comes in time."""
+    """``input_at_waypoint``: a task that waits for a message on a topic, and fails if none arrives in time."""
 
     def __init__(self, runtime: Runtime, topic: str, timeout: float) -> None:
         self._late = f'nothing has come on {topic} within {timeout:g} s'

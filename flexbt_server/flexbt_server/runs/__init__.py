@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of trees, and what is published, logged and shown of them."""
+"""Runs of trees, their log files, topics, and views in Groot2."""

@@ -14,21 +14,21 @@ from flexbt_server.groot2.log_file import TeeLog
 
 @dataclass(frozen=True, slots=True)
 class RunStarted:
-    """The nodes exist; the first tick is next."""
+    """The nodes exist, and the first tick follows."""
 
     tree: Tree
 
 
 @dataclass(frozen=True, slots=True)
 class TreeExpanded:
-    """Leaves have had trees made below them: nodes and their uids are new, from the next mark on."""
+    """New trees were created below leaves: the nodes and uids change from the next mark on."""
 
     tree: Tree
 
 
 @dataclass(frozen=True, slots=True)
 class RoundEnded:
-    """A round of a tick is over. The log of each reader has a mark for each change of a status in it."""
+    """A round of a tick has ended. The log of each reader has a mark for each status change in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class RunAdopted:
 
 @dataclass(frozen=True, slots=True)
 class OfferRefused:
-    """The values of another client do not fit; the run goes on for the one that it has."""
+    """The values of another client do not fit; the run continues for its present client."""
 
     client: Any
     reason: str
@@ -63,7 +63,7 @@ class RunWarning:
 
 @dataclass(frozen=True, slots=True)
 class PropertyViolated:
-    """A monitor has found something. The outcome has it, too."""
+    """A monitor has found a violation, which is also in the outcome."""
 
     text: str
 
@@ -72,8 +72,8 @@ class PropertyViolated:
 class RunOutcome:
     """The outcome of a run; ``code`` is a constant of BtExecute.Result.
 
-    ``message`` names ``failed_node``, where there is one, as ``PATH: reason`` or ``[PATH]``.
-    ``error_code`` is the lowest that a leaf of the run has left, as in Nav2; 0 for none.
+    ``message`` names ``failed_node``, if any, as ``PATH: reason`` or ``[PATH]``.
+    ``error_code`` is the lowest error code that a leaf of the run has written, as in Nav2; 0 for none.
     """
 
     code: int
@@ -104,10 +104,10 @@ RunEvent = (
 
 
 class RunReader:
-    """A reader of the events of one run, called on the thread of the run. An aborted run ends on another thread."""
+    """A reader of the events of one run, called on the run's thread; for the end of an aborted run, on another one."""
 
     log: Log | None = None
-    """Log in which the tree records changes of statuses for this reader; always the same one."""
+    """Log in which the tree records status changes for this reader; always the same object."""
 
     def read(self, event: RunEvent) -> None:
         """Handle an event."""
@@ -118,11 +118,11 @@ class RunWatcher(Protocol):
     """A part of the server that reads the events of every run."""
 
     def open(self, events: RunEvents) -> RunReader:
-        """Return the reader of a run that is about to start."""
+        """Return the reader for a run that is about to start."""
 
 
 class RunEvents:
-    """The events of one run, given to its readers in the order in which these were added."""
+    """The events of one run. Its readers get them in the order in which they were added."""
 
     def __init__(self, run_id: str, blackboard: str) -> None:
         self.run_id = run_id
@@ -130,22 +130,22 @@ class RunEvents:
         self._readers: list[RunReader] = []
 
     def add(self, reader: RunReader) -> None:
-        """Give all events to this reader, too. Before the run starts."""
+        """Add a reader. Call this before the run starts."""
         self._readers.append(reader)
 
     @property
     def log(self) -> Log | None:
-        """Log in which the tree records changes of statuses; None if no reader needs them."""
+        """Log in which the tree records status changes; None if no reader needs them."""
         logs = [reader.log for reader in self._readers if reader.log is not None]
         return TeeLog(logs) if len(logs) > 1 else next(iter(logs), None)
 
     def emit(self, event: RunEvent) -> None:
-        """Give an event to every reader."""
+        """Send an event to every reader."""
         for reader in self._readers:
             reader.read(event)
 
     def end(self, outcome: RunOutcome) -> None:
-        """Give every reader the last event, whatever another reader raises."""
+        """Send the last event to every reader, even if another reader raises."""
         with ExitStack() as readers:
             for reader in reversed(self._readers):
                 readers.callback(reader.read, RunEnded(outcome))

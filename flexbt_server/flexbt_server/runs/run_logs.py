@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Readers of runs: log files for Groot2 (``.btlog``), Nav2's topic ``behavior_tree_log``, and live views in Groot2.
 
-A file has the nodes with which it begins: a run that gets others goes on in another file.
+The nodes in a file are fixed: a run whose nodes change continues in another file.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ _UNFIT: Final = re.compile(r'[^\w.-]')
 _NAME_LIMIT: Final = 80
 
 MOST_WAITING: Final = 10_000
-"""Maximum number of rounds of ticks of all runs that wait for the disk: the log of a run that exceeds it ends."""
+"""Maximum number of rounds of ticks of all runs that wait for the disk; the log of a run that exceeds it ends."""
 
 STUCK_SECONDS: Final = 2.0
-"""Time that the disk may take for one of them before it is reported, s."""
+"""Time for writing one round after which the node reports a slow disk, s."""
 
 TELL_SECONDS: Final = 60.0
-"""Time between two reports of logs that cannot be written, s: a full disk ends that of each run."""
+"""Minimum time between two reports of logs that cannot be written, s: a full disk ends the log of each run."""
 
 _CLOSE_SECONDS: Final = 1.0
 
 
 class RunLogs:
-    """A writer of the logs, on its own thread. Names are time of the start (UTC), tree and run, in this order."""
+    """A writer of log files, with a separate thread. File names have start time (UTC), tree and run, in this order."""
 
     def __init__(self, runtime: Runtime, directory: Path, keep: int) -> None:
         """Raise ServerParameterError if the directory does not exist and cannot be made."""
@@ -74,7 +74,7 @@ class RunLogs:
         return _RunLog(self, events.run_id)
 
     def begin(self, tree: Tree, run_id: str, marks: LogBuffer) -> LogWriter:
-        """Begin a file, for the nodes that the tree has now."""
+        """Begin a file for the present nodes of the tree."""
         start = time.perf_counter_ns()
         epoch = time.time()
         started = datetime.fromtimestamp(epoch, UTC)
@@ -85,7 +85,7 @@ class RunLogs:
         return log
 
     def _write(self, step: Callable[[], None]) -> str:
-        """Have a step done; gives why it is not, or ''."""
+        """Queue a step for the writer thread. Return '', or the reason if the queue is full."""
         if self._writer.waiting >= MOST_WAITING:
             return f'the disk does not answer, and {MOST_WAITING} rounds wait for it'
         self._writer.submit(step, str(self._directory))
@@ -103,7 +103,7 @@ class RunLogs:
             )
 
     def _close(self) -> None:
-        """Have what waits written, for a limited time."""
+        """Wait for a limited time until the queue is written."""
         if not self._writer.is_done_within(_CLOSE_SECONDS):
             self._error(
                 f'{self._directory}: the disk has not written the logs of trees within {_CLOSE_SECONDS:g} s of the '
@@ -134,10 +134,10 @@ class _RunLog(RunReader):
             self._writer = self._logs.begin(event.tree, self._run_id, self._marks)
 
 
-# The topic ``behavior_tree_log`` of Nav2: the changes of statuses in each round of a tick.
+# The topic ``behavior_tree_log`` of Nav2: the status changes in each round of a tick.
 #
-# (Nav2 publishes them between two ticks only, and so never those by which a tree ends.) While nobody subscribes, no
-# message is made.
+# (Nav2 publishes them only between two ticks, and so never the last changes of a tree.) Without a subscriber, no
+# message is created.
 
 MOST_CHANGES: Final = 1000
 """Maximum number of changes in a message."""
@@ -158,7 +158,7 @@ class TreeLogs:
         return _TreeLog(self)
 
     def publish(self, names_of: dict[int, str], changes: list[LoggedChange]) -> None:
-        """Send changes that have just been, from any thread. A tree runs on, watched or not."""
+        """Publish recent changes; from any thread. An error in publishing does not end the tree."""
         if not self._publisher.get_subscription_count():
             return
         now = self._runtime.clock.stamp()
@@ -198,16 +198,16 @@ class _TreeLog(RunReader):
 
 
 class Groot2Runs:
-    """An owner of the Groot2 port, which opens it and closes it with the node."""
+    """The owner of the Groot2 port: it opens the port, and closes it with the node."""
 
     def __init__(self, runtime: Runtime, port: int, address: str, only: str, types: JsonTypes) -> None:
-        """``only``: the ID of the tree that is shown, '' for the newest; ``types`` of what is on blackboards.
+        """``only``: the ID of the tree to show, '' for the newest; ``types`` converts values of blackboards.
 
         Raises:
             ServerParameterError: the port cannot be opened.
         """
         try:
-            # Only its users need pyzmq.
+            # Import here: only users of Groot2 need pyzmq.
             from flexbt_server.groot2.server import Groot2Server
         except ImportError as error:
             raise ServerParameterError(
@@ -220,7 +220,7 @@ class Groot2Runs:
         runtime.on_close(self._server.close)
 
     def open(self, events: RunEvents) -> RunReader:
-        """Return the reader that shows one run. A breakpoint that holds it up is a pause to all readers."""
+        """Return the reader that shows one run. All readers see a breakpoint that holds the run as a pause."""
         return _Groot2Run(self._server, events)
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One run of a tree on its own thread, and its outcome. A leaf that blocks delays only its own tree.
 
-The thread sleeps until a leaf wakes the tree, until a time that a node has asked for, or until the next tick that the
-least rate demands.
+The thread sleeps until a leaf wakes the tree, until a time that a node has requested, or until the minimum tick rate
+requires the next tick.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from .run_events import (
 )
 
 _GRACE: Final = 0.2
-"""Time beyond its time to halt in which a run can itself report the nodes that have not halted, s."""
+"""Extra time after the time to halt in which the run itself can report nodes that have not halted, s."""
 
 _HAS_ENDED: Final = 'the run has ended'
 _NOT_HALTED: Final = 'not halted in time'
@@ -60,19 +60,18 @@ Client = TypeVar('Client')
 class TreeRun(Generic[Client]):
     """A run of a tree for a client, until it completes or is stopped; another client may take it over meanwhile.
 
-    Events are emitted to ``events``. A client that was offered too late to be adopted is left to :meth:`accept_offer`.
+    The run emits its events to ``events``. :meth:`accept_offer` returns a client that was offered too late.
 
-    While the tree is paused it is not ticked, so it cannot end by itself; it can be stopped and taken over as ever.
+    A paused tree is not ticked, so it cannot end by itself. It can be stopped and taken over as usual.
 
-    A leaf that does not return from its tick cannot be halted, and its thread cannot be ended. A run that was stopped
-    and is held up so ends as ERROR when its time to come to rest is over, on the thread of ``steady``; should the leaf
-    return after all, the tree is halted then, and that is the end of the thread.
+    A leaf that does not return from its tick cannot be halted, and its thread cannot be ended. If such a leaf blocks a
+    stopped run, the run ends as ERROR when its time to halt is over, on the thread of ``steady``. If the leaf returns
+    later, the tree is halted and the thread ends.
 
-    ``board`` is the run's own for the number of recoveries and for ``error_code_names``, as a board of Nav2, where one
-    tree runs at a time; for all other keys it is the blackboard that the run was given.
+    ``board`` is private to the run for the number of recoveries and for ``error_code_names``, as in Nav2, where one
+    tree runs at a time. For all other keys it is the blackboard passed to the run.
 
-    Its thread is part of the ``health`` of the process, as long as the run is, and unless a callback of the tree holds
-    it up (a breakpoint).
+    Its thread is part of the ``health`` of the process during the run, except while a breakpoint holds the tree.
     """
 
     def __init__(
@@ -114,14 +113,14 @@ class TreeRun(Generic[Client]):
         self._thread = threading.Thread(target=self._run, name=f'tree {self.key.id}', daemon=True)
 
     def start(self) -> None:
-        """Begin to tick."""
+        """Start ticking."""
         self._thread.start()
 
     def stop(self, client: Client, reason: str, within: float | None = None) -> None:
-        """Halt the tree; it ends as CANCELED. From any thread; the first reason counts, and the earliest deadline.
+        """Halt the tree; it ends as CANCELED. From any thread. The first reason and the earliest deadline count.
 
-        ``within``: seconds for the tree to come to rest, before the run ends as ERROR; by default the cancel timeout.
-        Does nothing when the run works for another client by now.
+        ``within``: time for the tree to halt before the run ends as ERROR, s; by default the cancel timeout.
+        No effect if the run works for another client by now.
         """
         with self._lock:
             if self._client is not client:
@@ -139,7 +138,7 @@ class TreeRun(Generic[Client]):
             self._steady.call_at(rest_by + _GRACE, self._abort)
 
     def offer(self, client: Client, values: Sequence[Value]) -> Client | None:
-        """Let ``client`` take the run over, with new values. Gives the client whose offer this one replaces."""
+        """Offer the run to ``client``, with new values. Return the client whose offer this one replaces, or None."""
         with self._lock:
             replaced = self._offer
             self._offer = (client, values)
@@ -147,7 +146,7 @@ class TreeRun(Generic[Client]):
         return replaced[0] if replaced is not None else None
 
     def remove_client(self, client: Client) -> bool:
-        """Take an offer back; False when it is not open any more."""
+        """Withdraw an offer. Return False if it is no longer open."""
         with self._lock:
             if self._offer is None or self._offer[0] is not client:
                 return False
@@ -155,13 +154,13 @@ class TreeRun(Generic[Client]):
             return True
 
     def accept_offer(self) -> Client | None:
-        """Return the client whose offer is open, which is not any more."""
+        """Close the open offer and return its client, or None."""
         with self._lock:
             offer, self._offer = self._offer, None
         return None if offer is None else offer[0]
 
     def wake(self) -> None:
-        """Tick soon, unless the tree is paused. From any thread."""
+        """Cause a tick soon, unless the tree is paused. From any thread."""
         self._wake_event.set()
 
     def control(self, command: TickCommand, answer: Callable[[str], None]) -> None:
@@ -175,12 +174,12 @@ class TreeRun(Generic[Client]):
 
     @property
     def not_ended(self) -> list[str]:
-        """Goals of leaves of any tree that were canceled and go on, for a person."""
+        """Canceled goals of leaves of any tree that continue, as text for people."""
         given_up = self.tree.unfinished if self._ended and self.tree is not None else ()
         return self._services.ending.overdue(given_up)
 
     def hold(self, reason: str) -> None:
-        """Keep the tree paused for a reason of the host's own, until that is ''. From any thread."""
+        """Keep the tree paused for a reason of the host, or release it with ''. From any thread."""
         self._control.hold(reason)
 
     def join(self, timeout: float) -> None:
@@ -188,7 +187,7 @@ class TreeRun(Generic[Client]):
         self._thread.join(timeout)
 
     def _abort(self) -> None:
-        """End the run as ERROR if its thread has not ended it by now."""
+        """End the run as ERROR unless its thread has ended it."""
         if self._ended:
             return
         node = node_on_stack(self._thread)
@@ -271,7 +270,7 @@ class TreeRun(Generic[Client]):
                 continue
             if monitor is not None and status is not None:
                 monitor.ticked(status)
-            if not tree.callbacks.active:  # breakpoints are not to be blamed on leaves
+            if not tree.callbacks.active:  # do not blame leaves for breakpoints
                 self._warn(self._overruns.note(self._steady.now() - began - self._waited))
             if status is not None and status is not NodeStatus.RUNNING:
                 return outcome_of_tree(tree, status)
@@ -291,7 +290,7 @@ class TreeRun(Generic[Client]):
             self.stop(self._client, text)
 
     def _next_due(self, due: float) -> float:
-        """Return when the next tick is due: a period after the last one was, unless that was a wake-up or came late."""
+        """Return the time of the next tick: a period after the last due time, if that tick was periodic and on time."""
         now = self._clock.now()
         period = self._tick_period
         return due + period if due <= now < due + period else now + period
@@ -333,7 +332,7 @@ class TreeRun(Generic[Client]):
 
     @contextmanager
     def _waiting_in_tick(self) -> Iterator[None]:
-        """Let a leaf wait for another thread: meanwhile the run does not count as stuck, nor the leaf as blocking."""
+        """Let a leaf wait for another thread. Meanwhile the run does not count as stuck, nor the leaf as blocking."""
         began = self._steady.now()
         with self._loop.resting():
             yield
@@ -375,23 +374,23 @@ def _where(path: str) -> str:
     return f'[{path}] does not return' if path else 'the run does not come to its end'
 
 
-# The end of a run as the client gets it, whatever a tree or a leaf does.
+# The outcome of a run for its client, even if a tree or a leaf fails.
 
 
 def outcome_of_tree(tree: Tree, status: NodeStatus) -> RunOutcome:
-    """Return what the status means with which a tree has completed."""
+    """Return the outcome for the status with which a tree has completed."""
     if status is NodeStatus.SUCCESS:
         return RunOutcome(BtExecute.Result.SUCCESS)
     if status is NodeStatus.SKIPPED:
         return RunOutcome(BtExecute.Result.FAILURE, 'the tree was skipped: no node had anything to do')
     failure = tree.failure
-    assert failure is not None  # the engine gives one for every FAILURE
+    assert failure is not None  # the engine has one for every FAILURE
     return RunOutcome(BtExecute.Result.FAILURE, str(failure.steps[0]), failure.path, tuple(failure.lines()))
 
 
 def outcome_after(step: Callable[[], None], outcome: RunOutcome) -> RunOutcome:
-    """Take a step of halting; gives the outcome. A leaf that raises makes it an ERROR, and its error follows the reason
-    of the end: the failed node stays the first one.
+    """Run a step of halting and return the outcome. If a leaf raises, it is an ERROR with the leaf's error after the
+    reason of the end. The failed node stays the first one.
     """
     try:
         step()
@@ -411,20 +410,20 @@ def _error(error: NodeExecutionError) -> RunOutcome:
 
 
 def outcome_of(step: Callable[[], RunOutcome]) -> RunOutcome:
-    """Return what a step of a run gives, or the ERROR that it raises: the client of the goal has to be notified of
-    it."""
+    """Return the outcome of a step of a run, or an ERROR if the step raises, since the client of the goal needs a
+    result."""
     try:
         return step()
     except NodeExecutionError as error:
         return _error(error)
     except BehaviorTreeError as error:
         return RunOutcome(BtExecute.Result.ERROR, str(error))
-    except BaseException:  # a fault of ours
+    except BaseException:  # a fault of the server
         return RunOutcome(BtExecute.Result.ERROR, f'fault in the BT server: {traceback.format_exc()}')
 
 
 class TickOverrunWarner:
-    """A warning of ticks that take longer than there is time for, once a second at most."""
+    """A warning about ticks that take longer than the tick period, at most once a second."""
 
     def __init__(self, tree: str, period: float, now: Callable[[], float]) -> None:
         self._tree = tree
@@ -433,7 +432,7 @@ class TickOverrunWarner:
         self._reports = RepeatedReports(1.0, now)
 
     def note(self, took: float) -> str:
-        """Take in how long the tick took that has just ended, s; return a warning, or '' when none is due."""
+        """Record the duration of the last tick, s. Return a warning, or '' if none is due."""
         if took <= self._period:
             return ''
         self._longest = max(self._longest, took)
@@ -447,11 +446,11 @@ class TickOverrunWarner:
         )
 
 
-# Where a thread that ticks a tree is: in the code of which node.
+# The node whose code a ticking thread is executing.
 
 
 def node_on_stack(thread: threading.Thread) -> TreeNode | None:
-    """Return the innermost node whose methods are on the stack of ``thread``; None when there is none."""
+    """Return the innermost node whose methods are on the stack of ``thread``, or None."""
     frame = sys._current_frames().get(thread.ident or 0)
     while frame is not None:
         owner = frame.f_locals.get('self')

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Publish the structure of each run and every change of a status, in order, encoded without an object for each
-change.
+"""Publish the structure of each run and all status changes, in order, encoded without an object for each change.
 
-Nodes log marks while the tree is ticked. Between two ticks, at most each BATCH_SECONDS, or sooner when there are many,
-they are read and sent. Nothing is sent while nothing happens; the last transitions are sent before the result of the
-run. A message has at most MAX_CHANGES transitions, and the status of every node after them: a subscriber may join at
-any time, and one that has lost messages, which the sequence number shows, is complete again with the next.
+Nodes log marks during a tick. Between two ticks, every BATCH_SECONDS, or sooner if there are many, the stream reads the
+marks and publishes them. Nothing is published while nothing changes. The last transitions are published before the
+result of the run. A message has at most MAX_CHANGES transitions, and the status of every node after them. So late
+subscribers, and those that have lost messages (see the sequence number), are complete with the next message.
 
-The queue to be sent is bounded: the thread that ticks the tree sends it itself, so that a tree which changes faster
-than messages can be made is slowed down. A slow subscriber slows nobody down; it loses messages.
+The queue is bounded: the thread that ticks the tree publishes, so a tree that changes faster than messages can be
+created is slowed down. A slow subscriber slows nothing down; it loses messages.
 """
 
 from __future__ import annotations
@@ -37,28 +36,28 @@ from flexbt_msgs import msg
 from .run_events import RoundEnded, RunEnded, RunEvent, RunEvents, RunPaused, RunReader, RunStarted, TreeExpanded
 
 BATCH_SECONDS: Final = 0.05
-"""Least time between two messages of a run, wall time, unless more than MAX_MARKS wait."""
+"""Minimum time between two messages of a run, s of wall time, unless more than MAX_MARKS marks wait."""
 
 MAX_MARKS: Final = 8192
-"""Maximum number of marks that wait at the end of a round."""
+"""Maximum number of marks that may wait at the end of a round."""
 
 MAX_CHANGES: Final = 4096
 """Maximum number of transitions in a message, which then has 48 kB."""
 
 MESSAGES_KEPT: Final = 64
-"""Messages of a topic that the middleware keeps: for those that it still has to deliver, and for late subscribers."""
+"""Number of messages of a topic that the middleware keeps, for pending deliveries and for late subscribers."""
 
 _BATCH_NS: Final = round(BATCH_SECONDS * 1e9)
 
 _GATHER_NS: Final = 2_000_000
-"""Time for which the first change of a quiet time waits for changes that follow at once, such as the end of the run,
-ns. The tree continues meanwhile, and its end is not delayed by two messages."""
+"""Time for which the first change after a quiet time waits for changes right after it, such as the end of the run, ns.
+The tree continues meanwhile, and does not have to send two messages at its end."""
 
 
 class TreeStream:
-    """The two topics, shared by all runs of a server. To newcomers the runs that are open are shown again.
+    """The two topics, shared by all runs of a server. The stream publishes open runs again for new subscribers.
 
-    The middleware may keep messages of others for them: a run can be quiet for a long time.
+    The messages that the middleware keeps for them may be of other runs, since a run can be quiet for a long time.
     """
 
     def __init__(self, runtime: Runtime) -> None:
@@ -73,12 +72,12 @@ class TreeStream:
         return RunStream(self, events)
 
     def begin(self, run: RunStream) -> None:
-        """Show a run to newcomers from now on."""
+        """Show a run to new subscribers from now on."""
         with self._lock:
             self._open[run] = None
 
     def end(self, run: RunStream) -> None:
-        """Stop showing a run to newcomers."""
+        """Stop showing a run to new subscribers."""
         with self._lock:
             self._open.pop(run, None)
 
@@ -126,7 +125,7 @@ class RunStream(RunReader):
                     self._open = True
                     self._stream.begin(self)
             case TreeExpanded(tree):
-                self._flush()  # what was logged is of the nodes before
+                self._flush()  # the marks so far belong to the old nodes
                 if self._open and self._take_nodes(tree):
                     self._flush(always=True)
             case RunPaused(is_paused):
@@ -137,7 +136,7 @@ class RunStream(RunReader):
                 self._flush(always=True, finished=True)
 
     def _take_nodes(self, tree: Tree) -> bool:
-        """Send the nodes that the tree has now; what follows is about these. Return False if they cannot be sent."""
+        """Publish the present nodes of the tree, to which later changes refer. Return False if that fails."""
         try:
             with self._lock:
                 self._number += 1
@@ -163,15 +162,15 @@ class RunStream(RunReader):
         if len(log) >= MAX_MARKS:
             self._flush()
         elif self._timer is None:
-            with self._lock:  # it may be due before it is known here
+            with self._lock:  # the timer may fire before it is assigned
                 self._timer = self._runtime.steady.call_at(max(self._next, now + _GATHER_NS) / 1e9, self._flush)
 
     def show_structure(self) -> None:
-        """Send the structure; again, to late joiners."""
+        """Publish the structure, also again for late subscribers."""
         self._stream.structures.publish(self._structure)
 
     def show_statuses(self) -> None:
-        """Send the statuses, to late joiners."""
+        """Publish the statuses for late subscribers."""
         self._flush(always=True)
 
     def _flush(self, always: bool = False, finished: bool = False) -> None:
@@ -195,17 +194,17 @@ class RunStream(RunReader):
             self._stop(fault)
 
     def _stop(self, error: Exception) -> None:
-        """Stop publishing, since a message could not be sent. The tree runs on."""
+        """Stop publishing after a message could not be sent. The tree continues."""
         self._open = False
         self._stream.end(self)
         self._runtime.report_fault(error, 'the monitoring of a tree')
 
     def _batches(self) -> Iterator[tuple[int, list[bytes], bool]]:
-        """Yield what was logged, in encoded batches: the number of changes of each, and whether it is the last.
+        """Yield the logged changes in batches: number of changes, encoded changes, and whether it is the last batch.
 
-        The last may be empty. When a batch is given, ``_statuses`` are those after it.
+        The last may be empty. When a batch is yielded, ``_statuses`` are the statuses after it.
         """
-        length = len(self.log)  # the tree may go on meanwhile
+        length = len(self.log)  # the tree may log more meanwhile
         marks = self.log[:length]
         del self.log[:length]
         now = self._now().nanoseconds
@@ -213,8 +212,8 @@ class RunStream(RunReader):
         count = 0
         changes: list[bytes] = []
         for stamp, part in _parts(marks):
-            # Rounds go on and end between the lines above, and simulated time runs otherwise than the steady clock: no
-            # stamp is older than the one before it, unless the node's clock was set back, and none is in the future.
+            # Rounds may end between the lines above, and simulated time differs from the steady clock. So make sure
+            # that no stamp is in the future, or older than the previous one unless the node's clock was set back.
             self._latest = min(now, now if stamp is None else max(self._latest, stamp + to_node_time))
             seconds, nanoseconds = divmod(self._latest, 1_000_000_000)
             ends = self._reader.read(part)
@@ -256,7 +255,7 @@ _KINDS: Final = {kind: getattr(msg.TreeNode, kind.name) for kind in NodeKind}
 
 
 def tree_structure(tree: Tree, run_id: str, number: int, blackboard: str, now: Time) -> msg.TreeStructure:
-    """Return a tree for clients that draw it; ``number`` counts from 1 how often its nodes have changed in the run."""
+    """Return the structure of a tree, for drawing it; ``number`` counts the sets of nodes in the run, from 1."""
     parents = {child.uid: node.uid for node in tree.nodes for child in node.attached}
     return msg.TreeStructure(
         stamp=now.to_msg(),
@@ -280,9 +279,9 @@ def tree_structure(tree: Tree, run_id: str, number: int, blackboard: str, now: T
 
 # TreeStatus messages as the middleware sends them, without an object for each of their changes.
 #
-# Making the objects and serializing them takes about 3 microseconds for a change. But ``changes`` is the last field of
-# the message, and its elements have a fixed size: they can be appended to what the middleware makes of the rest. All of
-# one round have the same stamp; what follows it is the *end* of a change.
+# Creating and serializing the objects takes about 3 microseconds for a change. But ``changes`` is the last field of the
+# message, and its elements have a fixed size, so they can be appended to the serialized rest of the message. The
+# changes of a round have the same stamp; the bytes after it are the *end* of a change.
 
 _MOST_REMEMBERED: Final = 20_000
 """Number of ends of changes that are remembered; about 2 MB."""
@@ -293,9 +292,9 @@ _COUNT: Final = struct.Struct('=I')
 
 
 class RoundReader:
-    """A reader of rounds of marks that makes the ends of changes.
+    """A reader of rounds of marks that creates the ends of changes.
 
-    It remembers what it has read: most trees do the same in most rounds, and that is found ten times as fast as read.
+    It caches rounds: most trees do the same in most rounds, and a lookup is ten times as fast as reading.
     """
 
     def __init__(self, nodes: Sequence[TreeNode]) -> None:
@@ -305,11 +304,11 @@ class RoundReader:
 
     @property
     def statuses(self) -> bytes:
-        """The statuses of all nodes after what was read; the index is uid - 1."""
+        """Return the statuses of all nodes after the last read; the index is uid - 1."""
         return bytes(self._reader.statuses[1:])
 
     def read(self, marks: Sequence[int]) -> list[bytes]:
-        """Return the ends of the changes that these marks, which follow those that were read before, mean."""
+        """Return the ends of the changes for these marks, which follow those of the last call."""
         reader = self._reader
         key = bytes(reader.statuses), tuple(marks)
         known = self._rounds.get(key)
@@ -326,19 +325,19 @@ class RoundReader:
 
 
 def encoded(seconds: int, nanoseconds: int, ends: Iterable[bytes]) -> bytes:
-    """TreeStatusChanges with this stamp and these ends, one after the other."""
+    """Return the bytes of TreeStatusChanges with this stamp and these ends, one after the other."""
     return _STAMP.pack(seconds, nanoseconds).join([b'', *ends])
 
 
 def apply(ends: Iterable[bytes], statuses: bytearray) -> None:
-    """Make these changes to the statuses, whose index is uid - 1."""
+    """Apply these changes to the statuses, whose index is uid - 1."""
     for end in ends:
         uid, _, after = _END.unpack(end)
         statuses[uid - 1] = after
 
 
 def serialized(message: msg.TreeStatus, count: int, changes: Sequence[bytes]) -> bytes:
-    """Return the serialized ``message``, which has no changes, with this many encoded ones."""
+    """Return the serialized ``message``, which has no changes, with ``count`` encoded changes appended."""
     data: Any = serialize_message(message)
-    # The last that is there is the number of changes, 0.
+    # The message ends with the number of changes, 0.
     return b''.join((data[: -_COUNT.size], _COUNT.pack(count), *changes))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The trees and blackboards that the server holds, and the types of their ports."""
+"""The trees and blackboards of the server, and the types of their ports."""

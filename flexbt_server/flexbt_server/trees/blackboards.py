@@ -21,13 +21,13 @@ from flexbt_core.errors import FlexbtError
 from flexbt_msgs.msg import BlackboardEntry
 
 SHARED: Final = ''
-"""Name of the blackboard that trees run on when the goal names none."""
+"""Name of the blackboard for goals that name none."""
 
 RECOVERIES_KEY: Final = 'number_recoveries'
-"""Key in which the recovery actions of a run are counted, as in Nav2; each run has its own."""
+"""Key for the number of recovery actions of a run, as in Nav2; each run has a separate value."""
 
 Value = tuple[str, Any, PortType | None]
-"""A key, what to write to it, and as which type; None: the one of its Python class."""
+"""A key, its value, and the type of the value; None for the type of its Python class."""
 
 NO_RECOVERIES: Final[Value] = (RECOVERIES_KEY, 0, None)
 
@@ -39,26 +39,26 @@ _INTEGERS: Final = {
     'uint32': ports.UNSIGNED,
     'uint64': ports.UINT64,
 }
-"""Integers that keep their size on the blackboard. int32 and int64 are what people write for any integer: an entry
+"""Integer types that keep their size on the blackboard. People write int32 and int64 for any integer, so such an entry
 gets the type of the ports that use it."""
 _ROS_NAMES: Final = {kind.name: name for name, kind in _INTEGERS.items()}
 
 
 MOST_BLACKBOARDS: Final = 100
-"""Named blackboards that are kept while nothing runs on them."""
+"""Maximum number of unused named blackboards that are kept."""
 
 MOST_KEYS: Final = 10_000
-"""Entries of one blackboard, as far as they come from outside. (Trees add those that their files name.)"""
+"""Maximum number of entries of one blackboard that clients write. (Trees add the entries that their files name.)"""
 
 MOST_VALUES: Final = 256_000_000
-"""Characters and bytes of all values that come from outside, on all blackboards."""
+"""Maximum size of all values that clients write, on all blackboards, in characters and bytes."""
 
 
 class Blackboards:
-    """The blackboards by name. One is made when it is written to or run on, not when it is read. From any thread.
+    """The blackboards by name, created by the first write or run, not by a read. From any thread.
 
-    The shared one is there for good. Named ones stay while they are in use; of the others the MOST_BLACKBOARDS that
-    were named last.
+    The shared blackboard always exists. Named ones stay while they are in use; of the unused ones, the
+    MOST_BLACKBOARDS most recent ones stay.
     """
 
     def __init__(self) -> None:
@@ -68,18 +68,18 @@ class Blackboards:
         self._lock = threading.Lock()
 
     def get(self, name: str) -> Blackboard:
-        """Return the blackboard called ``name``, which is made if there is none. A user of it has to hold it."""
+        """Return the blackboard ``name``, created on first use. The caller must hold it while it is in use."""
         return self._shared if name == SHARED else self._named.get(name, Blackboard)
 
     def find(self, name: str) -> Blackboard:
-        """Return the blackboard called ``name``; if there is none, an empty one, which is nobody's."""
+        """Return the blackboard ``name``, or an empty one that is not kept if it does not exist."""
         return self._shared if name == SHARED else self._named.find(name) or Blackboard()
 
     def receive(self, name: str, entries: Sequence[BlackboardEntry]) -> list[Value]:
-        """Keys, values and types of entries that are to be written to the blackboard called ``name``.
+        """Return keys, values and types of entries to be written to the blackboard ``name``.
 
         Raises:
-            FlexbtError: as :func:`read_values`, and if there is no room for the keys or values.
+            FlexbtError: as :func:`read_values`, and if the keys or values exceed a limit.
         """
         values = read_values(entries)
         if not values:
@@ -92,7 +92,7 @@ class Blackboards:
                 raise LimitExceededError(
                     f'blackboard {name!r} has {len(keys)} entries; {len(new)} more would be more than {MOST_KEYS}'
                 )
-            # Of entries that are gone by now nothing counts.
+            # Entries that no longer exist do not count.
             known = {key: length for key, length in self._lengths.get(board, {}).items() if key in keys}
             known |= {entry.key: len(entry.text) + len(entry.data) for entry in entries}
             others = sum(sum(lengths.values()) for other, lengths in self._lengths.items() if other is not board)
@@ -107,10 +107,10 @@ class Blackboards:
 
 
 def read_values(entries: Iterable[BlackboardEntry]) -> list[Value]:
-    """Keys, values and types of entries.
+    """Return keys, values and types of entries.
 
     Raises:
-        FlexbtError: an entry without a key, or one that cannot be converted; names key, type and text.
+        FlexbtError: an entry has no key or cannot be converted; the text shows key, type and value.
     """
     values: list[Value] = []
     for entry in entries:
@@ -123,12 +123,12 @@ def read_values(entries: Iterable[BlackboardEntry]) -> list[Value]:
 def _port_type(ros_type: str) -> PortType | None:
     resolved = resolve_type(ros_type)
     if resolved.is_array:
-        return PortType(resolved.name, list)  # an empty list does not say of what
+        return PortType(resolved.name, list)  # an empty list does not show its element type
     return _INTEGERS.get(resolved.name)
 
 
 def _ros_type(board: Blackboard, key: str) -> str | None:
-    """Return the ROS type of an entry, where its type on the blackboard is one."""
+    """Return the ROS type of an entry, or None if its type on the blackboard is no ROS type."""
     entry = board.entry(key)
     if entry is None or entry.type is None:
         return None
@@ -146,7 +146,7 @@ def write_all(board: Blackboard, values: Sequence[Value]) -> None:
         BlackboardError: an entry has another type.
     """
     with board.lock:
-        # A copy with the same types takes the values first: what it takes, the board takes.
+        # Write to a copy with the same types first: if that succeeds, so does the write to the board.
         rehearsal = Blackboard()
         for key, value, kind in values:
             entry = board.entry(key)
@@ -160,9 +160,9 @@ def write_all(board: Blackboard, values: Sequence[Value]) -> None:
 def entries_of(
     board: Blackboard, keys: Sequence[str], encoding: Encoding
 ) -> tuple[list[BlackboardEntry], list[str], list[str]]:
-    """Typed values of keys: the entries, the keys that are missing, and why other keys cannot be converted.
+    """Return the entries for keys, the missing keys, and the reasons why other keys cannot be converted.
 
-    Values that are more than one message may have are not among the entries.
+    Values that exceed the limit of a message are not among the entries.
     """
     length = 0
     entries: list[BlackboardEntry] = []

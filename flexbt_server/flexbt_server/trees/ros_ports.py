@@ -29,7 +29,7 @@ from flexbt_core.values.text import short_repr
 
 @dataclass
 class _TrackingFeedback:
-    """The position of the robot on its path; lengths in m, the speed in m/s."""
+    """The position of the robot on its path; lengths in m, speed in m/s."""
 
     header: Header = field(default_factory=Header)
     position_tracking_error: float = 0.0
@@ -58,17 +58,17 @@ TrackingFeedback: Final[Any] = getattr(nav2_msgs.msg, 'TrackingFeedback', _Track
 WaypointStatus: Final[Any] = getattr(nav2_msgs.msg, 'WaypointStatus', _WaypointStatus)
 
 
-# Port types for ROS messages, and the texts by which XML may give them.
+# Port types for ROS messages, and their text in XML.
 #
-# The ``;`` forms are those of Nav2: a pose is ``stamp in ns; frame; x; y; z; qx; qy; qz; qw``. Any message may be
-# written as ``json:{...}``, with the fields that differ from their defaults.
+# The ``;`` forms are Nav2's: a pose is ``stamp in ns; frame; x; y; z; qx; qy; qz; qw``. Any message can be written as
+# ``json:{...}``, with the fields that differ from their defaults.
 
 _POSE_FIELDS: Final = 9
 _PATH_HEADER_FIELDS: Final = 2
 
 
 def message_type(message: type[Any], from_pieces: Callable[[list[str]], Any] | None = None) -> PortType:
-    """Port type of a message class. ``from_pieces`` reads the fields of a ``;`` text."""
+    """Return the port type of a message class. ``from_pieces`` reads the fields of a ``;`` text."""
     name = message_type_name(message)
     return PortType(name, message, 'object', _reader(name, from_pieces))
 
@@ -133,9 +133,9 @@ WAYPOINT_STATUSES: Final = PortType('nav2_msgs/msg/WaypointStatus[]', list)
 
 
 class RosJsonTypes(JsonTypes):
-    """Every message, and the classes of ``others``.
+    """The JSON types for all messages, and for the classes of ``others``.
 
-    The fields of a message are those of :func:`value_to_text`, which loses nothing.
+    The fields of a message are those of :func:`value_to_text`, without loss.
     """
 
     def __init__(self, others: JsonTypes | None = None) -> None:

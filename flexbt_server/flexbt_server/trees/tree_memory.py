@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The memory that loaded trees take: how much it is, which trees make room for others, and whether there is any left.
+"""The memory of loaded trees: its size, the trees to drop for others, and a check of the remaining address space.
 
-The memory of a document is estimated from its nodes, ports and scripts, since the same bytes of XML may be two nodes or
-two hundred. The estimates are those of CPython 3.11, within a third.
+The size of a document is estimated from its nodes, ports and scripts, since the same bytes of XML may be two nodes or
+two hundred. The estimates are for CPython 3.11, within a third.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from flexbt_core.behavior_tree.script.interpreter import CompiledScript
 MEGABYTE: Final = 1_000_000
 
 MOST_LOADED: Final = 256_000_000
-"""Bytes that all loaded trees may take, by default."""
+"""Default limit of the memory of all loaded trees, bytes."""
 
 _NODE, _ATTRIBUTES, _VALUE, _SCRIPT_CHARACTER, _TEXT_CHARACTER = 190, 300, 150, 130, 2
 
 _RESERVE: Final = 64 * MEGABYTE
-"""Address space that is left to the rest of the process while a document is read, bytes."""
+"""Address space reserved for the rest of the process while a document is read, bytes."""
 
 
 class TreeSize(NamedTuple):
@@ -35,11 +35,11 @@ class TreeSize(NamedTuple):
 
 
 def tree_size(document: TreeDocument, length: int) -> TreeSize:
-    """Return the weight of a document that was read from ``length`` bytes of XML."""
+    """Return the size in memory of a document that was read from ``length`` bytes of XML."""
     values = count = 0
     parts: set[str] = set()
     scripts: set[str] = set()
-    different: set[int] = set()  # the reader keeps the attributes of equal elements once
+    different: set[int] = set()  # the reader stores equal attributes only once
     for tree in document.trees.values():
         for node in tree.nodes():
             count += 1
@@ -60,7 +60,7 @@ def check_room(name: str, content: bytes) -> None:
     """Check that a document can be read where the address space of the process is limited (``ulimit -v``).
 
     Raises:
-        ResourceError: there is too little left; says how much it may take.
+        ResourceError: too little is left; the text has the estimated need.
     """
     if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
         return
@@ -72,7 +72,7 @@ def check_room(name: str, content: bytes) -> None:
 
 
 def no_room(name: str, needed: int) -> ResourceError:
-    """Return the error of a document for which there is no memory; it may take ``needed`` bytes."""
+    """Return the error for a document that exceeds the memory; it may need ``needed`` bytes."""
     return ResourceError(
         name,
         f'too little memory: to read it may take {needed // MEGABYTE} MB; raise the limit of the process (ulimit -v), '
@@ -81,27 +81,27 @@ def no_room(name: str, needed: int) -> ResourceError:
 
 
 class TreeMemory:
-    """The size of each loaded document, and when it was used last. Not for several threads at once."""
+    """The size of each loaded document, and the order of their last uses. Not thread-safe."""
 
     def __init__(self, most: int) -> None:
-        """``most``: bytes that all of them may take."""
+        """``most``: limit of all documents together, bytes."""
         self._most = most
         self._weights: dict[str, TreeSize] = {}
         self._used: dict[str, None] = {}  # the least recently used first
         self._pinned: frozenset[str] = frozenset()
 
     def use(self, names: Iterable[str]) -> None:
-        """Note that these documents are used now."""
+        """Record that these documents are used now."""
         for name in names:
             self._used.pop(name, None)
             self._used[name] = None
 
     def pin(self) -> None:
-        """Keep what is loaded now, whatever comes."""
+        """Never drop the documents that are loaded now."""
         self._pinned = frozenset(self._weights)
 
     def put(self, weights: Mapping[str, TreeSize], dropped: Iterable[str]) -> None:
-        """Note that these documents are loaded, and that others are not any more."""
+        """Record these documents as loaded, and ``dropped`` as not loaded any more."""
         for name in dropped:
             self._weights.pop(name, None)
             self._used.pop(name, None)
@@ -109,11 +109,11 @@ class TreeMemory:
         self.use(weights)
 
     def to_drop(self, library: TreeLibrary, weights: Mapping[str, TreeSize], kept: Collection[str]) -> list[str]:
-        """Return the documents of a library that make room for those of ``weights``: the least recently used ones that
-        are not ``kept``, pinned, or part of what stays.
+        """Return the documents to drop from a library to make room for those of ``weights``: the least recently used
+        ones that are not ``kept``, pinned, or part of a document that stays.
 
         Raises:
-            ResourceError: there are too few of them; says how much there is, and may be.
+            ResourceError: dropping them does not make enough room; the text has the present size and the limit.
         """
         known = {**self._weights, **weights}
         left = {name: known[name] for name in library.documents}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The store of loaded trees: a request is loaded as a whole or not at all. Changed files are noticed and read again.
+"""The store of loaded trees. It loads a request as a whole or not at all, and reads changed files again.
 
-Files are read on a separate worker thread, one request after the other; the library that goals see is exchanged as a
+A separate worker thread reads files, one request after the other. The library that goals see is replaced as a
 whole.
 """
 
@@ -29,25 +29,25 @@ from flexbt_server.errors import UnknownTreeError
 from .tree_memory import MOST_LOADED, TreeMemory, TreeSize, check_room, no_room, tree_size
 
 XML_TEXT: Final = '<xml>'
-"""Name, in reports, of XML text that came with a goal."""
+"""Name in reports for XML text from a goal."""
 
 _TEXT_PREFIX: Final = '<xml '
 """Prefix of the names of such texts in the library."""
 
 _MOST_ROUNDS: Final = 20
-"""Maximum number of times that a tree may lead to further files that have changed."""
+"""Maximum number of rounds in which a tree leads to further changed files."""
 
 
 _MOST_SHOWN: Final = 20
-"""Maximum number of dropped trees that are reported by name."""
+"""Maximum number of dropped trees that a report names."""
 
 _MOST_DROPPED: Final = 10_000
-"""IDs of trees that were dropped, of which it is known where they came from."""
+"""Maximum number of dropped tree IDs whose file is remembered."""
 
 
 @dataclass
 class FileReport:
-    """The result of loading a file; ``code`` is a constant of BtLoadReport. ``notice``: what it displaced, or ''."""
+    """The result of loading a file; ``code`` is a constant of BtLoadReport. ``notice``: the displaced trees, or ''."""
 
     file: str
     code: int = BtLoadReport.UNKNOWN
@@ -57,16 +57,16 @@ class FileReport:
 
 
 class FoundTree(NamedTuple):
-    """A tree to run, and the library to run it from, which has what it is made of. ``notice``: why an edit of its files
-    was not taken over, and what was dropped to make room for it; or ''. The store keeps the files of the tree as long
-    as the library is referenced."""
+    """A tree to run, and a library with all its parts. ``notice``: why an edit of its files was refused, and which
+    trees were dropped to make room for it, or ''. The store keeps the files of the tree as long as the library is
+    referenced."""
 
     library: TreeLibrary
     key: TreeKey
     notice: str
 
     def nodes(self) -> Iterator[NodeDefinition]:
-        """Yield those of the tree, and of the trees of which it is made."""
+        """Yield the nodes of the tree and of its sub-trees."""
         for tree in _trees_behind(self.library, self.key):
             yield from self.library.definition(tree).nodes()
 
@@ -79,7 +79,7 @@ class _Loaded(NamedTuple):
 
 
 class _Refusal(NamedTuple):
-    """An edit that was refused, and the files as they were then."""
+    """A refused edit, and the state of the files at that time."""
 
     sources: Mapping[str, SourceFile]
     reason: str
@@ -88,9 +88,9 @@ class _Refusal(NamedTuple):
 class TreeStore:
     """A store that loads documents and finds trees. Safe to use from several threads.
 
-    All that is loaded takes a bounded amount of memory. To make room, the documents that were not used for the longest
-    time are dropped; not those of trees that run, and not what was loaded before :meth:`keep_loaded`. A file that was
-    dropped is loaded again when a goal names it, or its tree.
+    The memory of all loaded documents is bounded. To make room, the store drops the least recently used documents,
+    except those of running trees and those loaded before :meth:`keep_loaded`. It loads a dropped file again when a goal
+    names the file or its tree.
     """
 
     def __init__(
@@ -102,8 +102,8 @@ class TreeStore:
         max_loaded_memory: int = MOST_LOADED,
         on_loaded: Callable[[Iterator[NodeDefinition]], None] = lambda nodes: None,
     ) -> None:
-        """``on_loaded`` gets the nodes that were loaded, on the thread that has loaded them. All documents may take
-        ``max_loaded_memory`` bytes, as far as that is known (:mod:`.tree_memory`).
+        """``on_loaded`` gets the loaded nodes, on the thread that has loaded them. ``max_loaded_memory`` limits the
+        size of all documents, estimated bytes (:mod:`.tree_memory`).
         """
         self.registry = registry
         self._on_loaded = on_loaded
@@ -117,19 +117,19 @@ class TreeStore:
         self._memory = TreeMemory(max_loaded_memory)
         self._parts: weakref.WeakValueDictionary[TreeKey, TreeLibrary] = weakref.WeakValueDictionary()
         self._in_use: weakref.WeakSet[TreeLibrary] = weakref.WeakSet()
-        self._dropped: dict[str, str] = {}  # the documents of trees that were dropped, by the IDs of these
+        self._dropped: dict[str, str] = {}  # documents of dropped trees, by tree ID
         self._lock = threading.RLock()
 
     @property
     def library(self) -> TreeLibrary:
-        """Library of the trees that are loaded now; it never changes, a load exchanges it."""
+        """Library of the loaded trees; immutable: a load replaces it."""
         return self._library
 
     def read_text(self, name: str) -> str:
-        """Return the text of another file, from where those of trees may be, and as long as they may be.
+        """Return the text of another file, with the allowed places and the size limit of tree files.
 
         Raises:
-            ResourceError: it cannot be read; says why.
+            ResourceError: it cannot be read; the text has the reason.
         """
         try:
             content, _ = self._files.read(name)
@@ -140,17 +140,17 @@ class TreeStore:
             raise ResourceError(name, f'cannot be read: {error}') from error
 
     def keep_loaded(self) -> None:
-        """Never drop what is loaded now: the server was configured with it."""
+        """Never drop the documents that are loaded now: they belong to the configuration of the server."""
         with self._lock:
             self._memory.pin()
 
     def load(
         self, files: Sequence[str], xml: str = '', progress: Callable[[str, int], bool] | None = None
     ) -> list[FileReport]:
-        """Load files and XML text: everything, or nothing when anything is refused.
+        """Load files and XML text: everything, or nothing if any of it is refused.
 
-        ``progress(file, done)`` is called before each file and stops the load, with nothing loaded, by returning False.
-        One report per file in the order of the request, that of the text last.
+        ``progress(file, done)`` is called before each file. If it returns False, the load stops and nothing is loaded.
+        Return one report per file in the order of the request, with the report of the text last.
         """
         readings = {file: FileReading(self._files, file) for file in files}
         requests = [(file, readings[file]) for file in files]
@@ -163,11 +163,11 @@ class TreeStore:
     def find(self, name: str) -> FoundTree:
         """Return the tree that a goal names, by ID or by file.
 
-        A file is loaded when it is not. Files that the tree is made of, included ones too, are loaded again when they
-        have changed; if what they have become is refused, all stays as it was, and the notice says why.
+        A file is loaded if needed. Changed files of the tree, included ones too, are loaded again. If a change is
+        refused, everything stays as it was, and the notice has the reason.
 
         Raises:
-            UnknownTreeError: the tree does not exist, or its file was never valid; says why.
+            UnknownTreeError: the tree does not exist, or its file was never valid; the text has the reason.
         """
         with self._lock:
             is_file = '/' in name or name.endswith('.xml')
@@ -179,7 +179,7 @@ class TreeStore:
                 if reasons:
                     raise UnknownTreeError(f'tree file refused: {reasons}')
                 notices += [report.notice for report in reports]
-            held: list[TreeLibrary] = []  # in use, so that it is not dropped when edits of its parts take room
+            held: list[TreeLibrary] = []  # a reference, so that edits of its parts do not drop it
             for _ in range(_MOST_ROUNDS):
                 before = self._library
                 key = self._key(name, is_file)
@@ -187,7 +187,7 @@ class TreeStore:
                     held.append(self._part(key))
                     files = self._files_behind(key)
                 else:
-                    files = [name] if is_file else list(self._loaded)  # any of them may have what is missing
+                    files = [name] if is_file else list(self._loaded)  # any file may contain the missing tree
                 notices.append(self._refresh(files))
                 if self._library is before:
                     break
@@ -209,12 +209,12 @@ class TreeStore:
         return None if main is None else TreeKey(name, main)
 
     def _dropped_file(self, id: str) -> str:
-        """Return the file that has to be loaded again for a tree; '' if it is loaded, was never, or came as a text."""
+        """Return the dropped file to load again for a tree; '' if the tree is loaded, never was, or came as text."""
         file = self._dropped.get(id, '')
         return '' if self._library.find(id) is not None or file.startswith(_TEXT_PREFIX) else file
 
     def _part(self, key: TreeKey) -> TreeLibrary:
-        """Return the part of the library of which a tree is made: a run does not keep all the rest of it."""
+        """Return the part of the library that a tree needs, so that a run does not keep the rest."""
         part = self._parts.get(key)
         if part is None:
             files = frozenset(self._files_behind(key))
@@ -224,7 +224,7 @@ class TreeStore:
         return part
 
     def _files_behind(self, key: TreeKey) -> list[str]:
-        """Return the documents that have the trees of which this one is made, and the models, which all go by."""
+        """Return the documents with the parts of a tree, and those with models, which apply to all trees."""
         found = self._files_of.get(key)
         if found is None:
             with_models = (file for file, document in self._library.documents.items() if document.models)
@@ -233,8 +233,8 @@ class TreeStore:
         return found
 
     def _refresh(self, names: Sequence[str]) -> str:
-        """Load those of these documents again whose files have changed, together; return the report of it: the reason
-        of a refusal, or the dropped trees."""
+        """Load the documents among ``names`` whose files have changed again, together. Return the reason of a refusal,
+        or a report of the dropped trees."""
         outdated = tuple(name for name in names if not self._files.are_current(self._loaded[name].sources))
         if not outdated:
             return ''
@@ -262,7 +262,7 @@ class TreeStore:
     def _load(
         self, requests: Sequence[tuple[str, FileReading]], progress: Callable[[str, int], bool] | None, newest: bool
     ) -> list[FileReport]:
-        """Load all or nothing. ``newest``: their trees become the newest of their names; otherwise they keep their
+        """Load all or nothing. With ``newest``, the trees become the newest of their names; otherwise they keep their
         places."""
         reports: list[FileReport] = []
         documents: list[TreeDocument] = []
@@ -350,12 +350,12 @@ class TreeStore:
     def _to_drop(
         self, library: TreeLibrary, weights: Mapping[str, TreeSize], readings: Sequence[FileReading]
     ) -> list[str]:
-        """Return the documents that make room for new ones. Raises ResourceError when there are not enough of them."""
+        """Return the documents to drop for new ones. Raises ResourceError if they do not make enough room."""
         in_use = {file for part in self._in_use for file in part.documents}
         return self._memory.to_drop(library, weights, in_use.union(reading.name for reading in readings))
 
     def _note_dropped(self, library: TreeLibrary, dropped: Sequence[str]) -> str:
-        """Remember where the trees of these documents came from; gives what there is to tell of them, or ''."""
+        """Remember the files of the trees in these documents. Return a report of the dropped trees, or ''."""
         ids = {id: file for file in dropped for id in library.documents[file].trees}
         self._dropped.update(ids)
         while len(self._dropped) > _MOST_DROPPED:
@@ -366,8 +366,8 @@ class TreeStore:
         return f'to make room (parameter max_loaded_memory), the least recently used trees were dropped: {shown}'
 
     def _replaced_texts(self, documents: Sequence[TreeDocument]) -> set[str]:
-        """XML texts of which no tree can be named any more, once ``documents`` are loaded: newer ones have taken the
-        names of all. They would never be removed."""
+        """Return the XML texts whose trees all have newer namesakes once ``documents`` are loaded. No goal could name
+        these trees, and the texts would never be removed."""
         library = self._library
         names = {document.file for document in documents}
         taken = {id for document in documents for id in document.trees}
@@ -381,7 +381,7 @@ class TreeStore:
         }
 
     def _blame(self, reports: list[FileReport], error: TreeLoadError) -> None:
-        """Give errors between documents to the files that they are in, otherwise to the last one that is new."""
+        """Add errors between documents to the reports of their files, or else of the last new file."""
         by_file = {report.file: report for report in reports}
         new = [report for report in reports if report.code == BtLoadReport.VALID]
         for reason in error.errors:
@@ -398,7 +398,7 @@ def _refuse(report: FileReport, error: ResourceError | OSError) -> None:
 
 
 def _trees_behind(library: TreeLibrary, key: TreeKey) -> list[TreeKey]:
-    """Return the tree, and those of which it is made."""
+    """Return the tree and its sub-trees."""
     keys = [key]
     for tree in keys:
         ids = {node.tree_id for node in library.definition(tree).nodes() if node.tree_id is not None}
@@ -408,18 +408,18 @@ def _trees_behind(library: TreeLibrary, key: TreeKey) -> list[TreeKey]:
 
 
 def _errors_of(reports: Sequence[FileReport]) -> str:
-    """Why a load was refused; '' when it was not."""
+    """Return the reason why a load was refused, or ''."""
     return '; '.join(str(error) for report in reports for error in report.errors)
 
 
-# The files that a document is made of: read from where they may be, and checked again at the cost of a stat.
+# The files of a document, read from the allowed places and checked for changes by a stat.
 
 FileStamp = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file, or a text, as it was read. ``stamp`` identifies a state of the file; None for a text.
+    """A file or a text in the state in which it was read. ``stamp`` identifies the state of a file; None for a text.
 
     A file that could not be read has no ``path``.
     """
@@ -433,23 +433,23 @@ UNREADABLE = SourceFile(b'', None, None)
 
 
 class TreeFiles:
-    """Package shares and allowed directories, read up to ``max_size`` bytes a file."""
+    """A reader of files in package shares and allowed directories, up to ``max_size`` bytes per file."""
 
     def __init__(self, allowed: Sequence[Path], max_size: int) -> None:
         self._allowed = tuple(allowed)
         self._max_size = max_size
 
     def read(self, name: str) -> tuple[bytes, SourceFile]:
-        """Content and state of a file. Raises ResourceError or OSError."""
+        """Return content and state of a file. Raises ResourceError or OSError."""
         path = resolve_file(name, self._allowed)
         stamp = _stamp(path)
         with open(path, 'rb', opener=open_regular) as file:
-            # One byte more than may be read: the reader refuses it as too long, with its place.
+            # Read one byte more than allowed, so that the parser refuses a longer file as too long.
             content = file.read(self._max_size + 1)
         return content, SourceFile(hashlib.sha256(content).digest(), path, stamp)
 
     def are_current(self, sources: Mapping[str, SourceFile]) -> bool:
-        """Return whether all of these files are as they were, by their stamps: a stat for each."""
+        """Return whether all these files are unchanged, by their stamps: one stat for each."""
         return all(self._is_current(name, source) for name, source in sources.items())
 
     def _is_current(self, name: str, source: SourceFile) -> bool:
@@ -465,9 +465,9 @@ class TreeFiles:
 
 
 class FileReading:
-    """The reading of the files of one document, each once. ``sources`` are the files that it was made of: the file
-    itself, or ``text``, and those that it includes. ``length`` is the total length in bytes, each file counted as often
-    as it is included."""
+    """A reader of the files of one document, each read once. ``sources`` are the files of the document: the file itself
+    or ``text``, and the included files. ``length`` is the total length in bytes, with each file counted as often as it
+    is included."""
 
     def __init__(self, files: TreeFiles, name: str, text: bytes | None = None) -> None:
         self._files = files
@@ -484,7 +484,7 @@ class FileReading:
         return self._content(self.name)
 
     def include(self, path: str, package: str | None, including: str) -> tuple[str, bytes]:
-        """Return an :data:`IncludeResolver`."""
+        """Resolve an include; an :data:`IncludeResolver`."""
         if package:
             name = f'{package}/{path}'
         elif path.startswith('/') or including.startswith('<'):
@@ -497,7 +497,7 @@ class FileReading:
             raise OSError(str(error).removeprefix(f'{name}: ')) from error
 
     def is_same(self, sources: Mapping[str, SourceFile]) -> bool:
-        """Return whether these sources have the same content still; then they are those of this reading."""
+        """Return whether these sources still have the same content. If so, ``sources`` gets their present state."""
         found = {name: self._state(name) for name in sources}
         if any(found[name].digest != source.digest for name, source in sources.items()):
             return False
@@ -525,7 +525,7 @@ class FileReading:
 
 def _stamp(path: Path) -> FileStamp:
     status = path.stat()
-    # The time of the last change of anything cannot be set back, as that of the content can.
+    # Programs can set back the time of the content (mtime), but not the time of the last status change (ctime).
     return status.st_ctime_ns, status.st_mtime_ns, status.st_size
 
 
