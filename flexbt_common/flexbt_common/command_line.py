@@ -23,7 +23,7 @@ class SuggestingArgumentParser(argparse.ArgumentParser):
     """An argparse parser that suggests similar names for misspelled arguments, also in its sub-commands."""
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> tuple[Any, list[str]]:  # type: ignore[override]
-        """As in the base, but nothing may be left."""
+        """Parse as the base class does, but report leftover arguments as errors."""
         found, left = super().parse_known_args(args, namespace)
         if left:
             near = did_you_mean(left[0].partition('=')[0], _OPTION.findall(self.format_help()), '')
@@ -31,7 +31,7 @@ class SuggestingArgumentParser(argparse.ArgumentParser):
         return found, left
 
     def error(self, message: str) -> NoReturn:
-        """As in the base."""
+        """Print the error with a suggestion, and exit."""
         if choice := _CHOICE.search(message):
             message += did_you_mean(choice[1], re.findall(r"[^\s,']+", choice[2]), '')
         super().error(message)
@@ -43,7 +43,7 @@ _FULL: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 def make_streams_safe() -> None:
-    """Show characters that a terminal or pipe lacks as escapes, in place of an encoding error that ends the program."""
+    """Write characters that the encoding of an output lacks as escapes, so that no encoding error ends the program."""
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, 'reconfigure', None)
         if reconfigure is not None:
@@ -51,18 +51,18 @@ def make_streams_safe() -> None:
 
 
 def abandon_stdout() -> None:
-    """Call this when the output has no reader any more: nothing may be written from then on, not even at the end."""
+    """Drop all further output, even that at exit. Call this when the output has no reader any more."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def is_full(error: OSError) -> bool:
-    """Return whether an error says that something does not fit onto a disk."""
+    """Return whether the cause of an error is a full disk."""
     return error.errno in _FULL
 
 
 def report_full_output(program: str, error: OSError) -> bool:
-    """Return whether an error means that the disk of the output is full; it is reported then, and nothing more is
-    written."""
+    """Return whether an error means that the disk of the output is full. If so, report it and drop all further
+    output."""
     if not is_full(error):
         return False
     abandon_stdout()
@@ -71,10 +71,10 @@ def report_full_output(program: str, error: OSError) -> bool:
 
 
 def keep_stdout_for_python() -> None:
-    """Send what native code writes to standard output to standard error from now on; answers are Python's alone.
+    """Redirect what native code writes to standard output to standard error, so that only Python writes answers there.
 
-    Fast DDS writes its errors there, with colours (its default consumer of logs): in front of an answer in JSON, a
-    program could not read that any more. Nothing is done where ``sys.stdout`` is not that of the process.
+    Fast DDS's default log consumer writes coloured errors to standard output. In front of an answer in JSON, they would
+    make it unreadable for programs. No effect if ``sys.stdout`` is not that of the process.
     """
     stdout, stderr = sys.stdout, sys.stderr
     if stdout is not sys.__stdout__ or stdout is None or stderr is None:
@@ -85,12 +85,12 @@ def keep_stdout_for_python() -> None:
     sys.stdout = open(own, 'w', encoding=stdout.encoding, errors=stdout.errors)  # noqa: SIM115, PTH123
 
 
-# Signals that a part of a program handles for a while.
+# Signals that a part of a program handles temporarily.
 
 
 @contextlib.contextmanager
 def restored_signals(*numbers: int) -> Iterator[None]:
-    """After the context, these signals do what they did before it. On the main thread."""
+    """Restore the handlers of these signals at the end of the context. On the main thread."""
     before = {number: signal.getsignal(number) for number in numbers}
     try:
         yield

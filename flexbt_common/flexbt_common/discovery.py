@@ -16,14 +16,14 @@ PROFILE: Final = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 def profile(name: str) -> Path:
-    """Return an included profile of Fast DDS: this_computer, network, radio_robot or radio_console."""
+    """Return the path of an included Fast DDS profile: this_computer, network, radio_robot or radio_console."""
     return Path(get_package_share_directory('flexbt_common')) / 'config' / f'{name}.xml'
 
 
 def only_this_computer(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Have processes find each other quickly, and on this computer only.
+    """Set ``environment`` so that processes discover each other quickly, and only on this computer.
 
-    With Fast DDS by a profile, without shared memory; with another middleware by the range LOCALHOST.
+    This uses a profile without shared memory for Fast DDS, and the discovery range LOCALHOST for other middleware.
     """
     if environment.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp') == 'rmw_fastrtps_cpp':
         environment.update({RANGE: 'SYSTEM_DEFAULT', PROFILE: str(profile('this_computer'))})
@@ -32,8 +32,8 @@ def only_this_computer(environment: MutableMapping[str, str] = os.environ) -> No
 
 
 def check_loopback(environment: Mapping[str, str] = os.environ) -> None:
-    """Raise OSError where the profile this_computer is set, and the computer has no loopback interface that is up:
-    then processes would wait for each other without a word."""
+    """Raise OSError if the profile this_computer is set and no loopback interface is up: the processes would wait for
+    each other silently."""
     if Path(environment.get(PROFILE, '')).name != 'this_computer.xml':
         return
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

@@ -26,7 +26,7 @@ class UnknownTypeError(FlexbtError):
 
 
 class ValueConversionError(FlexbtError):
-    """The value under ``key``, shown as ``text``, is not a value of ``type``; ``reason`` says where and why."""
+    """The value of ``key``, shown as ``text``, does not fit ``type``; ``reason`` has place and cause."""
 
     def __init__(self, key: str, type: str, text: str, reason: str) -> None:
         super().__init__(f'{key or "value"}: cannot take {short_repr(text)} as {type or "a value"}: {reason}')
@@ -49,7 +49,7 @@ class ResourceError(FlexbtError):
 
 
 class TopicTypeError(FlexbtError):
-    """A topic cannot be used with ``type``: in this process it has others already."""
+    """A topic cannot be used with ``type``, since this process already uses it with another type."""
 
     def __init__(self, topic: str, type: str, others: list[str]) -> None:
         super().__init__(

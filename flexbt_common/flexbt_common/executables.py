@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The start of every executable. It imports only the standard library, so it runs before anything else is loaded."""
+"""The start of every executable. It imports only the standard library, and runs before anything else is loaded."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from types import ModuleType
 from typing import Final
 
 NODE_BYTES: Final = 1_100_000_000
-"""Bytes of address space that a node uses with its middleware and its threads; it uses a tenth of that as memory."""
+"""Address space that a node uses with its middleware and threads, bytes; it uses a tenth of that as memory."""
 
 
 def load(module: str) -> ModuleType:
     """Import the module of an executable.
 
-    That is spared what no executable needs: collections of garbage among modules that stay, and the generator of
-    message code (with its parsers), which each package of messages loads otherwise. rosidl_generator_py is made to
-    work where that cannot be imported.
+    This skips two things that no executable needs: garbage collections among modules that stay, and the generator of
+    message code with its parsers, which each message package would load. rosidl_generator_py supports a failed import
+    of this generator.
     """
     sys.modules.setdefault('rosidl_generator_py.generate_py_impl', None)  # type: ignore[arg-type]  # see sys.modules
     gc.disable()
@@ -32,20 +32,19 @@ def load(module: str) -> ModuleType:
 
 
 def run_main(module: str, *, raises_interrupt: bool = False, address_space: int = 0) -> int:
-    """Import a module, which may take a second, and run its ``main()``; gives the exit code of the process.
+    """Import a module, which may take a second, and run its ``main()``. Return the exit code of the process.
 
-    Until ``main()`` installs its own handler, a SIGINT ends the process by that signal (130 for a shell): Python's
-    own raises KeyboardInterrupt wherever the program is, and from a callback of importlib or of the garbage collector
-    that goes no further than to standard error. One that is ignored stays so, as in the background of a shell.
-    With ``raises_interrupt``, ``main()`` has Python's handler.
+    Until ``main()`` installs a handler, SIGINT ends the process by that signal (130 in a shell). Python's default
+    handler would raise KeyboardInterrupt anywhere: raised in a callback of importlib or of the garbage collector, it is
+    only printed to standard error. An ignored SIGINT stays ignored, as for background jobs of a shell.
+    With ``raises_interrupt``, ``main()`` runs with Python's handler.
 
-    Where the process may have less than ``address_space`` bytes, this is said, and nothing is imported: libraries hang
-    or abort when they find out by themselves. The library of matrices, which takes the more the more processors there
-    are, starts no threads.
+    If the limit of the process is below ``address_space`` bytes, print that and import nothing: libraries hang or abort
+    without memory. The matrix library starts no threads, since its memory grows with the number of processors.
     """
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < address_space:
-        name = os.path.basename(sys.argv[0])  # noqa: PTH119 - pathlib takes as long as the rest
+        name = os.path.basename(sys.argv[0])  # noqa: PTH119 - pathlib's import is slow
         print(
             f'{name}: the limit of address space is {limit // 10**6} MB (ulimit -v), and {address_space // 10**6} MB '
             'are needed; raise it, or limit memory by a control group instead',

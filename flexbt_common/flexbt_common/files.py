@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files by name: ``package/relative/path`` in the share of an installed package, absolute paths, and files of the
-user.
+"""Files by name: ``package/relative/path`` in the share directory of an installed package, absolute paths, and files
+of the user.
 
-An absolute path in the share directory of a package, as programs put it together, is the same as its name there.
+An absolute path in the share directory of a package is equivalent to its name there.
 
-A name may come from another process. So it leads to nothing outside of the share directories and the
-directories that were allowed explicitly, not through ``..`` and not through a symbolic link. (A link inside of a
-share directory that leads out of it is followed only when it was put there by the installation of the package
-itself: colcon's ``--symlink-install`` links single files to their sources.)
+A name may come from another process. So it must not lead outside the share directories and the explicitly allowed
+directories, neither through ``..`` nor through a symbolic link. (A link that leads out of a share directory is followed
+only if the installation of the package created it: colcon's ``--symlink-install`` links single files to their
+sources.)
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from flexbt_core.values.text import did_you_mean, truncate_middle
 from .errors import ResourceError
 
 MAX_NAME: Final = 4096
-"""Longest name of a file, characters: PATH_MAX of Linux."""
+"""Maximum length of a file name, characters: PATH_MAX of Linux."""
 
 MAX_PARTS: Final = 100
-"""Maximum number of directories in a name: each is checked."""
+"""Maximum number of directories in a name, since each one is checked."""
 
 _FIND_SHARE: Final = re.compile(r'\$\(find-pkg-share\s+([^\s()]+)\s*\)')
 
@@ -40,9 +40,9 @@ _EXPECTED: Final = 'not a file name; expected package/relative/path or an absolu
 
 
 def resolve_file(name: str, allowed: Sequence[Path] = (), parameter: str = 'allowed_directories') -> Path:
-    """Find the file called ``name``.
+    """Return the path of the file ``name``.
 
-    ``allowed`` are the directories in which an absolute path may lie; ``parameter`` is where the user names them.
+    ``allowed`` are the directories for absolute paths; ``parameter`` is the name of the parameter that lists them.
 
     Raises:
         ResourceError: unknown package, no such file, or a place that is not allowed.
@@ -53,7 +53,7 @@ def resolve_file(name: str, allowed: Sequence[Path] = (), parameter: str = 'allo
         raise ResourceError(truncate_middle(name), f'a name of more than {MAX_PARTS} directories')
     try:
         return _found(name, allowed, parameter)
-    except OSError as error:  # a part of it is longer than the file system takes, for one
+    except OSError as error:  # for example a component that is too long for the file system
         raise ResourceError(name, f'cannot be looked for: {error.strerror}') from error
 
 
@@ -78,7 +78,7 @@ def with_package_shares(text: str) -> str:
     """Replace each ``$(find-pkg-share PACKAGE)`` by the share directory of the package, as a launch file does.
 
     Raises:
-        ResourceError: there is no such package.
+        ResourceError: the package is not installed.
     """
     return _FIND_SHARE.sub(lambda found: str(_known_share(text, found[1])), text)
 
@@ -95,7 +95,7 @@ def _known_share(name: str, package: str) -> Path:
 
 
 def _in_package(name: str) -> str:
-    """``package/relative/path`` for an absolute path in the share directory of a package, otherwise ''."""
+    """Return ``package/relative/path`` for an absolute path in the share directory of a package, otherwise ''."""
     path = PurePosixPath(name)
     for share in path.parents:
         if share.parent.name == 'share' and _share_of(share.name) == Path(share):
@@ -111,7 +111,7 @@ def _share_of(package: str) -> Path | None:
 
 
 def _inside_allowed(name: str, allowed: Sequence[Path], parameter: str) -> Path:
-    path = Path(os.path.realpath(name))  # Path.resolve would raise where links go round in circles
+    path = Path(os.path.realpath(name))  # Path.resolve would raise on circular links
     if any(path.is_relative_to(directory.resolve()) for directory in allowed):
         return path
     places = ', '.join(str(directory) for directory in allowed) or 'none'
@@ -147,10 +147,10 @@ def _names_in(directory: Path) -> list[str]:
         return []
 
 
-# Directory in which programs keep files of the user that runs them.
+# The directory for files of the user that runs a program.
 
 USER_DIRECTORY: Final = '~/.ros/flexbt'
-"""The directory of records and recordings, unless another one is given."""
+"""Default directory of records and recordings."""
 
 
 def home_path(path: str) -> Path:
@@ -162,15 +162,15 @@ def home_path(path: str) -> Path:
     try:
         return Path(path).expanduser()
     except RuntimeError:
-        import tempfile  # which every program would else take some time for at its start
+        import tempfile  # imported here, since it would slow down the start of every program
 
         return Path(tempfile.gettempdir(), *Path(path).parts[1:])
 
 
 def node_file(directory: str, node_name: str, suffix: str) -> Path | None:
-    """Return the file of a node (fully qualified name) in a directory, which may begin with ``~``; None for no
-    directory.
+    """Return the file of a node (fully qualified name) in a directory, which may begin with ``~``; None if
+    ``directory`` is ''.
 
-    It is called by the names around the node and its own, joined by dots.
+    The file name is the namespaces and the name of the node, joined by dots.
     """
     return home_path(directory) / f'{node_name.strip("/").replace("/", ".")}{suffix}' if directory else None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The topics, services and actions of a robot and their nodes: exactly what a security policy allows.
+"""The topics, services and actions of a robot and their nodes: the exact content of a security policy.
 
-The names are those of :mod:`flexbt_common.names`. A system test compares this table with the graph of a running robot.
+The names are in :mod:`flexbt_common.names`. A system test compares this table with the graph of a running robot.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ROLES: Final[Mapping[str, tuple[str, ...]]] = {
     'operator': (CONSOLE,),
     'observer': (OBSERVER, RECORDER),
 }
-"""The nodes of each role: those that move the robot, those that command it, and those that only observe it."""
+"""The nodes of each role: nodes that move the robot, that command it, and that only observe it."""
 
 MANAGED: Final = frozenset({BT_SERVER, ONBOARD_EXECUTIVE})
 """Nodes with a lifecycle."""
@@ -29,10 +29,10 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     NAVIGATION: (*names.ACTIONS_OF_SERVERS, names.COLLISION_MONITOR),
     SIMULATOR: (names.AMCL, names.MAP_SERVER),
 }
-"""Nodes with a lifecycle in the process, and so in the enclave, of another node: :mod:`.lifecycle.managed_part`."""
+"""Nodes with a lifecycle in the process, and so in the enclave, of another node: :mod:`.lifecycle.lifecycle_subnode`."""
 
 SETTABLE_SERVERS: Final = ('controller_server', 'planner_server')
-"""Nodes of these whose parameters can be set."""
+"""Subset of these nodes whose parameters can be set."""
 
 
 class InterfaceKind(Enum):
@@ -48,7 +48,7 @@ class Interface:
     """A topic, a service or an action.
 
     ``name`` is relative to the robot's namespace unless it begins with ``/``; a leading ``~`` stands for the node.
-    ``offered_by`` are the nodes that publish or serve it, ``used_by`` those that subscribe to it or call it.
+    ``offered_by`` are its publishers or servers, ``used_by`` its subscribers or clients.
     """
 
     kind: InterfaceKind
@@ -71,7 +71,7 @@ def _services(*services: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()
 
 
 def _managed(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
-    """Return what rclpy gives managed nodes."""
+    """Return the interfaces that rclpy creates for managed nodes."""
     return (
         *_topics(*(f'{node}/transition_event' for node in nodes), by=by),
         *_services(
@@ -96,7 +96,7 @@ def _actions(*actions: str, to: tuple[str, ...], by: str | None = None) -> tuple
 
 
 def _parameters(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
-    """Return the services by which rclpy gives parameters of nodes."""
+    """Return the parameter services that rclpy creates for nodes."""
     services = (
         'describe_parameters',
         'get_parameter_types',
@@ -111,7 +111,7 @@ def _parameters(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
 OF_NODES: Final[tuple[Interface, ...]] = (
     *_topics('/rosout', by=EVERY_NODE),
     *_topics('/parameter_events', by=EVERY_NODE, to=EVERY_NODE),
-    *_parameters('~', by=tuple(node for node in EVERY_NODE if node != STOP_GUARD)),  # which must not be kept busy
+    *_parameters('~', by=tuple(node for node in EVERY_NODE if node != STOP_GUARD)),  # must not be kept busy
     *_services('~/get_type_description', by=EVERY_NODE),
     *_managed('~', by=tuple(sorted(MANAGED))),
     *(interface for node, parts in PARTS.items() for interface in _managed(*parts, by=(node,))),
@@ -155,7 +155,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(names.CONTROL_TREE, by=(BT_SERVER,), to=(ONBOARD_EXECUTIVE,)),
     *_topics(names.TREE_STRUCTURE, names.TREE_STATUS, by=(BT_SERVER,), to=(*CONSOLES, RECORDER)),
     *_topics('/diagnostics', by=(BT_SERVER, ONBOARD_EXECUTIVE)),
-    # What Nav2's clients find there
+    # Interfaces of the BT server for Nav2's clients
     *_actions(
         names.NAVIGATE_TO_POSE,
         names.NAVIGATE_THROUGH_POSES,
@@ -210,7 +210,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         '/battery_status',
         to=(BT_SERVER,),
     ),
-    # What Nav2's trees use, and only other robots have
+    # Actions that Nav2's trees use and only other robots offer
     *_actions(
         names.FOLLOW_OBJECT,
         to=(BT_SERVER,),
@@ -227,7 +227,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.DETECTED_DOCK_POSE, to=(NAVIGATION,)),
     *_services(names.SET_ROUTE_GRAPH, names.ADJUST_EDGES, names.REROUTE, names.RELOAD_DOCKS, by=(NAVIGATION,)),
     # The robot
-    # Zero velocity, by the executive and the stop guard.
+    # The executive and the stop guard publish zero velocity.
     *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE, STOP_GUARD), to=(SIMULATOR, RECORDER)),
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
     *_services(names.RESET, names.GRIPPER, by=(SIMULATOR,)),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The parameters by which the monitors of a node are switched on."""
+"""The parameters that enable the monitors of a node."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def declare_monitoring(declare: ParameterDeclarer) -> Monitoring:
     """Declare ``monitors``, ``monitor_action`` and ``requirements``.
 
     Raises:
-        UnfitParameterError: a value cannot work, or the file is wrong; names parameter and value.
+        UnfitParameterError: a value cannot work, or the file is wrong; the text has parameter and value.
     """
     is_on = declare.flag(
         'monitors', False, 'whether each run is watched for what must never happen, such as two owners of an actuator'

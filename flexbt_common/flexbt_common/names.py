@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Names of nodes, actions, topics and services of FlexBT, and the quality of service of its topics.
 
-The single table of what has to agree between processes. Every name is relative, so that a whole robot lives in a
+The single table of the names that processes must agree on. Every name is relative, so that a whole robot can have a
 namespace.
 """
 
@@ -28,7 +28,7 @@ BT_EXECUTOR: Final = 'bt_executor'
 BT_GET_DATA: Final = 'bt_get_data'
 BT_SET_DATA: Final = 'bt_set_data'
 
-# What Nav2's clients find at the BT server
+# Interfaces of the BT server for Nav2's clients
 BT_NAVIGATOR: Final = 'bt_navigator'
 WAYPOINT_FOLLOWER: Final = 'waypoint_follower'
 NAVIGATE_TO_POSE: Final = 'navigate_to_pose'
@@ -57,11 +57,11 @@ EXECUTIVE_STATUS: Final = 'executive/status'
 EXECUTIVE_STRUCTURE: Final = 'executive/structure'
 EXECUTIVE_BEHAVIORS: Final = 'executive/behaviors'
 EXECUTIVE_COMMAND: Final = 'executive/command'
-EXECUTIVE_STOP: Final = 'executive/stop'  # stops, beside executive/command
+EXECUTIVE_STOP: Final = 'executive/stop'  # a separate topic for stops, in addition to executive/command
 EXECUTIVE_LOG: Final = 'executive/log'
 EXECUTIVE_EVENTS: Final = 'executive/events'
-EXECUTIVE_SUBJECTS: Final = 'executive/subjects'  # what the decisions that wait are about
-EXECUTIVE_PLAN: Final = 'executive/plan'  # the newest of 'plan', which keeps none
+EXECUTIVE_SUBJECTS: Final = 'executive/subjects'  # subjects of the pending decisions
+EXECUTIVE_PLAN: Final = 'executive/plan'  # latched copy of the newest message on 'plan'
 EXECUTIVE_PRESENCE: Final = 'executive/presence'
 EXECUTIVE_PING: Final = 'executive/ping'
 EXECUTIVE_PONG: Final = 'executive/pong'
@@ -88,7 +88,7 @@ CMD_VEL: Final = 'cmd_vel'
 INITIAL_POSE: Final = 'initialpose'
 AMCL_POSE: Final = 'amcl_pose'
 BATTERY_STATE: Final = 'battery_state'
-BATTERY_STATUS: Final = 'battery_status'  # the same, where the conditions of Nav2's trees listen by default
+BATTERY_STATUS: Final = 'battery_status'  # the same, under the default topic of Nav2's battery conditions
 BUMPER: Final = 'bumper'
 GRIPPER: Final = 'gripper'
 GRIPPER_HOLDS: Final = 'gripper_holds'
@@ -131,7 +131,7 @@ COLLISION_MONITOR_STATE: Final = 'collision_monitor_state'
 IS_PATH_VALID: Final = 'is_path_valid'
 PLAN: Final = 'plan'
 
-# Nodes of Nav2, for those who look for them or manage them
+# Nodes of Nav2, for programs that look for them or manage them
 AMCL: Final = 'amcl'
 MAP_SERVER: Final = 'map_server'
 COLLISION_MONITOR: Final = 'collision_monitor'
@@ -143,18 +143,18 @@ ACTIONS_OF_SERVERS: Final[Mapping[str, tuple[str, ...]]] = {
     'route_server': (COMPUTE_ROUTE, COMPUTE_AND_TRACK_ROUTE),
     'docking_server': (DOCK_ROBOT, UNDOCK_ROBOT),
 }
-"""The actions of each of its navigation servers."""
+"""The actions of each navigation server of Nav2."""
 
 
 def costmap_topics(costmap: str) -> tuple[str, str, str]:
-    """Of one of :data:`COSTMAPS`: what is shown of it, its costs, and the footprint of the robot on it."""
+    """Return the topics of one of :data:`COSTMAPS`: its map for display, its raw costs, and the robot's footprint."""
     return f'{costmap}/costmap', f'{costmap}/costmap_raw', f'{costmap}/published_footprint'
 
 
 def costmap_services(costmap: str) -> tuple[str, str, str, str, str]:
-    """Of one of :data:`COSTMAPS`: those that clear it except round the robot, round it, and round a pose, the one that
-    gives it, and the one that gives a cost. Those that clear it entirely have names of their own, since the trees name
-    them.
+    """Return the services of one of :data:`COSTMAPS`: clear all except around the robot, clear around the robot, clear
+    around a pose, get the costmap, get a cost. The services that clear all of it have separate constants, since trees
+    name them.
     """
     clear = f'{costmap}/clear'
     return (
@@ -174,39 +174,39 @@ Nav2's own costmaps do not have them, so BasicNavigator waits forever there."""
 
 
 def of_robot(namespace: str, name: str) -> str:
-    """Return a name of this table, for a robot in a namespace such as '/robot2'; '' is the namespace of the node."""
+    """Return a name of this table for a robot in a namespace such as '/robot2'; '' means the namespace of the node."""
     return f'{namespace.rstrip("/")}/{name}' if namespace else name
 
 
 def alive_topic(node_name: str) -> str:
-    """Topic of the liveliness token of a node: relative for a relative name, absolute for an absolute one."""
+    """Return the topic of a node's liveliness token: relative for a relative name, absolute for an absolute one."""
     return f'{node_name}/alive'
 
 
 def transient_local_qos(depth: int = 1) -> QoSProfile:
-    """For state: a late subscriber gets the last ``depth`` messages."""
+    """Return the QoS for state: a late subscriber gets the last ``depth`` messages."""
     return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def command_qos() -> QoSProfile:
-    """For commands: reliable, and not repeated to late subscribers."""
+    """Return the QoS for commands: reliable, and not repeated to late subscribers."""
     return QoSProfile(depth=COMMAND_DEPTH)
 
 
 def stop_qos() -> QoSProfile:
-    """For stops, which have their own queue: a flood in that of the commands drops none of them."""
+    """Return the QoS for stops. They have a separate queue, so that a flood of commands drops no stop."""
     return QoSProfile(depth=STOP_DEPTH)
 
 
 def best_effort_qos(depth: int = 10) -> QoSProfile:
-    """For what is said again and again, so that nothing has to be sent twice."""
+    """Return the QoS for data that is published repeatedly, so that the middleware need not resend it."""
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def service_qos() -> QoSProfile:
-    """For services, also those inside actions, on both sides.
+    """Return the QoS for services, including those of actions, for both sides.
 
-    The default keeps ten requests and ten responses; what a larger burst brings is lost silently, and its futures
-    never complete.
+    The default keeps ten requests and ten responses. A larger burst silently loses the rest, whose futures never
+    complete.
     """
     return QoSProfile(depth=1000)

@@ -25,20 +25,20 @@ class Rigid(NamedTuple):
 
     @classmethod
     def planar(cls, x: float, y: float, yaw: float) -> Rigid:
-        """In the plane: m, m, rad."""
+        """Return a transform in the plane; m, m, rad."""
         return cls((x, y, 0.0), (0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)))
 
     @classmethod
     def of(cls, translation: Vector, rotation: Quaternion) -> Rigid:
-        """With a quaternion of any length; of all zeros, as in messages not filled in, it is not a rotation."""
+        """Return a transform from a quaternion of any length. All zeros, as in default messages, means no rotation."""
         return cls(translation, _unit(rotation)) if any(rotation) else cls(translation)
 
     def __matmul__(self, other: Rigid) -> Rigid:
-        """First ``other``, then this one."""
+        """Return the transform that applies ``other`` first, then this one."""
         return Rigid(self.apply(other.translation), _product(self.rotation, other.rotation))
 
     def inverse(self) -> Rigid:
-        """Return the way back."""
+        """Return the inverse transform."""
         x, y, z, w = self.rotation
         back = (-x, -y, -z, w)
         tx, ty, tz = _rotated(back, self.translation)
@@ -54,7 +54,7 @@ class Rigid(NamedTuple):
         )
 
     def towards(self, other: Rigid, share: float) -> Rigid:
-        """Return a part of the way to ``other``, 0 to 1: straight, and turning evenly about one axis (slerp)."""
+        """Return the interpolation to ``other`` at ``share``, 0 to 1: straight, with even rotation (slerp)."""
         here, there = self.translation, other.translation
         translation = (
             here[0] + share * (there[0] - here[0]),
@@ -78,13 +78,13 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def _unit(q: Quaternion) -> Quaternion:
-    size = math.hypot(*q)  # which is not 0 where the squares are
+    size = math.hypot(*q)  # not 0 even if the squares underflow
     return (q[0] / size, q[1] / size, q[2] / size, q[3] / size)
 
 
 def _rotated(q: Quaternion, v: Vector) -> Vector:
     x, y, z, w = q
-    # Twice the cross product with the axis, and that again: fewer products than with a matrix.
+    # Two cross products with the axis need fewer multiplications than a matrix.
     tx, ty, tz = 2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])
     return (
         v[0] + w * tx + y * tz - z * ty,
@@ -114,8 +114,8 @@ def _slerp(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
 
 # The tree of frames over the last seconds, with the rules of tf2 (https://docs.ros.org/en/jazzy/p/tf2/). Pure.
 #
-# Each frame has one parent. What a frame's transforms were is kept for :data:`HISTORY`; between two of them a transform
-# is interpolated, beyond them it is not known.
+# Each frame has one parent. The transforms of a frame are kept for :data:`HISTORY`. Between two of them the buffer
+# interpolates; outside of them the transform is unknown.
 
 HISTORY: Final = 10.0
 """Time for which transforms are kept, s, as in tf2."""
@@ -124,7 +124,7 @@ MOST_FRAMES: Final = 2_000
 """Maximum number of frames; a broadcaster that makes up names must not fill the memory."""
 
 MOST_SAMPLES: Final = 4_000
-"""Maximum number of transforms that are kept for a frame."""
+"""Maximum number of kept transforms of a frame."""
 
 UNIT_TOLERANCE: Final = 0.01
 """Maximum deviation of the squared length of a quaternion from 1, as in tf2."""
@@ -182,14 +182,14 @@ class TransformBuffer:
         self._tracks: dict[str, _Track] = {}
 
     def clear(self) -> None:
-        """Forget what changes; what is static stays. When time goes back, what is known of the future is wrong."""
+        """Drop all transforms except static ones. Call this when time jumps back, since later transforms are wrong."""
         self._tracks = {frame: track for frame, track in self._tracks.items() if track.is_static}
 
     def set(self, parent: str, frame: str, transform: Rigid, time: float = 0.0, *, is_static: bool = False) -> None:
-        """Take where ``frame`` is in ``parent`` at a time; a static transform holds at every time.
+        """Add the transform of ``frame`` in ``parent`` at a time; a static transform holds at every time.
 
         Raises:
-            TransformError: the frames or the numbers cannot be, or there are too many frames.
+            TransformError: the frames or the numbers are invalid, or the number of frames exceeds the limit.
         """
         for name in (parent, frame):
             _check_frame(name)
@@ -211,14 +211,14 @@ class TransformBuffer:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """All frames that are known, sorted."""
+        """Return all known frames, sorted."""
         return tuple(sorted({*self._tracks, *(track.parent for track in self._tracks.values())}))
 
     def lookup(self, target: str, source: str, time: float | None = None) -> Rigid:
-        """Return where frame ``source`` is in frame ``target`` at a time; None for the latest at which all is known.
+        """Return the transform of frame ``source`` in frame ``target`` at a time; None for the latest known time.
 
         Raises:
-            TransformError: it is not known; ``is_early`` says that it may be in a moment.
+            TransformError: it is unknown; with ``is_early`` it may be known in a moment.
         """
         up, down = self._way(target, source)
         if time is None:
@@ -226,7 +226,7 @@ class TransformBuffer:
         return self._climb(down, time).inverse() @ self._climb(up, time)
 
     def latest(self, target: str, source: str) -> float:
-        """Return the latest time at which all between two frames is known, s; infinite where all is static.
+        """Return the latest time at which the transform between two frames is known, s; infinite if it is static.
 
         Raises:
             TransformError: as :meth:`lookup`.
@@ -234,7 +234,7 @@ class TransformBuffer:
         return self._latest(*self._way(target, source))
 
     def carries(self, carrier: str, frame: str) -> bool:
-        """Return whether a frame is below another one, so that it moves with that."""
+        """Return whether ``frame`` is below ``carrier``, so that it moves with it."""
         return carrier in self._ancestors(frame)
 
     def _latest(self, up: list[str], down: list[str]) -> float:
@@ -242,7 +242,7 @@ class TransformBuffer:
         return min(ends, default=math.inf)
 
     def _way(self, target: str, source: str) -> tuple[list[str], list[str]]:
-        """Return the frames from each of both up to where they meet, which is left out."""
+        """Return the frames from each of the two up to their common ancestor, which is left out."""
         for name in (target, source):
             _check_frame(name)
         ups, downs = list(self._ancestors(source)), list(self._ancestors(target))
@@ -259,7 +259,7 @@ class TransformBuffer:
         return whole
 
     def _ancestors(self, frame: str) -> Iterator[str]:
-        """Yield the frame, its parent, and so on; it ends when they come round."""
+        """Yield the frame, its parent, and so on; stop at a cycle."""
         seen: set[str] = set()
         while frame not in seen:
             seen.add(frame)

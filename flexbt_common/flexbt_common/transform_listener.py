@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A listener to ``tf`` and ``tf_static`` of a robot, for nodes that need frames other than the map's.
 
-Most goals are in the frame of the map, and transforms arrive often, so a node listens only once it needs another
-frame. Then it waits for the transform, up to its timeout. A node that needs frames at the stamps of the first requests
-creates the listener at its start. While nothing waits, messages stay in the middleware for some tenths of a second
-(node_executor.py).
+Most goals are in the frame of the map, and transforms arrive often, so a node starts to listen when it first needs
+another frame, and waits for the transform up to its timeout. A node that needs frames at the stamps of its first
+requests creates the listener at its start. While nothing waits, messages stay in the middleware for some tenths of a
+second (node_executor.py).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .errors import TransformError
 from .transform_buffer import Rigid, TransformBuffer
 
 TRANSFORM_TIMEOUT: Final = 1.0
-"""Default time to wait for a transform, s of wall time: a new listener has none yet."""
+"""Default time to wait for a transform, s of wall time: a new listener knows none yet."""
 
 TRANSFORM_QUEUE: Final = 100
 REST_SECONDS: Final = 0.1
@@ -69,20 +69,20 @@ class TransformListener:
             )
         ]
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
-        # Kept, since the jumps are reported only as long as it exists.
+        # Keep the handle: rclpy reports jumps only as long as it exists.
         self._jumps = node.get_clock().create_jump_callback(
             threshold, post_callback=lambda _jump: runtime.post(lambda: self.buffer.clear())
         )
 
     @property
     def buffer(self) -> TransformBuffer:
-        """Transforms that are known by now."""
+        """Buffer with the transforms known by now."""
         self._take()
         return self._buffer
 
     @classmethod
     def of(cls, runtime: Runtime) -> TransformListener:
-        """Return the listener of a node, which begins to listen with the first call."""
+        """Return the listener of a node. The first call creates it."""
         return runtime.once('transform listener', cls)
 
     def transform_pose(
@@ -93,7 +93,7 @@ class TransformListener:
         on_error: OnError,
         timeout: float = TRANSFORM_TIMEOUT,
     ) -> None:
-        """Give ``pose`` in the frame ``target``: at the time of its header, or the latest when that is 0.
+        """Transform ``pose`` to the frame ``target``, at the time of its header or, if that is 0, the latest.
 
         See :meth:`lookup`.
         """
@@ -116,9 +116,9 @@ class TransformListener:
         on_error: OnError,
         timeout: float = TRANSFORM_TIMEOUT,
     ) -> None:
-        """Give where the frame ``source`` is in ``target`` at a time, s; None for the latest.
+        """Look up the transform of the frame ``source`` in ``target`` at a time, s; None for the latest.
 
-        ``on_transform`` or ``on_error`` is called once: at once, or when the transform is known, or after ``timeout``
+        ``on_transform`` or ``on_error`` is called once: immediately, when the transform is known, or after ``timeout``
         seconds of wall time.
         """
 
@@ -162,20 +162,20 @@ class TransformListener:
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         for attempt in list(self._waiting):
             if attempt in self._waiting:
-                self._waiting.remove(attempt)  # first: what it calls may ask for transforms, and so hear the next ones
+                self._waiting.remove(attempt)  # before the call, which may request transforms and so process messages
                 if not attempt(False):
                     self._waiting.append(attempt)
 
 
 def take_transforms(buffer: TransformBuffer, message: Any, *, is_static: bool) -> None:
-    """Take those of a tf2_msgs/TFMessage into a buffer, up to the first that cannot be. Raises TransformError."""
+    """Add the transforms of a tf2_msgs/TFMessage to a buffer. Raises TransformError at the first invalid one."""
     for stamped in message.transforms:
         parent, frame, stamp = stamped.header.frame_id, stamped.child_frame_id, stamped.header.stamp
         buffer.set(parent, frame, _rigid_of(stamped.transform), seconds_of(stamp), is_static=is_static)
 
 
 def transformed(pose: Pose, transform: Rigid) -> Pose:
-    """Return a geometry_msgs/Pose in the frame that ``transform`` leads to. A quaternion of zeros counts as no turn."""
+    """Return a geometry_msgs/Pose, transformed by ``transform``. A quaternion of zeros counts as no rotation."""
     at, turned = pose.position, pose.orientation
     local = Rigid.of((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
     (x, y, z), rotation = transform @ local

@@ -1,26 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One goal sent to an action server, with deadlines and exactly one outcome, and the shared connections to servers.
 
-rclpy alone leaves a caller waiting forever if no server exists, if the server dies, if an answer is lost in an outage,
-or if a goal is canceled before it is accepted. Here each of these ends with an outcome in bounded time, and no goal is
-left running without an owner:
+With rclpy alone, a caller waits forever if no server exists, if the server dies, if an answer is lost in an outage, or
+if a goal is canceled before it is accepted. Here each of these ends with an outcome in bounded time, and no goal keeps
+running without an owner:
 
-- A goal is sent when the server is available, and given up if the server does not appear.
+- The call sends the goal when the server is available, and fails if the server does not appear.
 - An acceptance also counts if only the server's list of goals shows it: the answer to the first goal after start-up is
-  lost when the server has not discovered this client yet.
-- A cancel before the acceptance is sent on acceptance; an acceptance after the deadline is canceled as well.
-- The server is watched from the moment the goal is sent. The goal is lost when the liveliness token of the server's
-  node shows that its process has ended, was replaced, or is late for too long (:mod:`.links`). For a server without a
-  token, the graph shows whether it exists. If it is gone longer than an outage may last, the goal is lost. When it
-  returns, the result is requested again; a server that no longer knows the goal answers with status 0, and the goal
-  is lost as well.
+  lost if the server has not discovered this client yet.
+- A cancel before the acceptance is sent on acceptance. A goal accepted after the deadline is canceled too.
+- The call watches the server from the moment it sends the goal. The goal is lost when the liveliness token of the
+  server's node shows that its process has ended, was replaced, or is late for too long (:mod:`.links`). For a server
+  without a token, the graph shows whether it exists. If it is gone longer than an outage may last, the goal is lost.
+  When it returns, the call requests the result again. A server that no longer knows the goal answers with status 0,
+  and the goal is lost.
 - A server whose node hangs has not lost the goal: it may continue at any time. The call waits while the node is late,
   and sends a cancel when it is late for too long. If the goal was canceled without a timeout, the call waits until the
-  process of the server is known to have ended, because such a caller relies on the end.
-- A goal that was canceled without a timeout before the server answered is also lost if the server twice does not know
-  it: its request, or the server that received it, was lost.
-- Only that answer proves it: a cancel answered with "unknown" or "terminated" arrived after the end of the goal, whose
-  result may still be on its way.
+  process of the server is known to have ended, because the caller relies on the end.
+- A goal that was canceled without a timeout before the server answered is also lost if the server twice reports it as
+  unknown: its request, or the server that received it, was lost.
+- Only that proves the loss. A cancel answered with "unknown" or "terminated" may have arrived after the end of the
+  goal, whose result may still arrive.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ from flexbt_common.runtime.node_runtime import Runtime
 from .links import WATCH_SECONDS, ServerCall, ServerLink, ServerLinks, ServerNodes
 
 _ANSWER_LATE: Final = 0.1
-"""Seconds after which an acceptance that only the list of goals shows is believed."""
+"""Seconds after which an acceptance counts that only the list of goals shows."""
 _RESULT_LATE: Final = 0.4
 """Seconds after which the result of a goal that is known to have ended is requested again."""
 _RESULT_REPEAT: Final = (5.0, 60.0)
-"""Seconds after which the result is requested again in any case, since the server may have been replaced unnoticed:
-first and last interval, doubling in between. A server keeps every request until the goal has ended."""
+"""Intervals of repeated requests for the result, s, since the server may have been replaced unnoticed: first and last,
+doubling in between. A server keeps every request until the goal has ended."""
 _CANCEL_REPEAT: Final = (0.5, 8.0)
-"""Seconds after which a cancel is sent again: first and last interval, doubling in between."""
+"""Intervals of repeated cancels, s: first and last, doubling in between."""
 _CANCEL_TOO_LATE: Final = frozenset(
     (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, CancelGoal.Response.ERROR_GOAL_TERMINATED)
 )
@@ -87,7 +87,7 @@ class GoalOutcome:
 
 
 class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
-    """A goal that was sent to a server. Thread-safe; may be made on any thread."""
+    """A goal sent to a server. Thread-safe; may be created on any thread."""
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         accept_timeout: float = 1.0,
         outage_timeout: float = 0.5,
     ) -> None:
-        """Send ``goal`` as soon as the server is there.
+        """Send ``goal`` as soon as the server is available.
 
         All callbacks are called on the executor thread; ``on_done`` exactly once. All times are wall time in seconds:
         ``server_timeout`` for the server to appear, ``accept_timeout`` from sending to acceptance,
@@ -126,7 +126,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         self._ended_seen: float | None = None
         self._gone_since: float | None = None
         self._unknown_since = math.inf
-        super().__init__(link, on_done, server_timeout)  # it begins
+        super().__init__(link, on_done, server_timeout)  # starts the call
 
     @property
     def goal_id(self) -> bytes:
@@ -144,11 +144,11 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         return self._cancel_requested
 
     def cancel(self, timeout: float | None = 2.0) -> None:
-        """Ask the server to cancel the goal, at any time, from any thread; harmless when done or asked already.
+        """Ask the server to cancel the goal; from any thread. A second call, or one after the end, has no effect.
 
-        The outcome is what the server makes of it, or TIMEOUT when it has not ended the goal within ``timeout``
-        seconds. With None the server is asked until it has ended the goal, or is gone. A goal that was not sent yet is
-        not sent any more.
+        The server determines the outcome, or it is TIMEOUT if the goal has not ended within ``timeout`` seconds. With
+        None, the call repeats the cancel until the goal has ended or the server is gone. A goal that was not sent yet
+        is never sent.
         """
         if not self._cancel_requested:
             self._cancel_timeout = timeout
@@ -181,7 +181,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
     def _not_accepted(self) -> None:
         if self.done or self.accepted:
             return
-        # The server may have the goal nevertheless: its answer may be late or lost.
+        # The server may still have the goal: its answer may be late or lost.
         asked, answer = self._runtime.steady.now(), self._link.cancel(self._goal_id)
         if self._cancel_requested and self._cancel_timeout is None:
             answer.add_done_callback(lambda future: self._early_cancel_answered(future, asked))
@@ -194,7 +194,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         )
 
     def _await_acceptance(self) -> None:
-        """Until the server says what became of the goal, it may begin to work on it at any time."""
+        """Wait for the server's answer. Until then the server may start the goal at any time."""
         if self.done or self.accepted:
             return
         if self._is_gone():
@@ -203,7 +203,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             self._after('watch', WATCH_SECONDS, self._await_acceptance)
 
     def _early_cancel_answered(self, future: Any, asked: float) -> None:
-        """To a cancel that was sent at ``asked``, before the acceptance was heard of."""
+        """Handle the answer to a cancel that was sent at the time ``asked``, before the acceptance was known."""
         response = future.result()
         if self.done or self.accepted or response is None:
             return
@@ -222,7 +222,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             return
         if self.done:
             if response.accepted:
-                self._link.cancel(self._goal_id)  # nothing waits for this goal any more
+                self._link.cancel(self._goal_id)  # no caller waits for this goal any more
             return
         if self.accepted:
             return  # the list of goals was faster
@@ -303,14 +303,13 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         self._after('watch', WATCH_SECONDS, self._watch)
 
     def _lose(self, reason: str) -> None:
-        """Give the goal up: the server is gone. One that was only late finds a cancel when it comes back."""
+        """Give the goal up, since the server is gone. If it was only late, it finds a cancel when it returns."""
         if self._servers is not None and self._servers.are_silent:
             self._link.cancel(self._goal_id)
         self._finish(GoalStatus.LOST, reason)
 
     def _is_gone(self) -> bool:
-        """Return whether the server is known to be gone, or has been out of reach for longer than an outage may
-        last."""
+        """Return whether the server is known to be gone, or out of reach for longer than an outage may last."""
         if self._servers is not None and self._servers.are_gone:
             return not self._may_come_back()
         now = self._runtime.steady.now()
@@ -356,7 +355,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         if self.done or response is None:
             return
         if response.return_code in _CANCEL_TOO_LATE:
-            self._ask_for_result()  # the answer to the first request may be on its way, or lost
+            self._ask_for_result()  # the answer to the first request may be late or lost
 
     def _not_canceled(self) -> None:
         if self.done:
@@ -379,7 +378,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         self._link.listeners.pop(self.goal_id, None)
         if status is GoalStatus.LOST:
             for future in self._result_futures:
-                future.cancel()  # takes it out of rclpy's table
+                future.cancel()  # removes it from rclpy's table
         self._result_futures.clear()
         self._end(GoalOutcome(status, result, reason))
 
@@ -389,18 +388,18 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
 
 @dataclass(frozen=True)
 class GoalListener:
-    """A listener to one goal: it gets the feedback, and the status whenever the server publishes its goals."""
+    """A listener for one goal. It gets the feedback, and the status each time the server publishes its goals."""
 
     on_status: Callable[[int], None]
     on_feedback: Callable[[Any], None]
 
 
 class ActionServerLink(ServerLink):
-    """The connection of this node to one action server. :class:`ActionLinks` makes it on the executor thread, where it
-    is used. ``name`` is the server's name as the caller wrote it.
+    """The connection of this node to one action server. :class:`ActionLinks` creates it on the executor thread; use it
+    there. ``name`` is the server's name as the caller wrote it.
 
-    An action is three services and two topics, which are used directly: a client of rclpy cannot ask for the result of
-    a goal whose acceptance it does not know. The topics are read while a goal is active.
+    The link uses the three services and two topics of the action directly: rclpy's client cannot request the result of
+    a goal whose acceptance it does not know. It reads the topics while a goal is active.
     """
 
     kind = 'action server'
@@ -410,12 +409,12 @@ class ActionServerLink(ServerLink):
         super().__init__(runtime, action_type, name, nodes, f'rt{status}')
         self.impl: Any = action_type.Impl
         self.listeners: dict[bytes, GoalListener] = {}
-        """The listeners to goals, by the identifiers of the goals."""
+        """Listeners by goal ID."""
         node, impl, qos = runtime.node, self.impl, service_qos()
         self._goals = node.create_client(impl.SendGoalService, f'{name}/_action/send_goal', qos_profile=qos)
         self._cancels = node.create_client(impl.CancelGoalService, f'{name}/_action/cancel_goal', qos_profile=qos)
         self._results = node.create_client(impl.GetResultService, f'{name}/_action/get_result', qos_profile=qos)
-        listeners = self.listeners  # the callbacks do not hold the link
+        listeners = self.listeners  # the callbacks must not hold the link
 
         def on_feedback(message: Any) -> None:
             listener = listeners.get(bytes(message.goal_id.uuid))
@@ -444,11 +443,11 @@ class ActionServerLink(ServerLink):
         return self._goals.call_async(self.impl.SendGoalService.Request(goal_id=goal_id, goal=goal))
 
     def cancel(self, goal_id: UUID) -> Future:
-        """Ask for a goal to be canceled. Return the future answer."""
+        """Request the cancel of a goal. Return the future answer."""
         return self._cancels.call_async(self.impl.CancelGoalService.Request(goal_info=GoalInfo(goal_id=goal_id)))
 
     def ask_for_result(self, goal_id: UUID) -> Future:
-        """Ask for the result of a goal. Return the future answer."""
+        """Request the result of a goal. Return the future answer."""
         return self._results.call_async(self.impl.GetResultService.Request(goal_id=goal_id))
 
     def is_shown(self) -> bool:

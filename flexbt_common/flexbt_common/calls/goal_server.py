@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An action server whose goals are ended by calls, and the admission of its goals."""
+"""An action server whose goals end by method calls, and the admission of its goals."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from flexbt_core.values.text import sanitize_for_message
 class GoalAdmission:
     """An admission policy for all goals of ``subject``, such as 'the server'.
 
-    ``refusal`` is the reason why no goal is admitted; '' if all are. A server with an admission policy rejects the
-    goals that are not admitted, as the lifecycle servers of ROS do.
+    ``refusal`` is the reason to reject all goals; '' to admit them. Servers with an admission policy reject goals that
+    are not admitted, as the lifecycle servers of ROS do.
     """
 
     def __init__(self, subject: str, why: str = '') -> None:
-        """Close it if ``why``, which follows the subject, is given."""
+        """Start closed if ``why`` is not ''; it follows the subject."""
         self._subject = subject
         self.refusal = ''
         if why:
@@ -45,35 +45,35 @@ class GoalAdmission:
         self.refusal = f'{self._subject} {why}'
 
 
-# An action server whose goals are ended by a call, and whose results are on their way when that call returns.
+# An action server whose goals end by a method call, which sends the result before it returns.
 #
-# An action is three services and two topics, and they are made here as such. rclpy's ActionServer runs a coroutine for
-# each goal. When that has returned, the result takes two more turns of the executor until it is sent, after the list of
-# goals that shows the client the end. And the list, which goes out with every change of any goal, has all goals of
-# the last ``result_timeout`` seconds in it, which each client unpacks: at 10 goals a second and the 15 minutes of
-# rclpy's default that is longer than the goals take.
+# This server creates the three services and two topics of the action itself. rclpy's ActionServer runs a coroutine for
+# each goal. After its return, the executor needs two more turns to send the result, and sends the list of goals, which
+# shows the client the end, before it. The server publishes this list with every change of any goal, and it contains all
+# goals of the last ``result_timeout`` seconds, which each client unpacks. At 10 goals a second and rclpy's default of
+# 15 minutes, that takes longer than the goals.
 #
-# Here the result leaves first. Ended goals stay in the list for a moment only. Their results can be requested for
-# longer, and as long a cancel is answered with "terminated", not with "unknown".
+# This server sends the result first. Ended goals stay in the list only for a moment. Their results can be requested for
+# longer; during that time the answer to a cancel is "terminated", not "unknown".
 
 MOST_RESULTS: Final = 1000
 RESULTS_LENGTH: Final = 64_000_000
-"""Number of results that are kept, and their total characters, bytes and elements; the oldest are dropped first."""
+"""Maximum number of kept results, and of their characters, bytes and elements; the oldest are dropped first."""
 
 MOST_GOALS: Final = 1000
-"""Default limit of goals that a server works on at a time: the number of requests that can wait for it."""
+"""Default maximum number of active goals of a server: the number of requests that can wait for it."""
 
 _COMPLAINT_SECONDS: Final = 1.0
 """Minimum time between two log lines about rejected goals, s."""
 
 _FAULT_LIMIT: Final = 1000
-"""Maximum number of characters of a fault in the result for a client: the error may show any value."""
+"""Maximum number of characters of a fault in a result: the error may show any value."""
 
 RESULT_SECONDS: Final = 30.0
 """Time for which the result of a goal can be requested again after an outage of the link, s."""
 
 _LIST_AFTER_SECONDS: Final = 0.02
-"""Delay from a change to sending the list of goals, s: a client waiting for a result need not unpack a list first."""
+"""Delay from a change to publishing the list of goals, s: a client that waits for a result gets the result first."""
 
 _LISTED_SECONDS: Final = 0.25
 """Time for which the list of goals shows a goal that has ended, s."""
@@ -81,12 +81,12 @@ _LISTED_SECONDS: Final = 0.25
 
 @dataclass(frozen=True)
 class GoalFault:
-    """A fault that is injected into a server, to test how its clients handle it. It affects all goals, active ones too;
-    a refusal affects only new ones.
+    """A fault that is injected into a server, to test its clients. It affects active goals too, except ``refusal``,
+    which affects only new ones.
 
-    ``refusal``: why goals are rejected; '' when they are not. ``failure``: the result with which goals are aborted.
-    ``hangs``: goals are accepted and not begun, those that had been are withdrawn, and cancels are not answered. Goals
-    and cancels wait for the end of the fault; a goal that was withdrawn is begun anew then.
+    ``refusal``: reason to reject goals, or ''. ``failure``: result with which goals are aborted. ``hangs``: the server
+    accepts goals without starting them, withdraws active ones, and does not answer cancels. Goals and cancels wait for
+    the end of the fault. Withdrawn goals start again then.
     """
 
     refusal: str = ''
@@ -96,7 +96,7 @@ class GoalFault:
 
 @dataclass(eq=False)
 class _Goal:
-    """A goal as its clients see it. ``askers`` are the pending requests for its result."""
+    """The state of a goal for its clients. ``askers`` are the pending requests for its result."""
 
     info: GoalInfo
     request: Any
@@ -113,7 +113,7 @@ class _Goal:
 
 
 class ServedGoal:
-    """A goal that was accepted. Used on the executor thread; ``cancel_requested`` may be read on any.
+    """An accepted goal. Executor thread only, except that any thread may read ``cancel_requested``.
 
     ``id``: 16 bytes. ``request``: the goal message.
     """
@@ -134,42 +134,42 @@ class ServedGoal:
 
     @property
     def cancel_requested(self) -> bool:
-        """True if the goal is active and the client asked to cancel it, or if the goal is withdrawn."""
+        """True if the goal is active and its client has requested a cancel, or if the goal is withdrawn."""
         return self._withdrawn or (self._active and self._goal.status == GoalStatus.STATUS_CANCELING)
 
     def on_cancel(self, fn: Callable[[], None]) -> None:
-        """Have ``fn`` called when ``cancel_requested`` begins to hold, as long as the goal has not ended."""
+        """Call ``fn`` when ``cancel_requested`` becomes true before the end of the goal."""
         self._on_cancel.append(fn)
 
     def notify_cancel(self) -> None:
-        """Call the clients that requested it; for the server."""
+        """Call the functions registered by :meth:`on_cancel`; for the server."""
         waiting, self._on_cancel = self._on_cancel, []
         for fn in waiting:
             fn()
 
     def publish_feedback(self, feedback: Any) -> None:
-        """Send feedback; nothing after the end."""
+        """Publish feedback. No effect after the end."""
         if self._active:
             self._server.publish_feedback(self._goal, feedback)
 
     def succeed(self, result: Any) -> None:
-        """End the goal as succeeded. Ending a goal a second time changes nothing."""
+        """End the goal as succeeded. Ending a goal a second time has no effect."""
         self._end(GoalStatus.STATUS_SUCCEEDED, result)
 
     def abort(self, result: Any) -> None:
-        """End the goal: it was not done."""
+        """End the goal as aborted."""
         self._end(GoalStatus.STATUS_ABORTED, result)
 
     def canceled(self, result: Any) -> None:
-        """End the goal as canceled; when its client did not ask for that, it is aborted: ROS knows no other way."""
+        """End the goal as canceled, or as aborted if its client has not requested a cancel, since ROS requires that."""
         self._end(GoalStatus.STATUS_CANCELED if self.cancel_requested else GoalStatus.STATUS_ABORTED, result)
 
     def withdraw(self) -> None:
-        """Take the goal from who works on it, for whom it is as if canceled: what he says of it is not told."""
+        """Withdraw the goal from its worker, which sees a cancel. Feedback and results of this worker are dropped."""
         self._active, self._withdrawn = False, True
 
     def as_accepted(self) -> ServedGoal:
-        """Return the goal as it was when it was accepted, for who works on it next."""
+        """Return the goal in the state after its acceptance, for the next worker."""
         return ServedGoal(self._server, self._goal)
 
     def _end(self, status: int, result: Any) -> None:
@@ -179,18 +179,18 @@ class ServedGoal:
 
 
 class GoalServer:
-    """A server of one action. Made and used on the executor thread; closed with the runtime at the latest.
+    """A server of one action. Executor thread only; closed with the runtime at the latest.
 
-    ``on_goal(goal)`` is called with each goal, which is accepted and shown as executing; it, or the work it starts,
-    has to end the goal. If it raises, the fault is reported and the goal aborted. When the client cancels the goal,
-    ``cancel_requested`` becomes true, and :meth:`ServedGoal.on_cancel` and ``on_cancel(goal)`` are called; the goal may
-    end at once, later, or with another status. A server that is not ``cancelable`` rejects cancels.
+    ``on_goal(goal)`` is called with each goal, which is accepted and has the status executing. It, or the work it
+    starts, must end the goal. If it raises, the server reports the fault and aborts the goal. When the client cancels
+    the goal, ``cancel_requested`` becomes true, and the server calls the functions of :meth:`ServedGoal.on_cancel` and
+    ``on_cancel(goal)``. The goal may end at once, later, or with another status. A server that is not ``cancelable``
+    rejects cancels.
 
-    Goals that exceed :mod:`flexbt_common.values.limits`, and more than ``most`` at a time, are aborted with
-    ``refused(why)``, the result for a reason, without a call of ``on_goal``. Goals not admitted by ``admission`` are
-    rejected; ROS cannot return a reason to the client, so the node logs it. ``admission`` may be replaced.
-
-    The server ends with the node or :class:`NodeScope` that it is made on, if not before.
+    Goals that exceed :mod:`flexbt_common.values.limits`, or the number ``most`` of active goals, are aborted with the
+    result ``refused(why)`` without a call of ``on_goal``. Goals not admitted by ``admission`` are rejected. ROS cannot
+    return a reason to the client then, so the node logs it. ``admission`` may be replaced.
+    The server ends with its node or :class:`NodeScope`, if not before.
     """
 
     def __init__(
@@ -205,7 +205,7 @@ class GoalServer:
         admission: GoalAdmission | None = None,
         cancelable: bool = True,
     ) -> None:
-        """``refused`` is by default for results as those of Nav2, with ``error_code`` and ``error_msg``."""
+        """The default of ``refused`` is for results like Nav2's, with ``error_code`` and ``error_msg``."""
         self._runtime = runtime
         self._name = name
         self._action_type = action_type
@@ -217,11 +217,11 @@ class GoalServer:
         self._cancelable = cancelable
         self._goals: dict[bytes, ServedGoal] = {}
         self.listed: dict[bytes, _Goal] = {}
-        """The goals in the published list, by their identifiers."""
+        """Goals in the published list, by ID."""
         self._is_listed_soon = False
         self._held_cancels: deque[tuple[Any, Any]] = deque(maxlen=MOST_GOALS)
         self.results = _Results()
-        """The results of goals that have ended."""
+        """Results of ended goals."""
         self._fault = GoalFault()
         self._is_closed = False
         impl, node = action_type.Impl, runtime.node
@@ -234,7 +234,7 @@ class GoalServer:
         runtime.on_close(self._close_at_end)
 
     def close(self) -> None:
-        """Take the server out of the graph. Goals that have not ended get no result."""
+        """Remove the server from the graph. Active goals get no result."""
         self._runtime.cancel_on_close(self._close_at_end)
         self._runtime.once(goal_servers, _no_servers).pop(self._name, None)
         self._publish_list()
@@ -271,8 +271,8 @@ class GoalServer:
         return bool(self._goals)
 
     def end_all(self, end: Callable[[ServedGoal, Any], None]) -> None:
-        """End all goals, also those that wait, for example for the end of a fault: nothing else would stop them.
-        Their workers are notified as by a cancel; then ``end(goal, result)`` is called with an empty result.
+        """End all goals, including those that wait, for example for the end of a fault. Their workers are notified as
+        by a cancel; then ``end(goal, result)`` is called with an empty result.
         """
         for goal in list(self._goals.values()):
             if goal.active:
@@ -283,8 +283,8 @@ class GoalServer:
         self._runtime.call(self.close)
 
     def _service(self, part: str, service_type: Any, answer: Callable[[Any, Any], Any]) -> Any:
-        """Make a service of the action. ``answer`` may return a function in place of a response: it gets the header
-        of the request, by which the request is answered later."""
+        """Create a service of the action. ``answer`` may return a function instead of a response: it gets the header of
+        the request, for a later answer."""
         service: Any = self._runtime.node.create_service(service_type, f'{self._name}/_action/{part}', answer)
         send = service.send_response
 
@@ -314,7 +314,7 @@ class GoalServer:
 
         def accept(header: Any) -> None:
             self.listed[goal.id] = goal
-            self.results.drop(goal.id)  # of a goal with the same ID, which is not listed any more
+            self.results.drop(goal.id)  # the result of an older goal with the same ID
             self._goal_service.send_response(response, header)
             self._list_soon()
             self._begin(ServedGoal(self, goal))
@@ -322,7 +322,7 @@ class GoalServer:
         return accept
 
     def _answer_cancel(self, request: Any, response: Any) -> Any:
-        """Follow the rules of action_msgs/srv/CancelGoal."""
+        """Answer a cancel request by the rules of action_msgs/srv/CancelGoal."""
         if self._fault.hangs:
             return lambda header: self._held_cancels.append((request, header))
         goal_id, until = bytes(request.goal_info.goal_id.uuid), Time.from_msg(request.goal_info.stamp).nanoseconds
@@ -360,7 +360,7 @@ class GoalServer:
         return self.results.get(goal_id) or response
 
     def publish_feedback(self, goal: _Goal, feedback: Any) -> None:
-        """Send feedback of a goal; for :class:`ServedGoal`."""
+        """Publish feedback of a goal; for :class:`ServedGoal`."""
         if not self._is_closed:
             message = self._action_type.Impl.FeedbackMessage(goal_id=goal.info.goal_id, feedback=feedback)
             self._feedback.publish(message)
@@ -403,7 +403,7 @@ class GoalServer:
                 goal.abort(self._fault.failure)
             else:
                 self._on_goal(goal)
-                if goal.cancel_requested:  # while it was withdrawn
+                if goal.cancel_requested:  # the client has canceled the withdrawn goal
                     self._notify_cancel(goal)
         except LimitExceededError as error:
             goal.abort(self._refused(str(error)))
@@ -431,7 +431,7 @@ def _no_servers(_runtime: Runtime) -> dict[str, GoalServer]:
 
 
 def set_error(result: Any, code: int, message: str) -> None:
-    """Fill in what results as those of Nav2 say of an error. (Those of routes have no message.)"""
+    """Fill in the error fields of results like Nav2's. (Results of routes have no message.)"""
     result.error_code = code
     if hasattr(result, 'error_msg'):
         result.error_msg = message
@@ -444,7 +444,7 @@ def _refusal(action_type: Any, why: str) -> Any:
 
 
 class _Results:
-    """The results of goals that have ended, by their identifiers, up to MOST_RESULTS and RESULTS_LENGTH."""
+    """The results of ended goals by ID, up to MOST_RESULTS and RESULTS_LENGTH."""
 
     def __init__(self) -> None:
         self._responses: dict[bytes, Any] = {}
@@ -454,11 +454,11 @@ class _Results:
         return goal_id in self._responses
 
     def get(self, goal_id: bytes) -> Any | None:
-        """Return the response for a goal, if its result is kept."""
+        """Return the kept response for a goal, or None."""
         return self._responses.get(goal_id)
 
     def keep(self, goal_id: bytes, response: Any) -> None:
-        """Keep a result. The oldest go first."""
+        """Keep a result, and drop the oldest ones beyond the limits."""
         self._responses[goal_id] = response
         self._lengths[goal_id] = length_of(response.result)
         while len(self._responses) > MOST_RESULTS or (
@@ -467,6 +467,6 @@ class _Results:
             self.drop(next(iter(self._responses)))
 
     def drop(self, goal_id: bytes) -> None:
-        """Forget a result, if there is one."""
+        """Drop the result of a goal, if any."""
         self._responses.pop(goal_id, None)
         self._lengths.pop(goal_id, None)

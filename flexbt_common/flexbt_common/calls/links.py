@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Connections of a node to servers, shared by all callers, so that each server is discovered once.
 
-The middleware still shows the servers of a killed process until the lease of its participant expires, 20 s with our
+The middleware shows the servers of a killed process until the lease of its participant expires: 20 s with our
 profiles. Nodes of FlexBT hold a liveliness token (:mod:`flexbt_common.lifecycle`), which shows within a second that
 their servers are gone or were replaced by another process. For servers without a token, such as Nav2's own, only the
-middleware's view is known.
+middleware's view is available.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from flexbt_common.values.value_types import message_type_name
 from flexbt_core.clock.clock import Timer
 
 SETTLE_SECONDS: Final = 0.1
-"""Time from the discovery of a server to the first message to it, s, where that message may be lost because the other
-side has not discovered this node yet."""
+"""Delay from the discovery of a server to the first message to it, s, if the server may not have discovered this node
+yet and would lose the message."""
 
 NAME_SECONDS: Final = 1.0
 """Time to wait for the name of a server's node, s: it arrives later than the server, and for some servers never."""
@@ -42,11 +42,11 @@ _APPEAR_PERIOD: Final = 0.05
 """Period of the check whether a server has appeared, s."""
 
 _MOST_NODES: Final = 100
-"""Maximum number of nodes whose tokens are watched for the calls of one node: their names come from other processes."""
+"""Maximum number of watched nodes for the calls of one node: their names come from other processes."""
 
 
 class ServerEnd(NamedTuple):
-    """One server of a name: its node, '' while that is not known, and the writer of its answers."""
+    """One server of a name: its node, or '' while that is unknown, and the writer of its answers."""
 
     node: str
     writer: bytes
@@ -83,7 +83,7 @@ class ServerNodes:
 
 
 class Servers:
-    """The servers of a name at one moment, and their state since then. For the executor thread."""
+    """The servers of a name at one moment, and their state since then. Executor thread only."""
 
     def __init__(self, nodes: ServerNodes, ends: frozenset[ServerEnd]) -> None:
         self.ends = ends
@@ -91,26 +91,26 @@ class Servers:
 
     @property
     def are_gone(self) -> bool:
-        """True if there are servers and all are known to be gone: ended, replaced, or late for too long."""
+        """True if servers exist and all are known to be gone: ended, replaced, or late for too long."""
         return bool(self.ends) and all(self.is_gone(end) for end in self.ends)
 
     @property
     def are_late(self) -> bool:
-        """True if the node of a server is late: an unreachable server may only hang."""
+        """True if the node of a server is late: the server may only hang."""
         return any(watch.late for watch in self._watches())
 
     @property
     def are_silent(self) -> bool:
-        """True if a server is late or gone but not known to have ended: it may come back."""
+        """True if a server is late or gone but not known to have ended: it may return."""
         return any(self.is_silent(end) for end in self.ends)
 
     def is_gone(self, end: ServerEnd) -> bool:
-        """Return whether one of them is known to be gone."""
+        """Return whether this server is known to be gone."""
         watch = self._nodes.watch(end.node)
         return watch is not None and watch.is_gone(end.writer)
 
     def is_silent(self, end: ServerEnd) -> bool:
-        """Return whether one of them is not heard, and is not known to have ended."""
+        """Return whether this server is silent but not known to have ended."""
         watch = self._nodes.watch(end.node)
         return watch is not None and watch.silent and not watch.has_ended(end.writer)
 
@@ -120,27 +120,27 @@ class Servers:
 
 
 class ServerLink:
-    """The connection of a node to the server ``name``; made on the executor thread, and for use there."""
+    """The connection of a node to the server ``name``. Executor thread only."""
 
     kind: ClassVar[str]
-    """What a person calls the server."""
+    """Kind of the server in texts for people."""
 
     asks_silent: ClassVar[bool] = False
-    """True if requests are also sent to a server that hangs for too long: it answers, or obeys, when it continues."""
+    """True if requests are sent even to a server that hangs for too long: it handles them when it continues."""
 
     entities: tuple[Any, ...]
-    """Clients and subscriptions of rclpy, for the executor thread; destroyed when the link is no longer held."""
+    """rclpy's clients and subscriptions, for the executor thread; destroyed when nothing holds the link any more."""
 
     def __init__(
         self, runtime: Runtime, server_type: type[Any], name: str, nodes: ServerNodes, answer_topic: str
     ) -> None:
-        """``answer_topic``: a topic on which the server answers, as DDS has it."""
+        """``answer_topic``: DDS name of a topic on which the server answers."""
         self.runtime = runtime
         self.server_type = server_type
         self.name = name
         self._nodes = nodes
         self._answer_topic = answer_topic
-        self._seen: dict[bytes, float] = {}  # writers that are there, and since when
+        self._seen: dict[bytes, float] = {}  # visible writers, and when they appeared
 
     def __str__(self) -> str:
         return f'{self.kind} {self.name!r} ({message_type_name(self.server_type)})'
@@ -150,17 +150,17 @@ class ServerLink:
         raise NotImplementedError
 
     def is_ready(self) -> bool:
-        """Return whether a server is there now that is not known to be gone.
+        """Return whether a server is available now that is not known to be gone.
 
-        Beside one that is gone, a new one counts when it has had the time to know this node; and one whose node has no
-        name yet counts a little later.
+        If another server of this name is gone, a new one counts only after it has had time to discover this node, and
+        a little later if the name of its node is unknown.
         """
         if not self.is_shown():
             self._seen.clear()
             return False
         ends = self._ends()
         if not ends:
-            return True  # a middleware that does not name its endpoints so
+            return True  # a middleware with other endpoint names
         now = self.runtime.steady.now()
         self._seen = {end.writer: self._seen.get(end.writer, now) for end in ends}
         servers = Servers(self._nodes, ends)
@@ -169,7 +169,7 @@ class ServerLink:
         return any(now - self._seen[end.writer] >= (settling if end.node else NAME_SECONDS) for end in ends - gone)
 
     def servers(self) -> Servers:
-        """Return those who are there now, and are not known to be gone."""
+        """Return the servers that exist now and are not known to be gone."""
         servers = Servers(self._nodes, self._ends())
         return Servers(self._nodes, frozenset(end for end in servers.ends if not self._is_out(servers, end)))
 
@@ -191,21 +191,21 @@ LinkT = TypeVar('LinkT', bound=ServerLink)
 class ServerLinks(Generic[LinkT]):
     """The links of one node, one for each type and name. From any thread.
 
-    A link exists as long as something holds it, such as an active call. The most recently requested links are kept as
-    long as this object; their number is limited, since the names of servers may come from other processes. The executor
-    of the runtime destroys the remaining entities of its node when it ends.
+    A link exists as long as something holds it, such as an active call. This object also holds the most recently
+    requested links. Their number is limited, since the names of servers may come from other processes. The executor of
+    the runtime destroys the remaining entities of its node when it ends.
     """
 
     link_class: ClassVar[type[Any]]
 
     def __init__(self, runtime: Runtime, peer_timeout: float = PEER_TIMEOUT) -> None:
-        """``peer_timeout``: how long the node of a server may be late before it is taken for gone, s of wall time."""
+        """``peer_timeout``: time for which a server's node may be late before it counts as gone, s of wall time."""
         self._runtime = runtime
         self._peer_timeout = peer_timeout
         self._links: WeakLruCache[tuple[Any, str], LinkT] = WeakLruCache(MOST_LINKS)
 
     def link(self, server_type: Any, name: str) -> LinkT:
-        """Return the link to the server ``name``; made now if there is none yet."""
+        """Return the link to the server ``name``, created on first use."""
         key = server_type, name
         known = self._links.used(key)
         return known if known is not None else self._runtime.call(lambda: self._links.get(key, lambda: self._new(*key)))
@@ -220,7 +220,7 @@ class ServerLinks(Generic[LinkT]):
 
 
 def _destroy(node: Node, entities: tuple[Any, ...]) -> None:
-    """Take what a link has made from its node, on the executor thread."""
+    """Destroy the entities of a link, on the executor thread."""
     for entity in entities:
         if isinstance(entity, Subscription):
             node.destroy_subscription(entity)
@@ -232,7 +232,7 @@ OutcomeT = TypeVar('OutcomeT')
 
 
 class ServerCall(Generic[LinkT, OutcomeT]):
-    """What is asked of a server, once it is there, with exactly one outcome. Thread-safe; may be made on any thread."""
+    """A request to a server, sent once it is available, with exactly one outcome. Thread-safe."""
 
     def __init__(self, link: LinkT, on_done: Callable[[OutcomeT], None], server_timeout: float) -> None:
         """``on_done`` is called on the executor thread; ``server_timeout``: for the server to appear, s."""
@@ -258,11 +258,11 @@ class ServerCall(Generic[LinkT, OutcomeT]):
     # -------------------------------------------------- everything below runs on the executor thread
 
     def _send(self) -> None:
-        """Send it: the server is there."""
+        """Send the request: the server is available."""
         raise NotImplementedError
 
     def _not_there(self, why: str) -> None:
-        """End it: no server has appeared."""
+        """End the call: no server has appeared."""
         raise NotImplementedError
 
     def _wait_for_server(self, deadline: float) -> None:

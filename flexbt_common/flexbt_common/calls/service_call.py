@@ -14,7 +14,7 @@ from flexbt_common.runtime.node_runtime import Runtime
 from .links import SETTLE_SECONDS, WATCH_SECONDS, ServerCall, ServerLink, ServerLinks, ServerNodes
 
 _LATE: Final = 1.0
-"""Seconds by which the executor may be late to report that there is no response."""
+"""Seconds by which the executor may be late to report a missing response."""
 
 
 @dataclass(frozen=True)
@@ -26,16 +26,16 @@ class ServiceOutcome:
 
     @property
     def ok(self) -> bool:
-        """True if there is a response, whatever it contains."""
+        """True if a response has arrived, with any content."""
         return self.response is not None
 
 
 class ServiceLink(ServerLink):
-    """The connection of this node to one service. Made by :class:`ServiceLinks`, on the executor thread; ``client`` is
-    rclpy's."""
+    """The connection of this node to one service. :class:`ServiceLinks` creates it on the executor thread; ``client``
+    is rclpy's."""
 
     kind = 'service'
-    asks_silent = True  # a cancel, above all
+    asks_silent = True  # important above all for cancels
 
     def __init__(self, runtime: Runtime, service_type: Any, name: str, nodes: ServerNodes) -> None:
         super().__init__(runtime, service_type, name, nodes, f'rr{runtime.node.resolve_service_name(name)}Reply')
@@ -44,7 +44,7 @@ class ServiceLink(ServerLink):
         self._seen_since: float | None = None
 
     def is_shown(self) -> bool:
-        """Return whether the middleware shows the service, which has had the time to know this client."""
+        """Return whether the middleware shows the service, and the service has had time to discover this client."""
         now = self.runtime.steady.now()
         if not self.client.service_is_ready():
             self._seen_since = None
@@ -54,9 +54,9 @@ class ServiceLink(ServerLink):
 
 
 def service_outcome(link: ServiceLink, request: Any, timeout: float) -> ServiceOutcome:
-    """Send a request, and wait for its outcome. Not on the executor thread.
+    """Send a request and wait for its outcome. Not on the executor thread.
 
-    ``timeout`` in seconds of wall time: for the service to appear, and again for the response.
+    ``timeout``: time for the service to appear, and again for the response, s of wall time.
     """
     done: Future[ServiceOutcome] = Future()
     call = ServiceCall(link, request, on_done=done.set_result, server_timeout=timeout, response_timeout=timeout)
@@ -74,7 +74,7 @@ class ServiceLinks(ServerLinks[ServiceLink]):
 
 
 class ServiceCall(ServerCall[ServiceLink, ServiceOutcome]):
-    """A request that was sent to a server. Thread-safe; may be made on any thread."""
+    """A request to a service. Thread-safe; may be created on any thread."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class ServiceCall(ServerCall[ServiceLink, ServiceOutcome]):
         server_timeout: float = 1.0,
         response_timeout: float = 1.0,
     ) -> None:
-        """Send ``request`` as soon as the service is there.
+        """Send ``request`` as soon as the service is available.
 
         ``on_done`` is called exactly once, on the executor thread. Wall time in seconds: ``server_timeout`` for the
         service to appear, ``response_timeout`` from sending to the response.
@@ -93,10 +93,10 @@ class ServiceCall(ServerCall[ServiceLink, ServiceOutcome]):
         self._request = request
         self._response_timeout = response_timeout
         self._future: Any = None
-        super().__init__(link, on_done, server_timeout)  # it begins
+        super().__init__(link, on_done, server_timeout)  # starts the call
 
     def cancel(self) -> None:
-        """Forget the request: a service cannot be stopped, but its response is not waited for any more."""
+        """Stop waiting for the response. The service itself cannot be stopped."""
         self._runtime.post(lambda: self._finish(None, f'the request to {self._link} was given up'))
 
     def _not_there(self, why: str) -> None:
