@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPP
 
 
 class AlwaysSuccess(LeafNode):
-    """SUCCESS."""
+    """Returns SUCCESS at every tick."""
 
     __slots__ = ()
 
@@ -41,7 +41,7 @@ class AlwaysSuccess(LeafNode):
 
 
 class AlwaysFailure(LeafNode):
-    """FAILURE."""
+    """Returns FAILURE at every tick."""
 
     __slots__ = ()
 
@@ -58,11 +58,11 @@ class SetBlackboard(SyncAction):
     """Writes ``value`` to the key named by ``output_key``.
 
     A literal ``output_key`` is the key itself; a ``{pointer}`` means the entry whose *content* is the key. A literal
-    value is written as text, converted when the entry has another type; a ``{pointer}`` copies that entry, text in the
-    same way, anything else only to an entry of the same type: FAILURE when it was declared but never written.
+    value is written as text, and converted if the entry has another type. A ``{pointer}`` copies that entry: text is
+    converted in the same way, any other value needs an entry of the same type. FAILURE if the copied entry was declared
+    but never written.
 
-    Text empties an entry that is there without a type, such as one that a script has made, and is an error the next
-    time.
+    If the entry exists without a type (a script created it), text empties it, and raises an error the next time.
     """
 
     __slots__ = ('_class', '_copied', '_entry', '_source', '_text', '_type', '_value')
@@ -78,8 +78,8 @@ class SetBlackboard(SyncAction):
         value = config.values.get('value')
         self._source = None if value is None else value.key
         self._text = '' if value is None else value.text
-        # For a constant key, once it is known what is written there: the entry, and what constant text means in its
-        # type, when that is fixed; or the entry that is copied, when it has the same type, and the class of its value.
+        # Caches for a constant key: the entry with the constant text converted to its fixed type; or the copied entry,
+        # if it has the same type, with the class of its value.
         self._entry = MISSING
         self._value: Any = None
         self._copied = MISSING
@@ -137,14 +137,14 @@ class SetBlackboard(SyncAction):
         board.put(key, value, kind)
         entry = board.entry(key)
         assert entry is not None
-        # The types of both are the same, or that of the one that is written is not fixed.
+        # Both types are equal, or the written entry has no fixed type.
         if self.port_key('output_key') is None and (is_fixed(copied.type) or not is_fixed(entry.type)):
             self._entry, self._type = entry, entry.type
             self._copied, self._class = copied, value.__class__
         return SUCCESS
 
     def _converted(self, key: str, text: str) -> tuple[Any, PortType | None]:
-        """Return what the text is as value of the entry that is to be written, and its type there."""
+        """Return the text converted for the entry to be written, and the type of the result."""
         entry = self.blackboard.entry(key)
         kind = STRING if entry is None else entry.type
         if kind is None:
@@ -161,7 +161,7 @@ class SetBlackboard(SyncAction):
 
 
 class UnsetBlackboard(SyncAction):
-    """Removes the entry ``key`` from the scope of the node itself. SUCCESS also when there was none."""
+    """Removes the entry ``key`` from the scope of the node itself. SUCCESS even if it does not exist."""
 
     __slots__ = ('_key',)
 
@@ -193,9 +193,9 @@ class UnsetBlackboard(SyncAction):
 
 # SkipUnlessUpdated, WaitValueUpdate and WasEntryUpdated: has an entry of the blackboard been written?
 #
-# Each node remembers the number of writes that it saw last, at first none, and for as long as the tree lives. What is
-# asked is whether there was a write, not whether the value is another one. An entry that was removed and made anew
-# counts its writes from the beginning; as many as before go unnoticed, as in BehaviorTree.CPP.
+# Each node remembers the last number of writes that it saw, for the life of the tree; it starts with none. A write
+# counts even if the value does not change. An entry that is removed and created again restarts its count, so the nodes
+# miss the update if both counts are equal, as in BehaviorTree.CPP.
 
 _PORTS: Final[Mapping[str, Port]] = {'entry': input_port(ANY, literal=KEY, description='the entry: {key}, or just key')}
 
@@ -206,7 +206,7 @@ def _key(config: NodeConfig) -> str:
 
 
 def _updated(node: UpdateDecorator | WasEntryUpdated) -> bool:
-    """Return whether the entry was written since the node has last seen so. One that is missing was not."""
+    """Return True if the entry was written since the node last checked. False for a missing entry."""
     entry = node._entry
     if not entry.present:
         node._entry = entry = node.blackboard.entry(node._key) or MISSING
@@ -218,7 +218,7 @@ def _updated(node: UpdateDecorator | WasEntryUpdated) -> bool:
 
 
 class UpdateDecorator(DecoratorNode):
-    """Ticks the child when the entry was written since the last time, and then until the child is no longer RUNNING."""
+    """A decorator that ticks the child after a write of the entry, until the child is no longer RUNNING."""
 
     __slots__ = ('_child_running', '_entry', '_key', '_seen')
 
@@ -229,7 +229,7 @@ class UpdateDecorator(DecoratorNode):
         super().__init__(config)
         self._key = _key(config)
         self._entry = MISSING
-        # The number of writes that was seen last.
+        # Last number of writes that the node saw.
         self._seen = 0
         self._child_running = False
 
@@ -248,7 +248,7 @@ class UpdateDecorator(DecoratorNode):
 
 
 class SkipUnlessUpdated(UpdateDecorator):
-    """Runs the child when ``entry`` was written since the last time; SKIPPED otherwise. A halt does not undo that."""
+    """Runs the child when ``entry`` was written since the last time; SKIPPED otherwise. A halt does not reset this."""
 
     __slots__ = ()
 
@@ -267,16 +267,16 @@ class SkipUnlessUpdated(UpdateDecorator):
     )
 
     def execute(self) -> NodeStatus:
-        # Nothing new is what most ticks find; a call would take longer than that.
+        # Most ticks find no write; a call would cost more than this check.
         if not self._child_running and (self._entry.sequence == self._seen or not _updated(self)):
             return SKIPPED
         return self._run()
 
 
 class WaitValueUpdate(UpdateDecorator):
-    """Waits, RUNNING, until ``entry`` is written, and then runs the child. A halt does not undo what was seen.
+    """Waits, RUNNING, until ``entry`` is written, and then runs the child. A halt does not reset this.
 
-    The write itself asks for no wake-up: what makes it, a leaf of the tree or its host, has to tick the tree.
+    A write does not wake the tree: the writer, a leaf of the tree or its host, has to request a tick.
     """
 
     __slots__ = ()
@@ -303,7 +303,7 @@ class WasEntryUpdated(LeafNode):
         super().__init__(config)
         self._key = _key(config)
         self._entry = MISSING
-        # The number of writes that was seen last.
+        # Last number of writes that the node saw.
         self._seen = 0
 
     def execute(self) -> NodeStatus:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """IfThenElse, WhileDoElse and Switch2 to Switch6: a condition or a value decides which child is ticked.
 
-The first child is the condition, the second the branch for SUCCESS, the third (which may be absent) that for FAILURE.
-As in BehaviorTree.CPP the number of children is looked at when the node is ticked, so that a tree whose wrong node is
-never reached runs; and a condition that is skipped is an error, since it says neither.
+The first child is the condition, the second the branch for SUCCESS, the optional third the branch for FAILURE. As in
+BehaviorTree.CPP, the number of children is checked when the node is ticked, so a tree runs if it never reaches the
+wrong node. A skipped condition is an error.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class _Conditional(ControlNode):
 
 
 class IfThenElse(_Conditional):
-    """Asks the condition once, then ticks the branch that it chose until that completes; its result is the node's.
+    """Evaluates the condition once, then ticks the chosen branch until it completes, and returns its result.
 
-    FAILURE when the condition fails and there is no third child. In that case alone the children are not set to IDLE,
-    as in BehaviorTree.CPP: a condition that is a stateful action keeps its FAILURE, and is not asked anew, until the
-    parent of the node resets or halts it. A third child avoids that, be it AlwaysFailure.
+    FAILURE if the condition fails and the node has no third child. Only in this case are the children not set to IDLE,
+    as in BehaviorTree.CPP: a condition that is a stateful action keeps its FAILURE, and is not evaluated again, until
+    the parent resets or halts the node. A third child, such as AlwaysFailure, avoids this.
     """
 
     __slots__ = ('_chosen',)
@@ -88,7 +88,7 @@ class IfThenElse(_Conditional):
         if status is RUNNING:
             return RUNNING
         self._chosen = 0
-        # As reset_children does; a call would be much of the time that this takes.
+        # Inlined reset_children: a call would cost much of the time of this tick.
         for child in self.children:
             if child.stored_status is RUNNING:
                 child.halt_node()
@@ -104,10 +104,10 @@ class IfThenElse(_Conditional):
 
 
 class WhileDoElse(_Conditional):
-    """Asks the condition at every tick, and ticks the branch that it chooses, halting the other one.
+    """Evaluates the condition at every tick, ticks the chosen branch, and halts the other one.
 
-    The result of the branch is the node's. While the condition itself is RUNNING, the branches are left alone. FAILURE
-    when the condition fails and there is no third child.
+    Returns the result of the branch. While the condition itself is RUNNING, the node neither ticks nor halts a branch.
+    FAILURE if the condition fails and the node has no third child.
     """
 
     __slots__ = ()
@@ -150,7 +150,7 @@ class WhileDoElse(_Conditional):
             raise self._undecided()
         if status is RUNNING:
             return RUNNING
-        # As reset_children does; a call would be much of the time that this takes.
+        # Inlined reset_children: a call would cost much of the time of this tick.
         for child in self.children:
             if child.stored_status is RUNNING:
                 child.halt_node()
@@ -165,20 +165,20 @@ class WhileDoElse(_Conditional):
 
 
 class Switch(ControlNode):
-    """Ticks the child of the first case that equals ``variable``, or the last child, the default, when none does.
+    """Ticks the child of the first case that equals ``variable``, or the last child, the default, if none does.
 
-    Two texts are equal when they are the same, or are, as a whole, the same decimal number; the name of an enum
-    constant is its number. A variable that is missing, was never written, or is neither text nor number, leads to the
-    default. The variable is read at every tick; when the choice changes, the child that is RUNNING is halted. A skipped
-    child skips the node: the default is not tried. As in BehaviorTree.CPP the number of children is checked when the
-    node is ticked.
+    Two texts are equal if they are identical or both are the same decimal number; the name of an enum constant means
+    its number. The node ticks the default if the variable is missing, was never written, or is neither text nor number.
+    It reads the variable at every tick; if the choice changes, it halts the RUNNING child. A skipped child skips the
+    node: it does not try the default. As in BehaviorTree.CPP, the number of children is checked when the node is
+    ticked.
     """
 
     __slots__ = ('_choice', '_constant', '_incomplete', '_running', '_text', '_variable')
 
     running_at_completion = False
     cases: ClassVar[tuple[str, ...]]
-    """The ports of the cases."""
+    """Names of the ports of the cases."""
 
     def __init_subclass__(cls, count: int | None = None) -> None:
         if count is not None:
@@ -193,7 +193,7 @@ class Switch(ControlNode):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._running: int | None = None
-        # Cases that are literals are the same at every tick: the choice is only made anew when the variable changes.
+        # Literal cases never change: the node chooses again only when the variable changes.
         given = [config.values.get(case) for case in self.cases]
         self._constant = all(value is None or value.key is None for value in given)
         self._text: str | None = None
@@ -234,7 +234,7 @@ class Switch(ControlNode):
         return status
 
     def _find(self) -> object:
-        """Return the value of the variable, whose entry was not there the last time."""
+        """Return the value of the variable, looking up its entry, which was missing before."""
         key = self.port_key('variable')
         self._variable = (None if key is None else self.blackboard.entry(key)) or MISSING
         return self._variable.value
@@ -249,7 +249,7 @@ class Switch(ControlNode):
         return text
 
     def _match(self, variable: str | None) -> int:
-        """Return the child for this value of the variable."""
+        """Return the index of the child for this value of the variable."""
         default = len(self.cases)
         if variable is None:
             return default

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Decorators that change a result or repeat their child, and the border of a sub-tree."""
+"""Decorators that change a result or repeat their child, and SubTree."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPP
 
 
 class Inverter(DecoratorNode):
-    """SUCCESS and FAILURE of the child exchanged."""
+    """Returns FAILURE if the child succeeds, and SUCCESS if it fails."""
 
     __slots__ = ()
 
@@ -43,7 +43,7 @@ class Inverter(DecoratorNode):
 
 
 class ForceSuccess(DecoratorNode):
-    """SUCCESS whenever the child completes."""
+    """Returns SUCCESS when the child completes with any result."""
 
     __slots__ = ()
 
@@ -61,7 +61,7 @@ class ForceSuccess(DecoratorNode):
 
 
 class ForceFailure(DecoratorNode):
-    """FAILURE whenever the child completes."""
+    """Returns FAILURE when the child completes with any result."""
 
     __slots__ = ()
 
@@ -85,12 +85,12 @@ class ForceFailure(DecoratorNode):
 
 
 class _Repeating(DecoratorNode):
-    """A decorator that counts the runs of the child. The limit is read at each tick; -1 is none."""
+    """A decorator that counts the runs of the child. It reads the limit at each tick; -1: no limit."""
 
     __slots__ = ('_count', '_limit')
 
     limit: ClassVar[str]
-    """The port of the limit."""
+    """Name of the port of the limit."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -108,9 +108,9 @@ class _Repeating(DecoratorNode):
 
 
 class Repeat(_Repeating):
-    """Runs the child ``num_cycles`` times as long as it succeeds (-1: without end); FAILURE when it fails.
+    """Runs the child ``num_cycles`` times while it succeeds (-1: no limit); FAILURE when it fails.
 
-    Between two cycles it yields: RUNNING, to be ticked again at once, when the child began and completed in one tick.
+    Between two cycles, if the child began and completed in one tick, it yields: returns RUNNING and wakes the tree.
     """
 
     __slots__ = ('_failed_cycle',)
@@ -161,7 +161,7 @@ class Repeat(_Repeating):
 
 
 class RetryUntilSuccessful(_Repeating):
-    """Runs the child up to ``num_attempts`` times until it succeeds (-1: without end). It yields as Repeat does."""
+    """Runs the child up to ``num_attempts`` times until it succeeds (-1: no limit). It yields as Repeat does."""
 
     __slots__ = ('_used',)
 
@@ -178,7 +178,7 @@ class RetryUntilSuccessful(_Repeating):
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        # How many attempts there were when it failed.
+        # Number of attempts when the node failed.
         self._used = 0
 
     def execute(self) -> NodeStatus:
@@ -217,7 +217,7 @@ class RetryUntilSuccessful(_Repeating):
         return FAILURE
 
     def _changed_limit(self, attempts: int) -> int:
-        """Return the number of attempts now; the old one if it has been removed."""
+        """Return the current limit; the old one if its entry was removed."""
         try:
             return self._read_limit()
         except PortError:
@@ -234,7 +234,7 @@ class RetryUntilSuccessful(_Repeating):
 
 
 class KeepRunningUntilFailure(DecoratorNode):
-    """RUNNING as long as the child succeeds (it is then begun anew at the next tick); FAILURE when it fails."""
+    """RUNNING while the child succeeds (each next tick starts it again); FAILURE when it fails."""
 
     __slots__ = ()
 
@@ -258,9 +258,9 @@ class KeepRunningUntilFailure(DecoratorNode):
 
 
 class RunOnce(DecoratorNode):
-    """Runs the child until it has completed once, and never again as long as the tree lives, halted or not.
+    """Runs the child until it completes, then never again for the life of the tree, even after a halt.
 
-    After that SKIPPED, or with ``then_skip`` false always the result that the child had.
+    Then returns SKIPPED, or the child's result if ``then_skip`` is false.
     """
 
     __slots__ = ('_result', '_skip')
@@ -284,7 +284,7 @@ class RunOnce(DecoratorNode):
         super().__init__(config)
         self._result: NodeStatus | None = None
         given = config.values['then_skip']
-        # None: to be read at each tick.
+        # None: read it at each tick.
         self._skip: bool | None = given.literal if given.key is None else None
 
     def execute(self) -> NodeStatus:
@@ -310,7 +310,7 @@ class RunOnce(DecoratorNode):
 
 
 class SubTree(DecoratorNode):
-    """The border of a sub-tree: the child is the root of another tree, which has its own blackboard scope."""
+    """Runs another tree, whose root is the child, in a separate blackboard scope."""
 
     __slots__ = ()
 

@@ -34,18 +34,18 @@ def _queue_of(element: PortType) -> PortType:
 
 
 _END: Final = object()
-"""Placeholder for an element when none is left."""
+"""Placeholder that marks the end of the queue."""
 
 
 class Loop(DecoratorNode):
-    """Takes the first element of ``queue``, writes it to ``value``, and ticks the child until it completes; and so on.
+    """For each element of ``queue``, writes it to ``value`` and ticks the child until it completes.
 
-    FAILURE as soon as the child fails. With any other result of the child, also when it is skipped, the node is RUNNING
-    and continues with the next element at the next tick. If none is left at the beginning of a tick: ``if_empty``.
+    FAILURE as soon as the child fails. After any other result, also SKIPPED, the node is RUNNING and continues with the
+    next element at the next tick. If the queue is empty at the beginning of a tick, the node returns ``if_empty``.
 
-    A queue that is written in the XML (elements separated by ``;``) is begun anew by each run of the node. One on the
-    blackboard is a ``collections.deque``, from which the elements are removed, so that other nodes may append to it
-    meanwhile; or a list, a tuple or a text, which is read once in a run, and not changed.
+    Each run of the node restarts a queue that is written in the XML (elements separated by ``;``). From a
+    ``collections.deque`` on the blackboard the node removes the elements, so other nodes may append to it meanwhile. It
+    reads a list, a tuple or a text on the blackboard once in a run, and does not change it.
 
     For elements of another type: ``class LoopPose(Loop, element=POSE_STAMPED)``.
     """
@@ -55,7 +55,7 @@ class Loop(DecoratorNode):
     running_at_completion = None
     element: ClassVar[PortType]
     queue: ClassVar[PortType]
-    """Type of a queue that is written as text."""
+    """Type of a queue written as text."""
 
     def __init_subclass__(cls, element: PortType | None = None) -> None:
         if element is not None:
@@ -72,11 +72,11 @@ class Loop(DecoratorNode):
         super().__init__(config)
         given = config.values['queue']
         self._constant: tuple[Any, ...] | None = given.literal if given.key is None else None
-        # A constant queue is begun when a run begins; a node that was completed by a pre-condition has not begun one.
+        # A constant queue starts with the run; a node that a pre-condition completed has not started one.
         self._rest: Iterator[Any] = iter(())
         self._queue: deque[Any] | None = None
-        # The entry that the elements of a constant queue are written to, once it is known that it has their type. As
-        # long as it holds a value of their class, it is there, and takes them as they are.
+        # Output entry for the elements of a constant queue, set once its type matches theirs. While it holds a value
+        # of their class, it still exists, and needs no conversion.
         self._target = MISSING
         self._python_type = self.element.python_type
         self._child_running = False
@@ -96,14 +96,14 @@ class Loop(DecoratorNode):
                 if element is _END:
                     return self._empty()
             else:
-                # As next() does; a call would take much longer.
+                # Inlined next(): a call would take much longer.
                 for element in self._rest:  # noqa: B007 - it is used below
                     break
                 else:
                     return self._empty()
             target = self._target
             if target.value.__class__ is self._python_type:
-                # As target.write does.
+                # Inlined target.write.
                 target.value = element
                 target.sequence += 1
             else:
@@ -134,15 +134,15 @@ class Loop(DecoratorNode):
                 self._target = entry
 
     def _next_shared(self) -> Any:
-        """Return the next element of a queue on the blackboard."""
+        """Return the next element of a queue on the blackboard; _END if it is empty."""
         try:
             return self._shared().popleft()
         except IndexError:
-            # At the end. Also when another tree, which shares the queue, has just taken the last one.
+            # Empty, or another tree that shares the queue has just removed the last element.
             return _END
 
     def _shared(self) -> deque[Any]:
-        """Return the queue of the blackboard, or what is left of the copy of it that this run made."""
+        """Return the deque on the blackboard, or the rest of the copy that this run made."""
         content = self.get_input_or('queue', None)
         if isinstance(content, deque):
             self._queue = content

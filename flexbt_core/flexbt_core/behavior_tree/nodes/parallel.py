@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parallel and ParallelAll: all children are ticked, and a number of successes or failures decides."""
+"""Parallel and ParallelAll, which tick all children and count successes and failures."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def _completed() -> NodeStatus:
 
 
 class _ParallelControl(ControlNode):
-    """A child that has completed is not ticked again until the node is done.
+    """A control that does not tick a completed child again until the node completes.
 
-    Thresholds are ports, and may change from tick to tick; those that cannot, because they are literals, are kept.
+    Thresholds are ports, and may change from tick to tick; the node caches literal ones.
     """
 
     __slots__ = ('_counted', '_limits', '_row')
@@ -33,7 +33,7 @@ class _ParallelControl(ControlNode):
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        # How many failures there were when it failed.
+        # Number of failures when the node failed.
         self._counted = 0
         self._limits: tuple[int, ...] | None = None
 
@@ -42,7 +42,7 @@ class _ParallelControl(ControlNode):
         self._strike_out()
 
     def _strike_out(self) -> None:
-        """Make the row of ticks, without the children that have completed."""
+        """Build the list of tick functions, with a stub for each completed child."""
         pairs = zip(self._ticks, self.children, strict=True)
         self._row: Sequence[Tick] = [
             _completed if child.stored_status is SUCCESS or child.stored_status is FAILURE else tick
@@ -57,7 +57,7 @@ class _ParallelControl(ControlNode):
 
     @abstractmethod
     def _read_limits(self) -> tuple[int, ...]:
-        """Return the thresholds, by the ports."""
+        """Return the thresholds from the ports."""
 
     def _current_limits(self) -> tuple[int, ...]:
         limits = self._read_limits()
@@ -66,7 +66,7 @@ class _ParallelControl(ControlNode):
         return limits
 
     def _limit(self, port: str, what: str) -> int:
-        """Return a threshold, counted from no child on."""
+        """Return a threshold as a number of children, 0 or more."""
         total = len(self.children)
         count: int = self.get_input(port)
         limit = count if count >= 0 else max(total + count + 1, 0)
@@ -86,11 +86,11 @@ class _ParallelControl(ControlNode):
 
 
 class Parallel(_ParallelControl):
-    """SUCCESS after ``success_count`` successes; FAILURE after ``failure_count`` failures, or once it is out of reach.
+    """SUCCESS after ``success_count`` successes; FAILURE after ``failure_count`` failures, or if too few can succeed.
 
-    Negative counts are counted from the number of children (-1: all); then skipped children count as successes too. The
-    thresholds are checked after every child, so that later ones may not be ticked at all. A child that has completed
-    is not ticked again until the node is done; a skipped one is.
+    A negative count is relative to the number of children (-1: all); skipped children then count as successes too. The
+    node checks the thresholds after every child, so it may not tick later ones. It does not tick a completed child
+    again until the node completes, but does tick a skipped one.
     """
 
     __slots__ = ('_failures', '_successes')
@@ -120,8 +120,8 @@ class Parallel(_ParallelControl):
         failures = self._failures
         spare = len(row) - needed
         skipped = 0
-        # The counts are checked after each child. Most have no need of it: only when the counts decide already, which
-        # shows after the first child, is there something to be seen after a child that has changed none.
+        # The thresholds are checked after each child. A child that changes no count needs no check, unless the counts
+        # already decide, which the check after the first child finds.
         due = passed >= needed or failures == too_many or failures > spare
         enough = 0 if due else needed
         remaining = iter(row)
@@ -152,7 +152,7 @@ class Parallel(_ParallelControl):
             else:
                 result = SKIPPED if skipped == len(row) else RUNNING
         except BaseException:
-            # What the others have given counts.
+            # The results of the others still count.
             self._keep(passed - skipped if tolerant else passed, failures)
             raise
         if result is SUCCESS or result is FAILURE:
@@ -180,11 +180,11 @@ class Parallel(_ParallelControl):
 
 
 class ParallelAll(_ParallelControl):
-    """Ticks all children until each has completed; FAILURE when ``max_failures`` of them or more have failed.
+    """Ticks all children until each has completed; FAILURE if ``max_failures`` or more of them failed.
 
-    So the default 1 fails at the first failure, in spite of its name, but not before the other children have completed.
-    A negative number is counted from the number of children (-1: all have to fail). Skipped children count as
-    completed, but are ticked again as long as others are RUNNING; SKIPPED when all are, within one tick.
+    Despite the name, the default 1 fails if one child fails, but only after the other children have completed. A
+    negative number is relative to the number of children (-1: all have to fail). Skipped children count as completed,
+    but are ticked again while others are RUNNING. SKIPPED if all children are skipped in one tick.
     """
 
     __slots__ = ()

@@ -17,12 +17,12 @@ from flexbt_core.behavior_tree.script.interpreter import CONDITION, SCRIPT
 
 
 class _PointedScript:
-    """A script whose text is on the blackboard. It has to be there when the tree is made, and may change later."""
+    """A script whose text is on the blackboard. It must exist when the tree is made, and may change later."""
 
     __slots__ = ('_bound', '_condition', '_node', '_port', '_text')
 
     def __init__(self, node: TreeNode, port: str, condition: bool) -> None:
-        """Raise PortError or ScriptError if there is no such text, or if it is not a script."""
+        """Raise PortError if the text is missing, and ScriptError if it is not a script."""
         self._node = node
         self._port = port
         self._condition = condition
@@ -42,7 +42,7 @@ class _PointedScript:
 
 
 def _script_of(node: TreeNode, config: NodeConfig, port: str) -> RunnableScript:
-    """Return the script that a port holds, whose literals are of type SCRIPT or CONDITION."""
+    """Return the script of a port, whose literals are of type SCRIPT or CONDITION."""
     given = config.values[port]
     condition = node.ports[port].literal is CONDITION
     if given.key is not None:
@@ -52,7 +52,7 @@ def _script_of(node: TreeNode, config: NodeConfig, port: str) -> RunnableScript:
 
 
 class Script(LeafNode):
-    """Runs the script ``code``. SUCCESS; a script that fails is an error."""
+    """Runs the script ``code`` and returns SUCCESS. A script that fails is an error."""
 
     __slots__ = ('_script',)
 
@@ -81,7 +81,7 @@ class Script(LeafNode):
 
 
 class ScriptCondition(LeafNode):
-    """SUCCESS when the last statement of the script ``code`` is true, FAILURE when not."""
+    """SUCCESS when the last statement of the script ``code`` is true, FAILURE if not."""
 
     __slots__ = ('_script',)
 
@@ -110,10 +110,10 @@ class ScriptCondition(LeafNode):
 
 
 class Precondition(DecoratorNode):
-    """Ticks the child when the script ``if`` is true; otherwise the result is ``else``.
+    """Ticks the child if the script ``if`` is true; otherwise returns ``else``.
 
-    The script is not asked again before the child has completed. As in BehaviorTree.CPP that holds also when the child
-    was skipped, or was halted: then the next run begins without asking.
+    The node does not evaluate the script again before the child has completed. As in BehaviorTree.CPP, this also holds
+    after the child is skipped or halted: the next run then begins without evaluating the script.
     """
 
     __slots__ = ('_blocked', '_holds', '_script')

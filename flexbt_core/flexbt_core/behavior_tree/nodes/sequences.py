@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sequence and Fallback, with memory, reactive and asynchronous; TryCatch, a sequence that cleans up after itself.
 
-A sequence ends with the first child that fails, a fallback with the first that succeeds; both go on with the next
-child otherwise, and begin a later tick with the child that was RUNNING. Skipped children count as passed; a node all
-of whose children were skipped is skipped.
+A sequence ends with the first child that fails, a fallback with the first that succeeds. Otherwise both continue with
+the next child, and the next tick starts with the RUNNING child. Both pass over skipped children; a node is skipped if
+all its children were skipped.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPP
 
 
 class _OrderedControl(ControlNode):
-    """Position within the children, kept from tick to tick.
+    """A control that keeps its position within the children from tick to tick.
 
     ``passing`` is the status after which the next child is tried.
     """
@@ -39,7 +39,7 @@ class _OrderedControl(ControlNode):
         super().halt()
 
     def _finish(self, status: NodeStatus) -> NodeStatus:
-        """Return all children were passed: rewinds, and gives ``status`` unless they were all skipped."""
+        """Rewind after the last child; return ``status``, or SKIPPED if all children were skipped."""
         all_skipped = self._skipped == len(self.children)
         self.reset_children()
         self._index = self._skipped = 0
@@ -56,7 +56,7 @@ class _SteadyControl(_OrderedControl):
 
     def execute(self) -> NodeStatus:
         before = self.stored_status
-        if before is not RUNNING:  # to store a status that does not change takes time in a watched tree
+        if before is not RUNNING:  # in a watched tree even storing an unchanged status costs time
             if before is IDLE:
                 self._skipped = 0
             self.status = RUNNING
@@ -72,7 +72,7 @@ class _SteadyControl(_OrderedControl):
                         self._skipped += 1
                         continue
                     if status is RUNNING:
-                        # The position is needed only now and then, so the loop does not count it.
+                        # The position is rarely needed, so the loop does not count it.
                         self._index = len(ticks) - length_hint(remaining) - 1
                         return RUNNING
                     break
@@ -84,7 +84,7 @@ class _SteadyControl(_OrderedControl):
                 self._failed = self.last_failed() if self._skipped else -1
             if self._skipped:
                 return self._finish(passing)
-            # As reset_children does; a call would be much of the time that a short row takes.
+            # Inlined reset_children: a call would cost much of the time of a short sequence.
             for child in self.children:
                 if child.stored_status is RUNNING:
                     child.halt_node()
@@ -132,7 +132,7 @@ class Fallback(_SteadyControl):
 
 
 class _YieldingControl(_OrderedControl):
-    """A control that yields after each child that began and completed in one tick: RUNNING, to be ticked again at once.
+    """A control that yields (returns RUNNING and wakes the tree) after each child that completes in its first tick.
 
     So the rest of the tree is ticked between two children.
     """
@@ -141,7 +141,7 @@ class _YieldingControl(_OrderedControl):
 
     def execute(self) -> NodeStatus:
         before = self.stored_status
-        if before is not RUNNING:  # to store a status that does not change takes time in a watched tree
+        if before is not RUNNING:  # in a watched tree even storing an unchanged status costs time
             if before is IDLE:
                 self._skipped = 0
             self.status = RUNNING
@@ -168,7 +168,7 @@ class _YieldingControl(_OrderedControl):
                 return self._stop(status)
         if self._skipped:
             return self._finish(passing)
-        # As reset_children does.
+        # Inlined reset_children.
         for child in self.children:
             if child.stored_status is RUNNING:
                 child.halt_node()
@@ -178,7 +178,7 @@ class _YieldingControl(_OrderedControl):
         return passing
 
     def _stop(self, status: NodeStatus) -> NodeStatus:
-        """Return a child ended it all with ``status``."""
+        """Rewind and return ``status``, with which a child ends the node."""
         self._failed = self._index
         self._index = 0
         self.reset_children()
@@ -187,7 +187,7 @@ class _YieldingControl(_OrderedControl):
 
 
 class AsyncSequence(_YieldingControl):
-    """A Sequence that lets the rest of the tree be ticked between two children."""
+    """A Sequence that yields between two children, so that the rest of the tree is ticked."""
 
     __slots__ = ()
 
@@ -201,7 +201,7 @@ class AsyncSequence(_YieldingControl):
 
 
 class AsyncFallback(_YieldingControl):
-    """A Fallback that lets the rest of the tree be ticked between two children."""
+    """A Fallback that yields between two children, so that the rest of the tree is ticked."""
 
     __slots__ = ()
 
@@ -212,9 +212,9 @@ class AsyncFallback(_YieldingControl):
 
 
 class SequenceWithMemory(_YieldingControl):
-    """A Sequence that, after a failure or a halt, goes on with the child at which it stopped.
+    """A Sequence that, after a failure or a halt, continues with the child at which it stopped.
 
-    Only the success of all children makes it begin with the first one again. It yields as AsyncSequence does.
+    It starts with the first child again only after all have succeeded. It yields as AsyncSequence does.
     """
 
     __slots__ = ()
@@ -249,8 +249,8 @@ class SequenceWithMemory(_YieldingControl):
 
 # ReactiveSequence and ReactiveFallback: every tick begins with the first child.
 #
-# While one child is RUNNING all others, before and after it, are halted and set to IDLE; a skipped child is set to
-# IDLE.
+# While one child is RUNNING, the node halts all others, before and after it, and sets them to IDLE. It also sets a
+# skipped child to IDLE.
 
 
 class _ReactiveControl(ControlNode):
@@ -290,7 +290,7 @@ class _ReactiveControl(ControlNode):
 
 
 class ReactiveSequence(_ReactiveControl):
-    """SUCCESS when all children succeed within one tick; FAILURE as soon as one fails, halting the one that runs."""
+    """SUCCESS when all children succeed within one tick; FAILURE as soon as one fails, which halts the RUNNING child."""
 
     __slots__ = ()
 
@@ -310,7 +310,7 @@ class ReactiveSequence(_ReactiveControl):
 
 
 class ReactiveFallback(_ReactiveControl):
-    """SUCCESS as soon as a child succeeds, halting the one that runs; FAILURE when all fail within one tick."""
+    """SUCCESS as soon as a child succeeds, which halts the RUNNING child; FAILURE when all fail within one tick."""
 
     __slots__ = ()
 
@@ -333,11 +333,11 @@ class ReactiveFallback(_ReactiveControl):
 
 
 class TryCatch(ControlNode):
-    """Runs all children but the last as a Sequence; when one fails, the last, the clean-up, and is FAILURE after that.
+    """Runs all children but the last as a Sequence; if one fails, runs the last, the clean-up, and returns FAILURE.
 
-    The node fails with any result of the clean-up, which repairs but does not succeed instead. With ``catch_on_halt`` a
-    halt of the sequence ticks the clean-up as well, once; if that does not complete it in one tick, it is halted.
-    SKIPPED when all children of the sequence were skipped.
+    The node fails whatever the result of the clean-up. With ``catch_on_halt``, a halt of the sequence also ticks the
+    clean-up once, and halts it if it does not complete in this tick. SKIPPED if all children of the sequence were
+    skipped.
     """
 
     __slots__ = ('_catching', '_index', '_skipped')
@@ -378,7 +378,7 @@ class TryCatch(ControlNode):
         return FAILURE
 
     def _try(self) -> NodeStatus:
-        """Go on with the sequence. After FAILURE it is over, and the clean-up has its turn."""
+        """Continue the sequence. FAILURE ends it, and the clean-up follows."""
         ticks = self._ticks
         index = self._index
         last = len(ticks) - 1
@@ -394,7 +394,7 @@ class TryCatch(ControlNode):
                 return FAILURE
             if status is SKIPPED:
                 self._skipped += 1
-            # Kept at each step, so that a child that raises is the one with which the node goes on.
+            # Stored at each step, so that the node continues with a child that raises.
             self._index = index = index + 1
         all_skipped = self._skipped == last
         self._index = self._skipped = 0

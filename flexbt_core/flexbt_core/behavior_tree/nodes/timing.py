@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes that depend on the time: Timeout, Delay, Sleep. They request a wake-up at their deadline."""
+"""Timeout, Delay and Sleep, the nodes that depend on time. They request a wake-up at their deadline."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCE
 
 
 class Timeout(DecoratorNode):
-    """FAILURE, with the child halted, when the child is still RUNNING ``msec`` milliseconds after the first tick.
+    """Halts the child and returns FAILURE if the child is still RUNNING ``msec`` milliseconds after the first tick.
 
-    0 means no limit. The tick at or after the deadline checks it; the node requests a wake-up at the deadline. A child
-    that is not RUNNING at that tick (it was skipped) no longer has a limit, as in BehaviorTree.CPP.
+    0 means no limit. The node requests a wake-up at the deadline, and checks it in the first tick at or after it. If
+    the child was skipped and is not RUNNING at that tick, the limit no longer applies, as in BehaviorTree.CPP.
     """
 
     __slots__ = ('_deadline', '_expired')
@@ -78,7 +78,7 @@ class Timeout(DecoratorNode):
 
 
 class Delay(DecoratorNode):
-    """Waits ``delay_msec`` milliseconds, once, before the child is ticked. RUNNING meanwhile, for one tick at least."""
+    """Waits once, ``delay_msec`` milliseconds, before it ticks the child. RUNNING meanwhile, for at least one tick."""
 
     __slots__ = ('_begun', '_delay')
 
@@ -103,10 +103,10 @@ class Delay(DecoratorNode):
             self.status = RUNNING
             return RUNNING
         if self in self.context.deadlines:
-            # The time was not up when this tick began.
+            # The delay had not elapsed when this tick began.
             self.status = RUNNING
             return RUNNING
-        # While the child runs, the time stays over.
+        # The delay stays elapsed while the child runs.
         status = self._tick()
         if status is SUCCESS or status is FAILURE:
             self._begun = False

@@ -20,7 +20,7 @@ GOAL_PORTS: Final[Mapping[str, Port]] = {
 
 
 def read_goals(node: TreeNode, latched: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Goal and goals: by the ports, else by the entries of these names, else as they were ``latched`` before."""
+    """Return goal and goals: from the ports, else the entries of these names, else the ``latched`` values."""
     return _read(node, 'goal', latched[0]), _read(node, 'goals', latched[1])
 
 
@@ -31,10 +31,10 @@ def _read(node: TreeNode, port: str, latched: Any) -> Any:
 
 
 class GoalUpdated(Condition):
-    """SUCCESS, once, when the goal differs from the one of the tick before.
+    """SUCCESS, once, when the goal differs from that of the previous tick.
 
-    The first tick after the node was set to IDLE only remembers the goal. So it never fires directly below a reactive
-    node with a child that is RUNNING, which sets it to IDLE in every tick; Nav2's recovery branch is such a case.
+    The first tick after IDLE only remembers the goal. So the node never succeeds directly below a reactive node with a
+    RUNNING child, which sets it to IDLE in every tick. Nav2's recovery branch is such a case.
     """
 
     __slots__ = ('_latched',)
@@ -54,7 +54,7 @@ class GoalUpdated(Condition):
 
 
 class GlobalUpdatedGoal(Condition):
-    """SUCCESS in the first tick of the tree's life, and whenever the goal differs from the one of the tick before."""
+    """SUCCESS in the first tick of the tree's life, and whenever the goal differs from that of the previous tick."""
 
     __slots__ = ('_first', '_latched')
 
@@ -75,7 +75,7 @@ class GlobalUpdatedGoal(Condition):
 
 
 class GoalUpdatedController(Decorator):
-    """Ticks the child at first, whenever the goal has changed, and as long as it is RUNNING; RUNNING otherwise."""
+    """Ticks the child in the first tick, when the goal changes, and while it is RUNNING; RUNNING otherwise."""
 
     __slots__ = ('_latched', '_updated')
 
@@ -100,16 +100,16 @@ class GoalUpdatedController(Decorator):
         return RUNNING
 
 
-# Conditions of Nav2 on the time that has passed, by the clock of the tree, and on what was heard.
+# Conditions of Nav2 on elapsed time, by the clock of the tree, and on a received initial pose.
 
 _SECONDS: Final = input_port(DOUBLE, default='1.0', description='s')
 
 
 class TimeExpired(Condition):
-    """SUCCESS whenever ``seconds`` have passed; the first tick after IDLE only begins to count.
+    """SUCCESS whenever ``seconds`` have passed; the first tick after IDLE only starts the timer.
 
-    Below nodes that set it to IDLE, such as a ReactiveSequence with a child that is RUNNING, it begins anew in each
-    tick. It asks for a wake-up when the time is over.
+    A parent that sets it to IDLE, such as a ReactiveSequence with a RUNNING child, restarts the timer in each tick. The
+    node requests a wake-up at the end of the time.
     """
 
     __slots__ = ('_start',)
@@ -127,7 +127,7 @@ class TimeExpired(Condition):
         now = self.clock.now()
         seconds: float = self.get_input('seconds')
         begins = self.stored_status is IDLE
-        # The comparison is the one of the wake-up time: a difference of times could round to less than the period.
+        # Compare with the wake-up time: a difference of times could round to less than the period.
         expired = not begins and now >= self._start + seconds
         if begins or expired:
             self._start = now
@@ -136,9 +136,9 @@ class TimeExpired(Condition):
 
 
 class PathExpiringTimer(Condition):
-    """SUCCESS when the path on the blackboard has been the same for ``seconds``, and whenever they have passed again.
+    """SUCCESS each time that the path on the blackboard has not changed for another ``seconds``.
 
-    The first tick of the tree's life only begins to count. It asks for a wake-up when the time is over.
+    The first tick of the tree's life only starts the timer. The node requests a wake-up at the end of the time.
     """
 
     __slots__ = ('_first', '_path', '_start')
@@ -158,7 +158,7 @@ class PathExpiringTimer(Condition):
     def tick(self) -> NodeStatus:
         path = self.get_input_or('path', None)
         now = self.clock.now()
-        # The blackboard gives the same object until it is written again: no comparison of hundreds of poses.
+        # The entry holds the same object until the next write: no need to compare hundreds of poses.
         if self._first or (path is not self._path and path != self._path):
             self._start = now
         self._path = path
@@ -172,7 +172,7 @@ class PathExpiringTimer(Condition):
 
 
 class InitialPoseReceived(Condition):
-    """SUCCESS when the entry says that a first pose of the robot was received."""
+    """SUCCESS if the entry reports that the initial pose of the robot was received."""
 
     __slots__ = ()
 
@@ -191,7 +191,7 @@ class InitialPoseReceived(Condition):
         return SUCCESS if received else self.fail('no first pose of the robot was received')
 
 
-# Conditions of Nav2 on the error code that an action has left.
+# Conditions of Nav2 on the error code of an action.
 
 
 class AreErrorCodesPresent(Condition):
@@ -213,7 +213,7 @@ class AreErrorCodesPresent(Condition):
 
 
 class WouldAControllerRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when FollowPath failed for a reason that a recovery may remove.
+    """SUCCESS when FollowPath failed for a reason that a recovery may resolve.
 
     UNKNOWN, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS, NO_VALID_CONTROL.
     """
@@ -225,7 +225,7 @@ class WouldAControllerRecoveryHelp(AreErrorCodesPresent):
 
 
 class WouldAPlannerRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when a path planner failed for a reason that a recovery may remove: UNKNOWN, TIMEOUT, NO_VALID_PATH."""
+    """SUCCESS when a path planner failed for a reason that a recovery may resolve: UNKNOWN, TIMEOUT, NO_VALID_PATH."""
 
     __slots__ = ()
 
@@ -234,7 +234,7 @@ class WouldAPlannerRecoveryHelp(AreErrorCodesPresent):
 
 
 class WouldASmootherRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when SmoothPath failed for a reason that a recovery may remove.
+    """SUCCESS when SmoothPath failed for a reason that a recovery may resolve.
 
     UNKNOWN, TIMEOUT, SMOOTHED_PATH_IN_COLLISION, FAILED_TO_SMOOTH_PATH.
     """
@@ -246,7 +246,7 @@ class WouldASmootherRecoveryHelp(AreErrorCodesPresent):
 
 
 class WouldARouteRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when no route was found for a reason that a recovery may remove: UNKNOWN, TIMEOUT, NO_VALID_ROUTE."""
+    """SUCCESS when no route was found for a reason that a recovery may resolve: UNKNOWN, TIMEOUT, NO_VALID_ROUTE."""
 
     __slots__ = ()
 

@@ -17,11 +17,11 @@ from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SU
 
 
 class RecoveryNode(Control):
-    """Runs the first child; when it fails, the second, the recovery, and then the first again.
+    """Runs the first child; if it fails, runs the second, the recovery, and then the first again.
 
-    At most ``number_of_retries`` recoveries are made, so one attempt more. FAILURE when they are used up, or when the
-    recovery itself fails or is skipped; a skipped first child skips the node. Attempt and recovery follow each other
-    within one tick.
+    Runs at most ``number_of_retries`` recoveries, and so one attempt more. FAILURE if none is left, or if the recovery
+    itself fails or is skipped. A skipped first child skips the node. An attempt and a recovery follow each other within
+    one tick.
     """
 
     __slots__ = ('_current', '_recoveries')
@@ -82,7 +82,7 @@ class RecoveryNode(Control):
         self._current = self._recoveries = 0
 
     def failure_cause(self) -> TreeNode | None:
-        # What could not be recovered says more than the recovery that could not help.
+        # The failure of the first child explains more than that of the recovery.
         return None if self._failed is None else self.children[0]
 
     def failure_reason(self) -> str:
@@ -93,10 +93,10 @@ class RecoveryNode(Control):
 
 
 class PipelineSequence(Control):
-    """Ticks its children in order, every time from the first; those before the one that is reached are kept going.
+    """Ticks its children in order, at every tick from the first up to the furthest one reached.
 
-    A RUNNING child lets the next be ticked only when that was reached before. SUCCESS as soon as the last child
-    succeeds, FAILURE as soon as one fails. Children that have completed are ticked again, without a reset.
+    If a child is RUNNING, the next is ticked only if it was reached before. SUCCESS as soon as the last child succeeds,
+    FAILURE as soon as one fails. The node ticks completed children again, without a reset.
     """
 
     __slots__ = ('_reached',)
@@ -137,12 +137,12 @@ class PipelineSequence(Control):
 
 
 class RoundRobin(Control):
-    """Tries one child after the other, in a circle, until one succeeds; begins the next time after that one.
+    """Tries its children in turn until one succeeds; the next run starts after that child.
 
-    FAILURE when each child has failed (or was skipped) since the last success, over as many ticks as that takes. A
-    success keeps the position, a failure of all and a halt forget it.
+    FAILURE when each child has failed or been skipped since the last success, over any number of ticks. A success keeps
+    the position; a failure of all children and a halt reset it.
 
-    Without ``wrap_around`` the last child ends it with FAILURE, even if that child returned SUCCESS.
+    Without ``wrap_around``, the node fails after the last child, even if that child returned SUCCESS.
     """
 
     __slots__ = ('_current', '_failures')
@@ -214,7 +214,7 @@ class RoundRobin(Control):
 
 
 class RoundRobinOfMain(RoundRobin):
-    """RoundRobin as in the branch main of Nav2, where ``wrap_around`` is false unless it is given."""
+    """RoundRobin as in the branch main of Nav2, where ``wrap_around`` defaults to false."""
 
     __slots__ = ()
 
@@ -229,8 +229,8 @@ class RoundRobinOfMain(RoundRobin):
 class NonblockingSequence(Control):
     """Ticks all its children at every tick. SUCCESS when all succeed in one tick; FAILURE as soon as one fails.
 
-    Children that have succeeded are ticked again, without a reset, while others are RUNNING. A child that is skipped is
-    an error.
+    While others are RUNNING, the node ticks children that have succeeded again, without a reset. A skipped child is an
+    error.
     """
 
     __slots__ = ()
@@ -261,10 +261,10 @@ class NonblockingSequence(Control):
 
 
 class PersistentSequence(Control):
-    """A Sequence that keeps its position on the blackboard, so that a halt, and even another run, goes on from there.
+    """A Sequence that keeps its position on the blackboard, and continues from there after a halt or in another run.
 
-    SUCCESS and SKIPPED of a child advance ``current_child_idx``; the end and a FAILURE set it to 0. The entry has to be
-    there before the first tick, such as by ``<Script code="current_child_idx := 0"/>``.
+    SUCCESS and SKIPPED of a child advance ``current_child_idx``; the end and a FAILURE set it to 0. The entry must
+    exist before the first tick: create it with ``<Script code="current_child_idx := 0"/>``, for example.
     """
 
     __slots__ = ()
@@ -306,7 +306,7 @@ class PersistentSequence(Control):
 
 
 class PauseState(Enum):
-    """The phase of a PauseResumeController. The value is the index of the child that is ticked."""
+    """The phase of a PauseResumeController. The value is the index of its child."""
 
     RESUMED = 0
     PAUSED = 1
@@ -318,14 +318,14 @@ _NEXT: Final = {PauseState.ON_PAUSE: PauseState.PAUSED, PauseState.ON_RESUME: Pa
 
 
 class PauseResumeController(Control):
-    """Ticks its first child. After a pause the third, until it completes, and then the second; after the resume the
-    fourth, until it completes, and then the first again.
+    """Ticks its first child. On a pause it runs the third child, then the second; on a resume it runs the fourth, then
+    the first again.
 
-    A request halts the child that runs. The result of the first child is that of the node (skipped counts as SUCCESS);
-    that of the others only takes it on, but a FAILURE of any is the node's. Children after the first may be left out.
+    A request halts the RUNNING child. The node returns the result of the first child (SUCCESS if skipped). When another
+    child completes, the node goes to the next phase, or fails if that child failed. Only the first child is required.
     """
 
-    # The host derives from this class, and calls pause and resume for requests to the services that the ports name.
+    # The host derives from this class, and calls pause and resume when the services named by the ports are called.
 
     __slots__ = ('_lock', '_requested', '_state')
 
@@ -346,7 +346,7 @@ class PauseResumeController(Control):
         return self._state
 
     def pause(self) -> bool:
-        """Ask for a pause, from any thread. False when the node is paused already, or is not RUNNING."""
+        """Request a pause, from any thread. Return False if the node is already paused, or is not RUNNING."""
         with self._lock:
             if self.stored_status is not RUNNING or (self._state is PauseState.PAUSED and self._requested is None):
                 return False
@@ -355,7 +355,7 @@ class PauseResumeController(Control):
         return True
 
     def resume(self) -> bool:
-        """Ask for the end of a pause, from any thread. False when the node is not paused."""
+        """Request the end of a pause, from any thread. Return False if the node is not paused."""
         with self._lock:
             if self._state is not PauseState.PAUSED or self._requested is not None:
                 return False

@@ -19,10 +19,10 @@ from .conditions import GOAL_PORTS, read_goals
 
 
 class RateController(Decorator):
-    """Begins the child ``hz`` times a second at most; RUNNING in between. A RUNNING child is ticked every time.
+    """Starts the child at most ``hz`` times a second; RUNNING in between. Ticks a RUNNING child at every tick.
 
-    The period counts from the last success of the child. Unlike Nav2's, which knows only the machine's clock, it goes
-    by the clock of the tree, so simulated time speeds it up; it asks for a wake-up when the period is over.
+    The period starts with the last success of the child. Unlike Nav2's node, which uses the machine's clock, this one
+    uses the clock of the tree, and so follows simulated time. It requests a wake-up at the end of the period.
     """
 
     __slots__ = ('_first', '_period', '_start')
@@ -52,7 +52,7 @@ class RateController(Decorator):
             self._first = True
         if self.stored_status is not RUNNING:
             self.status = RUNNING
-        # The comparison is the one of the wake-up time: a difference of times could round to less than the period.
+        # Compare with the wake-up time: a difference of times could round to less than the period.
         if not self._first and self.child.stored_status is not RUNNING and now < self._start + self._period:
             self.wake_at(self._start + self._period)
             return RUNNING
@@ -68,7 +68,7 @@ class RateController(Decorator):
 
 
 class SingleTrigger(Decorator):
-    """Runs the child once; FAILURE from then on, until the node is set to IDLE."""
+    """Runs the child once; then FAILURE until the node is set to IDLE."""
 
     __slots__ = ('_armed',)
 
@@ -103,16 +103,16 @@ class SingleTrigger(Decorator):
         return f'{self.id}: the child [{self.child.path}] had its one run before'
 
 
-# Decorators of Nav2 that begin their child as the robot moves. The host derives from them to say how it does.
+# Decorators of Nav2 that start their child as the robot moves. The host derives from them to provide the motion.
 
 Position = tuple[float, ...]
 
 
 class DistanceController(Decorator):
-    """Begins the child whenever the robot has moved on by ``distance``; RUNNING in between.
+    """Starts the child whenever the robot has moved by ``distance``; RUNNING in between.
 
-    The distance is that of the straight line to where the robot was when the child succeeded last, or when the node
-    began. A RUNNING child is ticked every time. FAILURE while it is not known where the robot is.
+    The distance is the straight line from the robot's position at the last success of the child, or at the start of the
+    node. Ticks a RUNNING child at every tick. FAILURE while the position of the robot is unknown.
     """
 
     __slots__ = ('_first', '_lost', '_start')
@@ -131,7 +131,7 @@ class DistanceController(Decorator):
 
     @abstractmethod
     def position(self) -> Position | None:
-        """Return where the robot is, in m, always in the same frame; None when that is not known."""
+        """Return the position of the robot, in m, always in the same frame; None if it is unknown."""
 
     def tick(self) -> NodeStatus:
         here = self.position()
@@ -157,11 +157,11 @@ class DistanceController(Decorator):
 
 
 class SpeedController(Decorator):
-    """Begins the child the more often the faster the robot is; RUNNING in between.
+    """Starts the child at a rate that grows with the speed of the robot; RUNNING in between.
 
-    The rate is ``min_rate`` at ``min_speed``, ``max_rate`` at ``max_speed``, and in proportion between them. It is set
-    whenever a period is over; the first period, and that after a change of the goal, is the shortest. A RUNNING child
-    is ticked every time. The node goes by the clock of the tree, and asks for a wake-up when the period is over.
+    The rate is ``min_rate`` at ``min_speed``, ``max_rate`` at ``max_speed``, and linear between them. The node updates
+    it at the end of each period; the first period, and that after a change of the goal, is the shortest. It ticks a
+    RUNNING child at every tick. It uses the clock of the tree, and requests a wake-up at the end of the period.
     """
 
     __slots__ = ('_first', '_latched', '_period', '_start')
@@ -182,7 +182,7 @@ class SpeedController(Decorator):
 
     @abstractmethod
     def speed(self) -> float:
-        """Return how fast the robot moves over the ground, in m/s; 0.0 when that is not known."""
+        """Return the speed of the robot over the ground, in m/s; 0.0 if it is unknown."""
 
     def tick(self) -> NodeStatus:
         now = self.clock.now()
@@ -226,10 +226,10 @@ class SpeedController(Decorator):
 
 
 class PathLongerOnApproach(Decorator):
-    """Ticks the child when the robot is close to its goal and gets a path that is much longer; SUCCESS otherwise.
+    """Ticks the child if the robot is close to its goal and its new path is much longer; SUCCESS otherwise.
 
-    Close: the path before, to the same goal, was shorter than ``prox_len``. Much longer: more than ``length_factor``
-    times that path, which stays the one to compare with as long as the child is RUNNING or skipped.
+    Close: the previous path, to the same goal, was shorter than ``prox_len``. Much longer: more than ``length_factor``
+    times the previous path. The node keeps comparing with that path while the child is RUNNING or skipped.
     """
 
     __slots__ = ('_first', '_new', '_old')
@@ -278,7 +278,7 @@ def _poses(path: Any) -> Sequence[Any]:
 
 
 def _length(poses: Sequence[Any]) -> float:
-    """Metres along the path, over the ground."""
+    """Return the length of the path over the ground, in m."""
     points = [(pose.pose.position.x, pose.pose.position.y) for pose in poses]
     return sum(math.dist(one, other) for one, other in itertools.pairwise(points))
 

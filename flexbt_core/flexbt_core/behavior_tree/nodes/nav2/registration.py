@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Registration of Nav2's nodes: the branches of Nav2 whose nodes differ, and how a file shows its branch."""
+"""Registration of Nav2's nodes: the branches of Nav2 whose nodes differ, and how to detect the branch of a file."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ FAMILIES: Final = (controls, decorators, conditions)
 
 
 def register_nav2(registry: NodeRegistry, nav2_branch: Nav2Branch = 'jazzy') -> None:
-    """Register all nodes of the families, as they are in that branch of Nav2 where a file does not show its own."""
+    """Register all nodes of Nav2; ``nav2_branch`` is the default for files whose branch cannot be detected."""
     for family in FAMILIES:
         register_branches(registry, family.NODES, nav2_branch)
 
 
-# The branches of Nav2 whose nodes differ, and how a file shows of which it is.
+# The branches of Nav2 whose nodes differ, and how to detect the branch of a file.
 #
-# A class says for which branch it is, and a port which branch alone has it: ``nav2_branch``.
+# ``nav2_branch`` of a class is its branch, that of a port the only branch that has the port.
 
 Nav2Branch = Literal['jazzy', 'main']
-"""A branch of Nav2 whose nodes differ from the other's. Nodes and ports that only one has are known in both."""
+"""A branch of Nav2 whose nodes differ from the other's. Nodes and ports of only one branch work in both."""
 
 NAV2_BRANCHES: Final[tuple[Nav2Branch, ...]] = get_args(Nav2Branch)
 
@@ -58,10 +58,10 @@ MAIN_TREES: Final = frozenset(
 class _BranchOf:
     """The branch of Nav2 for which a file was written, by the names and attributes of its elements; None if unknown.
 
-    Nodes that only one branch has identify it. If there are none, the names of trees do: all of Nav2's own in jazzy are
-    the main tree ``MainTree``, those of main have different names. Then ports that only one branch has, of Nav2's
-    own nodes: a user's class that derives from one inherits them. The trees of kilted, whose nodes behave as those
-    of jazzy, have its names, and some ports of main.
+    Nodes that only one branch has identify it first. The names of trees come next: each of Nav2's trees in jazzy has
+    the main tree ``MainTree``, those of main have other names. Ports that only one branch has come last, of Nav2's
+    nodes only, since a user's class inherits the ports of its base. The trees of kilted, whose nodes behave as those of
+    jazzy, have the names of jazzy and some ports of main.
     """
 
     def __init__(self, registry: NodeRegistry) -> None:
@@ -85,19 +85,19 @@ class _BranchOf:
         return _the_only(by_nodes) or named or _the_only(by_ports)
 
 
-def _the_only(told: set[str]) -> str | None:
-    """Return the branch, if only one is indicated."""
-    branches = told & {*NAV2_BRANCHES}
-    return branches.pop() if len(branches) == 1 else None
+def _the_only(branches: set[str]) -> str | None:
+    """Return the only known branch in ``branches``; None if they have none or several."""
+    known = branches & {*NAV2_BRANCHES}
+    return known.pop() if len(known) == 1 else None
 
 
 def register_branches(
     registry: NodeRegistry, node_classes: Collection[type[TreeNode]], nav2_branch: Nav2Branch
 ) -> None:
-    """Make node classes known as they are in ``nav2_branch``, and for files of another branch as they are there.
+    """Register node classes as they are in ``nav2_branch``, and, for files of another branch, as they are there.
 
-    Of two classes of one name each is for the branch that it names, as ``nav2_branch``. One that is alone is known in
-    both, and if it names a branch, a file that uses it shows that.
+    Of two classes with one name, each is for the branch in its ``nav2_branch``. A class without a counterpart works in
+    both branches; if it has a branch, a file that uses it is of that branch.
     """
     if not isinstance(registry.nav2_branch_of, _BranchOf):
         registry.nav2_branch_of = _BranchOf(registry)
