@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Clocks and their timers: time is an object that is passed in, so that a test can own it.
+"""Clocks and their timers. Code gets its clock as an object, so that a test can control the time.
 
-A clock returns the time in seconds and calls back at a given time. Nothing here knows ROS; the clock of a ROS
-node (simulated time included) is in ``ros_clock``.
+A clock returns the time in seconds and calls back at a given time. This module does not use ROS; the clock of a ROS
+node (also with simulated time) is in ``ros_clock``.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ class Timer(Protocol):
     """A callback that is due at some time."""
 
     def cancel(self) -> None:
-        """Make sure that the callback is not started any more. Harmless when it has run or was cancelled."""
+        """Prevent the callback from starting. Does nothing if it has run or was cancelled."""
 
 
 class Clock(Protocol):
-    """Time in seconds, from an origin that the clock chooses, and timers on it."""
+    """A clock in seconds, from an origin that it chooses, with timers."""
 
     def now(self) -> float:
-        """Time in seconds."""
+        """Return the time in seconds."""
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """Call ``callback`` once, at or after ``when`` (also when that is past already); thread-safe.
+        """Call ``callback`` once, at or after ``when``, which may be in the past. Thread-safe.
 
-        The callback runs on the clock's own thread: it has to be short and thread-safe.
+        The callback runs on the clock's own thread: it must be short and thread-safe.
         """
 
     def wall_seconds(self, when: float) -> float | None:
-        """Seconds of wall time until ``when``; None where wall time is not what moves this clock. Thread-safe."""
+        """Return the wall time until ``when`` in s; None if wall time does not drive this clock. Thread-safe."""
 
 
 class ManualClock:
-    """A clock that stands still until it is advanced: for tests and for stepping.
+    """A clock that moves only when it is advanced, for tests and for stepping.
 
-    The callbacks run on the thread that moves the clock. Safe to use from several threads.
+    The callbacks run on the thread that moves the clock. Thread-safe.
     """
 
     def __init__(self, start: float = 0.0) -> None:
@@ -60,7 +60,7 @@ class ManualClock:
         return self._now
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """As in :class:`Clock`; a timer that is due already waits for the next :meth:`advance`, if by 0."""
+        """Call back as :class:`Clock` does; a timer that is due waits for the next :meth:`advance`, even by 0."""
         with self._lock:
             return self._timers.add(when, callback)
 
@@ -68,21 +68,21 @@ class ManualClock:
         return None
 
     def next_timer(self) -> float | None:
-        """Time of the earliest callback that is waiting, or None."""
+        """Time of the earliest pending callback, or None."""
         with self._lock:
             return self._timers.earliest()
 
     def advance(self, seconds: float) -> None:
-        """Go on by ``seconds``, calling what becomes due in the order of time, each at its own time.
+        """Advance by ``seconds`` and run the callbacks that become due in the order of time, each at its own time.
 
-        Callbacks may set further timers; those that are due within the same step are called in it.
+        Callbacks may set further timers; those due within the same step are called in it.
         """
         if seconds < 0.0:
             raise ValueError(f'a clock cannot go back: advance({seconds})')
         self.set(self._now + seconds)
 
     def set(self, now: float) -> None:
-        """Go to the time ``now``: forth as :meth:`advance`, or back, as simulated time does at a reset."""
+        """Move to the time ``now``: forward like :meth:`advance`, or backward, like simulated time at a reset."""
         while True:
             with self._lock:
                 due = self._timers.take(now)
@@ -95,10 +95,10 @@ class ManualClock:
 
 
 def seconds_asleep() -> float:
-    """For how long this computer has slept (was suspended) since it was started, s, which :class:`SteadyClock` leaves
-    out; to a millisecond, or a little less on a computer that is very busy.
+    """Return how long this computer was suspended since boot, in s; :class:`SteadyClock` does not count this time.
+    It is accurate to a millisecond, or slightly too low on a very busy computer.
 
-    The two clocks are read one after the other. What lies between, such as another process, is found by a third look.
+    The two clocks are read one after the other. A third reading detects a delay between them, such as another process.
     """
     most = 0.0
     for _ in range(_LOOKS):
@@ -116,9 +116,9 @@ def _log_fault(error: BaseException) -> None:
 
 
 class SteadyClock:
-    """The machine's monotonic clock. One daemon thread, started with the first timer, calls back.
+    """The computer's monotonic clock. A daemon thread, started with the first timer, calls back.
 
-    ``on_fault`` gets on that thread the exceptions of callbacks; by default they are logged by Python's logging.
+    ``on_fault`` is called on that thread with exceptions of callbacks; by default they go to Python's logging.
     """
 
     def __init__(self, on_fault: Callable[[BaseException], None] = _log_fault) -> None:
@@ -132,10 +132,10 @@ class SteadyClock:
         return time.monotonic()
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """As in :class:`Clock`. After :meth:`close` nothing is called any more.
+        """Call back as :class:`Clock` does. After :meth:`close` no callback is called.
 
         Raises:
-            RuntimeError: the computer has no thread left for the first timer; the next one tries again.
+            RuntimeError: the thread for the first timer could not start; the next timer tries again.
         """
         with self._condition:
             timer = self._timers.add(when, callback)
@@ -153,7 +153,7 @@ class SteadyClock:
         return when - time.monotonic()
 
     def close(self) -> None:
-        """Drop all timers and ends the thread. May be called twice, and from a callback."""
+        """Drop all timers and end the thread. May be called repeatedly, and from a callback."""
         with self._condition:
             self._closed = True
             self._timers.clear()
@@ -168,7 +168,7 @@ class SteadyClock:
                 due = None
                 while not self._closed and (due := self._timers.take(time.monotonic())) is None:
                     when = self._timers.earliest()
-                    # A wait takes no more than TIMEOUT_MAX; a timer at infinity is simply never due.
+                    # A wait is limited to TIMEOUT_MAX; a timer at infinity is never due.
                     self._condition.wait(
                         None if when is None else min(max(when - time.monotonic(), 0.0), threading.TIMEOUT_MAX)
                     )
@@ -178,18 +178,18 @@ class SteadyClock:
             try:
                 callback()
             except BaseException as error:
-                # One faulty callback must not take everybody else's timers away; nor one that wants to exit.
+                # A callback that raises, SystemExit too, must not stop the timers of others.
                 self._on_fault(error)
 
 
 # The timers of a clock, in the order of their times.
 
 _FEW: Final = 64
-"""Number of timers that are always kept, cancelled or not."""
+"""Number of timers up to which cancelled ones are kept."""
 
 
 class QueuedTimer:
-    """One entry of a queue. Entries of the same time are called in the order of asking."""
+    """One entry of a queue. Entries of the same time are called in the order of adding."""
 
     __slots__ = ('callback', 'sequence', 'when')
 
@@ -202,15 +202,15 @@ class QueuedTimer:
         return (self.when, self.sequence) < (other.when, other.sequence)
 
     def cancel(self) -> None:
-        """From any thread, with no lock held."""
+        """Cancel the timer. Callable from any thread, without a lock."""
         self.callback = None
 
 
 class TimerQueue:
-    """A queue of pending timers. For everything except :meth:`QueuedTimer.cancel`, the clock holds its own lock.
+    """A queue of pending timers. The clock holds its lock for all calls except :meth:`QueuedTimer.cancel`.
 
-    Most timers are cancelled long before their time, such as the end of a sleep that was interrupted. They are removed
-    whenever the queue has grown to twice its size after the last removal.
+    Most timers are cancelled long before their time, such as that of an interrupted sleep. They are removed when the
+    queue has grown to twice its size after the last removal.
     """
 
     def __init__(self) -> None:
@@ -219,11 +219,11 @@ class TimerQueue:
         self._limit = _FEW
 
     def __len__(self) -> int:
-        """Return how many are kept, including cancelled ones."""
+        """Return the number of kept timers, including cancelled ones."""
         return len(self._heap)
 
     def add(self, when: float, callback: Callable[[], None]) -> QueuedTimer:
-        """Have ``callback`` called at ``when``.
+        """Add a timer that calls ``callback`` at ``when``.
 
         Raises:
             ValueError: ``when`` is NaN.
@@ -239,7 +239,7 @@ class TimerQueue:
         return timer
 
     def is_first(self, timer: QueuedTimer) -> bool:
-        """Return whether nothing is due before this timer."""
+        """Return whether no timer is due before this one."""
         return self._heap[0] is timer
 
     def earliest(self) -> float | None:
@@ -249,7 +249,7 @@ class TimerQueue:
         return self._heap[0].when if self._heap else None
 
     def take(self, now: float) -> tuple[float, Callable[[], None]] | None:
-        """Return the first timer that is due at ``now``: its time, and what is to be called."""
+        """Remove the first timer that is due at ``now``, and return its time and callback; None if none is due."""
         while self._heap and self._heap[0].when <= now:
             timer = heapq.heappop(self._heap)
             callback, timer.callback = timer.callback, None
@@ -258,5 +258,5 @@ class TimerQueue:
         return None
 
     def clear(self) -> None:
-        """Forget all timers."""
+        """Drop all timers."""
         self._heap.clear()

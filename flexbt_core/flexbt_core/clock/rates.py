@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Limits of how often something is done or reported. ``now`` is a clock, in seconds."""
+"""Rate limits for actions and reports. ``now`` is a clock, in seconds."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from collections.abc import Callable, Hashable
 from typing import Final
 
 _KINDS: Final = 256
-"""Senders, and kinds of reports, that are remembered: the newest ones."""
+"""Maximum number of remembered senders or kinds of reports; the oldest ones are dropped."""
 
 
 class TokenBucket:
-    """An allowance of ``rate`` a second on average, and of ``burst`` at once after a quiet time."""
+    """A token bucket: ``rate`` per second on average, and ``burst`` at once after a quiet time."""
 
     def __init__(self, rate: float, burst: float, now: Callable[[], float]) -> None:
         self._rate = rate
@@ -24,26 +24,26 @@ class TokenBucket:
 
     @property
     def left(self) -> float:
-        """What may be taken now; less than 0 if more was taken than there was."""
+        """Amount available now; negative if more was taken than available."""
         now = self._now()
         self._left = min(self._burst, self._left + (now - self._at) * self._rate)
         self._at = now
         return self._left
 
     def take(self, amount: float) -> None:
-        """Take something, whether it is there or not."""
+        """Take ``amount``, even if less is available."""
         self._left -= amount
 
 
 class SenderRates:
-    """A limit for each sender: ``rate`` messages a second on average, and ``burst`` at once after a quiet time."""
+    """A rate limit per sender: ``rate`` messages per second on average, and ``burst`` at once after a quiet time."""
 
     def __init__(self, rate: float, burst: int, now: Callable[[], float]) -> None:
         self._limit = rate, float(burst), now
         self._buckets: OrderedDict[bytes, TokenBucket] = OrderedDict()
 
     def allows(self, sender: bytes) -> bool:
-        """Return whether a message of a sender is within its rate; counts it then."""
+        """Return whether a message of a sender is within its rate, and count it if so."""
         bucket = self._buckets.get(sender) or TokenBucket(*self._limit)
         self._buckets[sender] = bucket
         self._buckets.move_to_end(sender)
@@ -56,16 +56,16 @@ class SenderRates:
 
 
 class RepeatedReports:
-    """A filter that lets a report of each kind pass once in ``seconds``, and counts those between. From any thread."""
+    """A filter that passes one report of each kind per ``seconds`` and counts the held ones. Thread-safe."""
 
     def __init__(self, seconds: float, now: Callable[[], float]) -> None:
         self._seconds = seconds
         self._now = now
         self._lock = threading.Lock()
-        self._passed: OrderedDict[Hashable, tuple[float, int]] = OrderedDict()  # when, and how many were held since
+        self._passed: OrderedDict[Hashable, tuple[float, int]] = OrderedDict()  # time, and number held since
 
     def held_before(self, kind: Hashable = '') -> int | None:
-        """Return how many reports of this kind were held since the last one that passed; None if this one is held."""
+        """Return the number of reports of this kind held since the last passed one; None if this one is held."""
         now = self._now()
         with self._lock:
             passed_at, held = self._passed.get(kind, (-math.inf, 0))

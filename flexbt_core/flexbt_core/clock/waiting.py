@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Waiting for work: a wake event for a worker thread, and timers that fire when their thread is awake anyway."""
+"""Waiting for work: a wake event for a worker thread, and coalesced timers that fire when their thread is awake."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Final, NamedTuple
 from .clock import Clock
 
 _NEAR: Final = 0.5
-"""Longest sleep without a timer, s: the waiting thread then reads the clock again, in case it was set."""
+"""Longest sleep without a timer, s. Then the waiting thread reads the clock again, in case it was set."""
 
 
 class WakeEvent:
-    """An event that any thread sets and one waits for. If set while nothing waits, the next wait returns at once."""
+    """An event that any thread sets and one thread waits for. If set before, the next wait returns at once."""
 
     def __init__(self) -> None:
         self._condition = threading.Condition()
@@ -28,13 +28,13 @@ class WakeEvent:
             self._condition.notify()
 
     def take(self) -> bool:
-        """Return whether the event was set; it is clear again then."""
+        """Return whether the event was set, and clear it."""
         with self._condition:
             was_set, self._is_set = self._is_set, False
         return was_set
 
     def wait(self, clock: Clock, until: float | None) -> None:
-        """Sleep until the event is set or ``clock`` shows ``until`` (None: no time); it is clear again then."""
+        """Sleep until the event is set or ``clock`` shows ``until`` (None: no limit), and clear the event."""
         with self._condition:
             while until is not None and not self._is_set:
                 seconds = clock.wall_seconds(until)
@@ -54,10 +54,10 @@ class WakeEvent:
             timer.cancel()
 
 
-# Timers that wait for a thread to be awake anyway, as far as they may: timer coalescing.
+# Timer coalescing: within their tolerance, timers wait until their thread is awake.
 #
-# To wake a thread that sleeps costs several times what most timers have to do (what it needs is not in the processor's
-# caches any more). A timer with a tolerance is called when the thread wakes for something else about that time.
+# Waking a thread costs several times the work of most timers, since its data has left the processor's caches. A timer
+# with a tolerance is called when the thread wakes for another reason about that time.
 
 
 class _Timer(NamedTuple):
@@ -67,14 +67,14 @@ class _Timer(NamedTuple):
 
 
 class CoalescedTimers:
-    """The timers of one thread, which gets from here how long it may sleep, and what is due when it wakes."""
+    """The coalesced timers of one thread: how long it may sleep, and what is due when it wakes."""
 
     def __init__(self) -> None:
         self._timers: list[_Timer] = []
 
     def add(self, when: float, tolerance: float, callback: Callable[[], object]) -> None:
-        """Have ``callback`` called once: no earlier than ``tolerance`` seconds before ``when``, no later than that
-        after it, and in between as soon as the thread is awake."""
+        """Call ``callback`` once, as soon as the thread is awake within ``tolerance`` seconds before or after ``when``,
+        and at the end of that period at the latest."""
         self._timers.append(_Timer(when - tolerance, when + tolerance, callback))
 
     @property
@@ -83,7 +83,7 @@ class CoalescedTimers:
         return min((timer.latest for timer in self._timers), default=math.inf)
 
     def take_due(self, now: float) -> list[Callable[[], object]]:
-        """Return what may be called at ``now``, in the order of adding; it is not here any more."""
+        """Remove and return the callbacks that may be called at ``now``, in the order of adding."""
         due = [timer.callback for timer in self._timers if timer.earliest <= now]
         if due:
             self._timers = [timer for timer in self._timers if timer.earliest > now]

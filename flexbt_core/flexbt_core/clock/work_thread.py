@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A thread for work that a disk may delay, and a watchdog that reports work that takes too long."""
+"""A thread for work that a disk may delay, and a watchdog that reports slow work."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .clock import Clock
 Work = Callable[[], object]
 
 _WORKING: Final = 0.02
-"""Share of a processor above which a thread is at work rather than waiting; low, because on a busy computer it gets
-little."""
+"""Processor share above which a thread counts as computing rather than waiting; low, because a busy computer gives it
+little time."""
 
 
 @dataclass(frozen=True)
 class LateWork:
-    """A report of work that is not done after some seconds, and whether the thread computes or waits for a disk."""
+    """A report of work that takes longer than allowed, and whether the thread computes or waits for a disk."""
 
     what: str
     seconds: float
@@ -30,10 +30,10 @@ class LateWork:
 
 
 class WorkThread:
-    """A thread that runs submitted jobs one after the other, until :meth:`close`; from any thread.
+    """A thread that runs submitted jobs one after the other, until :meth:`close`. Callable from any thread.
 
-    ``on_late`` is called on the thread of ``clock`` with work that takes longer than ``seconds``, and again after each
-    such period; on this thread, with None, when it is done. ``on_fault`` gets on this thread the exceptions of jobs.
+    ``on_late`` is called on the thread of ``clock`` when a job takes longer than ``seconds``, and again after each such
+    period; then on this thread with None when the job is done. ``on_fault`` gets exceptions of jobs, on this thread.
     """
 
     def __init__(
@@ -51,13 +51,13 @@ class WorkThread:
         self._changed = threading.Condition()
         self._waiting: OrderedDict[object, tuple[Work, str]] = OrderedDict()
         self._is_open = True
-        # A daemon: the end of the interpreter would wait for any other, however long its disk hangs.
+        # A daemon thread: the interpreter does not wait for it on exit, even if the disk hangs.
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     def submit(self, work: Work, what: str) -> Callable[[], None]:
-        """Have ``work`` done, which ``what`` names for ``on_late``; after :meth:`close`, it is not.
+        """Submit ``work``; ``what`` is its name for ``on_late``. After :meth:`close` it is dropped.
 
-        Gives how to take it back: nothing is kept of it then. Harmless when it was begun.
+        Return a function that withdraws the work and drops its references. It has no effect once the work has begun.
         """
         ticket = object()
         with self._changed:
@@ -67,7 +67,7 @@ class WorkThread:
         return lambda: self._take_back(ticket)
 
     def is_done_within(self, seconds: float) -> bool:
-        """Wait for the end of what was submitted before, s of wall time; gives whether it has come."""
+        """Wait up to ``seconds`` of wall time until all work submitted before is done. Return whether it is."""
         is_done = threading.Event()
         self.submit(is_done.set, 'the end of what was submitted')
         return is_done.wait(seconds)
@@ -78,7 +78,7 @@ class WorkThread:
         return len(self._waiting)
 
     def close(self) -> None:
-        """Begin nothing any more."""
+        """Drop pending work and end the thread after the current job."""
         with self._changed:
             self._is_open = False
             self._waiting.clear()
@@ -96,13 +96,13 @@ class WorkThread:
                     return
                 _, (work, what) = self._waiting.popitem(last=False)
             self._do(work, what)
-            del work  # what it holds is free while this thread waits
+            del work  # free its references while this thread waits
 
     def _do(self, work: Work, what: str) -> None:
         watch = _Watch(self._clock, self._seconds, what, self._on_late)
         try:
             work()
-        except BaseException as error:  # SystemExit too: no other thread does the work
+        except BaseException as error:  # SystemExit too: no other thread would do the work
             self._on_fault(error)
         finally:
             watch.close()
@@ -141,12 +141,12 @@ class _Watch:
             self._on_late(None)
 
 
-# A watchdog: what takes longer than it should is reported while it does.
+# A watchdog reports work while it takes longer than allowed.
 
 
 @contextlib.contextmanager
 def watchdog(clock: Clock, seconds: float, on_expired: Callable[[], object]) -> Iterator[None]:
-    """Call ``on_expired()`` on the thread of ``clock`` when the block takes longer than ``seconds``; never after it."""
+    """Call ``on_expired()`` on the thread of ``clock`` if the block takes longer than ``seconds``; never after it."""
     lock = threading.Lock()
     has_ended = False
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Monitors that watch a run for rules that hold for every mission and for requirements of one."""
+"""Monitors that check a run against rules for every mission and the requirements of one mission."""

@@ -33,17 +33,17 @@ from .requirements import Requirement, Requirements
 
 
 def declared_resources(machine: MachineDefinition) -> dict[str, frozenset[str]]:
-    """Return the resources that the skills of the states of a machine declare, by path; those with none are missing."""
+    """Return the resources in the skills of a machine's states, by path; states without resources are left out."""
     states = (node for node in machine.nodes() if isinstance(node, StateDefinition))
     return {one.path: found for one in states if (found := frozenset(state_skill(one.state).resources))}
 
 
 class MachineMonitor(RunReader):
-    """A reader of one run that checks it; ``found`` is called with each violation.
+    """A reader that checks one run and calls ``found`` with each violation.
 
-    It checks that each state is entered and left once; that what needs the operator was approved, by this very request;
-    that an actuator has one owner; that nothing is entered after a stop, and nothing is active after the end; that the
-    run ends once. ``requirements`` are those of the mission.
+    It checks that each state is entered and left once; that a transition that needs the operator was approved for just
+    this request; that an actuator has one owner; that no state is entered after a stop or active after the end; and
+    that the run ends once. ``requirements`` are those of the mission.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class MachineMonitor(RunReader):
         self._approvals = Approvals()
         self.requirements = Requirements(requirements, run.clock.now, found)
         self._has_requirements = bool(self.requirements.requirements)
-        self._holders: set[str] = set()  # states that were entered, and have actuators; some may have been left
+        self._holders: set[str] = set()  # entered states with actuators; some may have been left
         self._is_ending = False
         self._outcome: str | None = None
         self._machine: MachineDefinition | None = None
@@ -64,7 +64,7 @@ class MachineMonitor(RunReader):
 
     @property
     def not_left(self) -> list[str]:
-        """The states that were entered, and whose on_exit was not called."""
+        """States that were entered and whose on_exit was not called."""
         return self._visits.inside
 
     def next_wake(self) -> float | None:
@@ -115,7 +115,7 @@ class MachineMonitor(RunReader):
             self.requirements.follows(left, target)
             self.requirements.event(left)
             if (target.startswith('=') and path.count('/') == 1) or self._is_container(target):
-                self.requirements.event(target)  # states are entered by themselves
+                self.requirements.event(target)  # states have their own event on entry
 
     def _exited(self, event: StateExited) -> None:
         if (wrong := self._visits.exited(event.path)) is not None:
@@ -152,7 +152,7 @@ class MachineMonitor(RunReader):
                 (state.path, self._resources[state.path]) for state in owners if not holds(state.path)
             ):
                 self._found(wrong)
-            self._holders = {state.path for state in owners}  # one that stands still may go on beside the other
+            self._holders = {state.path for state in owners}  # a paused state may resume while the other runs
         if self._has_requirements:
             self.requirements.rests(run.is_paused)
             if self.requirements.aparts:
@@ -177,7 +177,7 @@ class MachineMonitor(RunReader):
         return path in self._containers
 
 
-# The visits of states: each is entered, and left once, before anything follows it.
+# The visits of states: each is entered, and left once, before its successor is entered.
 
 _OUTSIDE: Final = 0
 _ENTERED: Final = 1
@@ -185,31 +185,31 @@ _EXITED: Final = 2
 
 
 class Visits:
-    """Two bits for each state: outside, entered, or exited and not passed on yet."""
+    """The visit of each state: outside, entered, or exited without a transition yet."""
 
     def __init__(self) -> None:
         self._at: dict[str, int] = {}
 
     def resume(self, paths: Iterable[str]) -> None:
-        """Note that these states are to be left, and were exited in a run before."""
+        """Record that these states were exited in an earlier run and have no transition yet."""
         self._at = dict.fromkeys(paths, _EXITED)
 
     def entered(self, path: str) -> Violation | None:
-        """Note that a state is entered; return what is wrong with that."""
+        """Record that a state is entered; return the violation, if any."""
         at = self._at
         was = at.get(path)
         at[path] = _ENTERED
         return _wrong(path, f'{path} was entered again without having been left') if was == _ENTERED else None
 
     def exited(self, path: str) -> Violation | None:
-        """Note that ``on_exit`` of a state is called; return what is wrong with that."""
+        """Record that ``on_exit`` of a state is called; return the violation, if any."""
         at = self._at
         was = at.get(path)
         at[path] = _EXITED
         return None if was == _ENTERED else _wrong(path, f'{path} was left without having been entered')
 
     def passed_on(self, path: str) -> Violation | None:
-        """Note that what follows a state comes next; return what is wrong with that."""
+        """Record the transition out of a state; return the violation, if any."""
         at = self._at
         was = at.get(path)
         if was is None:  # a machine has no callbacks
@@ -221,7 +221,7 @@ class Visits:
         return _wrong(path, f'{path} was left by an outcome, and {what}')
 
     def left_open(self) -> list[Violation]:
-        """Return, at the end, what was entered and never left."""
+        """Return, at the end, a violation for each state that was entered and never left."""
         return [
             _wrong(path, f'{path} was entered, and never left: on_exit was not called')
             for path, was in self._at.items()
@@ -230,7 +230,7 @@ class Visits:
 
     @property
     def inside(self) -> list[str]:
-        """The states that were entered and not left."""
+        """States that were entered and not left."""
         return [path for path, was in self._at.items() if was == _ENTERED]
 
 
@@ -238,27 +238,27 @@ def _wrong(path: str, text: str) -> Violation:
     return Violation(Property.BALANCED, path, text)
 
 
-# What the operator was asked, and has allowed: a transition that needs it has it, for just this request.
+# Requests to the operator and their approvals: a transition that needs one must have it for just this request.
 
 
 class Approvals:
-    """The last request about each state or machine, and what is allowed."""
+    """The last request about each state or machine, and the approved outcomes."""
 
     def __init__(self) -> None:
         self._asked: dict[str, Decision] = {}
         self._given: dict[str, str] = {}
 
     def resume(self, given: Mapping[str, str]) -> None:
-        """Keep what was allowed in a run before: outcomes by paths."""
+        """Keep the approvals of an earlier run, as outcomes by path."""
         self._asked.clear()
         self._given = dict(given)
 
     def asked(self, decision: Decision) -> None:
-        """Note that the operator is asked; an older request about the same is void."""
+        """Record that the operator is asked; this replaces an older request about the same path."""
         self._asked[decision.path] = decision
 
     def confirmed(self, decision_id: str) -> Violation | None:
-        """Note that the operator has confirmed a request; return what is wrong with that."""
+        """Record that the operator has confirmed a request; return the violation, if any."""
         for path, decision in self._asked.items():
             if decision.id == decision_id:
                 self._given[path] = decision.outcome
@@ -267,18 +267,18 @@ class Approvals:
         return Violation(Property.APPROVAL, '/', f'request {decision_id} was confirmed, and is not pending')
 
     def forced(self, path: str, outcome: str) -> None:
-        """Note that the operator wants a state or machine to be left by an outcome."""
+        """Record that the operator has forced an outcome of a state or machine."""
         self._given[path] = outcome
         self._asked.pop(path, None)
 
     def leaves(self, path: str, outcome: str, may_pass: bool) -> Violation | None:
-        """Note that a state or machine is left by an outcome; return what is wrong with that.
+        """Record that a state or machine is left by an outcome; return the violation, if any.
 
-        ``may_pass``: that needs no approval.
+        ``may_pass``: the transition needs no approval.
         """
         asked = self._asked.pop(path, None) if self._asked else None
         given = self._given.pop(path, None) if self._given else None
-        if self._given or self._asked:  # what is in it is left, too
+        if self._given or self._asked:  # its descendants are left too
             for inner in [one for one in (*self._given, *self._asked) if is_inside(one, path)]:
                 self._given.pop(inner, None)
                 self._asked.pop(inner, None)

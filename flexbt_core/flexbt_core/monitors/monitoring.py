@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Monitoring of runs: which requirements are watched, and what is reported of the findings."""
+"""Monitoring of runs: the requirements to watch, and the reports of violations."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .requirement_text import StatedRequirement, Vocabulary, problems_with
 from .requirements import PROVED_ONLY, Requirement
 
 MAX_REPORTED: Final = 20
-"""Maximum number of reported violations of one run; repeated ones must not fill the log."""
+"""Maximum number of reported violations per run, so that they do not fill the log."""
 
 
 @dataclass(frozen=True)
 class Monitoring:
-    """The settings by which runs are watched: ``requirements`` by the name of a behavior, or the ID of a tree.
+    """The settings for monitoring runs. ``requirements`` are by the name of a behavior or the ID of a tree.
 
-    ``stops``: a run with a violation is stopped.
+    ``stops``: stop a run on a violation.
     """
 
     is_on: bool = False
@@ -27,17 +27,17 @@ class Monitoring:
     requirements: Mapping[str, tuple[StatedRequirement, ...]] = field(default_factory=dict)
 
     def requirements_of(self, name: str) -> tuple[Requirement, ...]:
-        """Return those that can be watched in a run."""
+        """Return the requirements that a monitor can watch in a run."""
         stated = (one.requirement for one in self.requirements.get(name, ()))
         return tuple(one for one in stated if not isinstance(one, PROVED_ONLY))
 
     def problems_of(self, name: str, known: Vocabulary) -> list[str]:
-        """Return what is required of that is not there, which nothing can watch."""
+        """Return the problems with requirements that name missing parts, which no monitor can watch."""
         return problems_with(self.requirements.get(name, ()), known, name)
 
 
 class Findings:
-    """The findings of the monitors of one run; ``tell`` is called once for each, at most :data:`MAX_REPORTED` times."""
+    """The violations found in one run; ``tell`` is called once for each, at most :data:`MAX_REPORTED` times."""
 
     def __init__(self, tell: Callable[[Violation], None]) -> None:
         self.first: Violation | None = None
@@ -45,7 +45,7 @@ class Findings:
         self._told: set[Violation] = set()
 
     def add(self, violation: Violation) -> None:
-        """Take in what a monitor has found."""
+        """Add a violation that a monitor has found."""
         if violation in self._told or len(self._told) >= MAX_REPORTED:
             return
         self._told.add(violation)
@@ -54,6 +54,6 @@ class Findings:
 
 
 def violation_text(violation: Violation) -> str:
-    """Return a violation for operators."""
+    """Return the text of a violation for operators."""
     rule = '' if violation.property is Property.REQUIREMENT else f' (it should be: {violation.property.value})'
     return f'monitor: {violation.text}{rule}'

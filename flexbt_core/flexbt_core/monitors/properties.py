@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 
 class Property(Enum):
-    """A property that is proved of all that can happen, or watched in what does; the values are its names in
-    reports."""
+    """A property that a proof checks for all possible runs, or a monitor for one run; the values are its names
+    in reports."""
 
     STOP_STOPS = 'stop means stopped'
     ONE_OWNER = 'an actuator has one owner'
@@ -35,7 +35,7 @@ class Property(Enum):
 
     @property
     def is_shown_by_a_way(self) -> bool:
-        """True if the steps of a counterexample show it; otherwise it is about what cannot follow them."""
+        """True if the steps of a counterexample show the violation; otherwise it is about steps that cannot follow."""
         return self not in _OF_WHAT_CANNOT_FOLLOW
 
 
@@ -48,8 +48,8 @@ _OF_WHAT_CANNOT_FOLLOW = frozenset(
 
 
 class Violation(NamedTuple):
-    """A violation: its property, its place, and a text for a mission engineer. ``is_lasting``: from the beginning,
-    independent of what happens."""
+    """A violation: its property, its place, and a text for a mission engineer. ``is_lasting``: it holds from the
+    beginning, independent of events."""
 
     property: Property
     where: str
@@ -58,7 +58,7 @@ class Violation(NamedTuple):
 
 
 def shared_actuators(owners: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]:
-    """Return the actuators that several have at once, from each path and its resources."""
+    """Return a violation for each actuator with several owners at once; ``owners`` are paths with resources."""
     return [
         Violation(Property.ONE_OWNER, resource, f'{resource} has two owners at once: {" and ".join(paths)}')
         for resource, paths in _shared(owners)
@@ -66,7 +66,7 @@ def shared_actuators(owners: Iterable[tuple[str, Iterable[str]]]) -> list[Violat
 
 
 def shared_keys(writers: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]:
-    """Keys that several write who work at once, of who writes which: path and keys."""
+    """Return a violation for each key with several concurrent writers; ``writers`` are paths with keys."""
     return [
         Violation(
             Property.ONE_WRITER,
@@ -78,7 +78,7 @@ def shared_keys(writers: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]
 
 
 def _shared(claims: Iterable[tuple[str, Iterable[str]]]) -> list[tuple[str, list[str]]]:
-    """Return what several claim, with their paths."""
+    """Return the things that several paths claim, with these paths."""
     found: dict[str, list[str]] = {}
     for path, things in claims:
         for thing in things:

@@ -1,30 +1,30 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requirements as a mission engineer writes them, one in a line; and files of them.
+"""Requirements as a mission engineer writes them, one per line, and files of them.
 
 ===========================================  =========================================================================
-Text                                         What is required
+Text                                         Meaning
 ===========================================  =========================================================================
 ``never EVENT``                              it does not happen
-``EVENT at most 3 times``                    so often, and not more
-``EVENT at most 1 time in 2 s``              in any so long time (ms, s, min)
-``EVENT only after EVENT``                   the second was before the first, at some time
-``EVENT only after EVENT, 3 times``          the second was there so often before the first
-``EVENT only after EVENT, each time anew``   also since the last time (or ``, 3 times, each time anew``)
+``EVENT at most 3 times``                    it happens no more often
+``EVENT at most 1 time in 2 s``              in any period of this length (ms, s, min)
+``EVENT only after EVENT``                   the second happens at some time before the first
+``EVENT only after EVENT, 3 times``          the second happens 3 times before the first
+``EVENT only after EVENT, each time anew``   again since the last time (or ``, 3 times, each time anew``)
 ``after EVENT comes /Path or =outcome``      one of these follows at once (of a machine)
 ``after EVENT, EVENT within 10 s``           it follows in time (ms, s, min)
-``after EVENT, EVENT before the end``        it follows, unless the run is stopped (``, up to 3 times``: or has come so
-                                             often: further attempts)
-``A never while B``                          these states, or leaves, do not work at the same time
-``A works only while C holds``               a condition is asked, and holds (or ``fails``), as long as a leaf works
+``after EVENT, EVENT before the end``        it follows, unless the run is stopped (``, up to 3 times``: or has already
+                                             followed that often, for retries)
+``A never while B``                          these states or leaves are not active at the same time
+``A works only while C holds``               the condition is checked and holds (or ``fails``) while the leaf is active
                                              (of a tree)
-``EVENT only with KEY and KEY written``      userdata was written, and is no default (of a machine; proved only)
-``EVENT is always still possible``           there is always a way to it (proved only)
+``EVENT only with KEY and KEY written``      the userdata was written, and is not a default (of a machine; proved only)
+``EVENT is always still possible``           the event can always still be reached (proved only)
 ``NAME is a TYPE``                           a leaf, another node, or a state is of this type
-``NAME has PORT=TEXT and PORT={key}``        and its ports are given this
+``NAME has PORT=TEXT and PORT={key}``        its ports have these values
 ===========================================  =========================================================================
 
-Events are those of :mod:`flexbt_core.monitors.requirements`. A file has them by the name of a behavior, or the ID of a
-tree::
+Events are those of :mod:`flexbt_core.monitors.requirements`. A file lists requirements by the name of a behavior or
+the ID of a tree::
 
     Inspect Site:
       - /Drive only after /Plan > done, each time anew
@@ -63,7 +63,7 @@ from .requirements import (
 )
 
 LONGEST: Final = 500
-"""Characters of a requirement."""
+"""Maximum length of a requirement, characters."""
 
 _SECONDS: Final = {'ms': 0.001, 's': 1.0, 'min': 60.0}
 _NUMBER: Final = r'(\d{1,9}(?:\.\d{1,9})?)'
@@ -97,7 +97,7 @@ _FORMS: Final[tuple[tuple[str, Callable[..., Requirement]], ...]] = (
 _IS_A: Final = re.compile(r'(.+) is an? (\S+)')
 _HAS: Final = re.compile(r'(.+?) has ([\w/]+=.*)')
 _NEXT: Final = re.compile(r' and (?=[\w/]+=)')
-"""Between two ports."""
+"""Separator of two ports."""
 _EXAMPLES: Final = (
     '"never A", "A at most 3 times", "A at most 1 time in 2 s", "A only after B", "A only after B, 3 times", '
     '"A only after B, each time anew", "after A comes B or C", "after A, B within 5 s", "after A, B before the end", '
@@ -107,7 +107,7 @@ _EXAMPLES: Final = (
 
 
 class RequirementError(FlexbtError):
-    """Requirements that cannot be read, or that name missing parts; ``problems`` has each with its place."""
+    """Requirements cannot be read, or name missing parts; ``problems`` lists all problems with their places."""
 
     def __init__(self, problems: Iterable[str]) -> None:
         self.problems = tuple(problems)
@@ -143,7 +143,7 @@ def parse_requirement(text: str, place: str) -> StatedRequirement:
 
 
 def read_requirements(text: str, source: str) -> dict[str, tuple[StatedRequirement, ...]]:
-    """Read a file of them, by the names of behaviors and the IDs of trees. Raises RequirementError with all wrong."""
+    """Read a file of requirements, by behavior name or tree ID. Raises RequirementError with all problems."""
     parts = YamlParts(source)
     found: dict[str, tuple[StatedRequirement, ...]] = {}
     for name, node in parts.mapping(parts.root(text), 'the file').items():
@@ -183,12 +183,12 @@ def _unfit(made: Requirement) -> str:
     return ''
 
 
-# -- what there is to speak of ---------------------------------------------------------------------------------------
+# -- the names that requirements can use -----------------------------------------------------------------------------
 
 
 class Vocabulary(NamedTuple):
-    """The names that requirements of a machine or tree can use: ``events`` by their names, ``working`` what works for a
-    time, ``conditions`` of a tree, ``keys`` of the userdata of a machine, and all ``parts``."""
+    """The names that requirements of a machine or tree can use: ``events``, ``working`` (parts that work for a time),
+    ``conditions`` of a tree, ``keys`` of the userdata of a machine, and all ``parts``."""
 
     events: Collection[str]
     working: Collection[str]
@@ -211,8 +211,8 @@ def machine_vocabulary(machine: MachineDefinition) -> Vocabulary:
 
 
 def machine_parts(machine: MachineDefinition) -> NodesOrStates:
-    """Return what the machine is made of: its states and machines, with the keys that theirs stand for and what states
-    were made with, such as their ``tree``; and the transitions, ``/Path > outcome``, with the ``autonomy`` that they
+    """Return the parts of the machine: states and machines, with the machine keys that their keys map to and the
+    parameters of states, such as ``tree``; and transitions, ``/Path > outcome``, with the ``autonomy`` that they
     require."""
     found: dict[str, list[NodeOrState]] = {}
     for node in machine.nodes():
@@ -234,8 +234,8 @@ def _keys_of(node: StateDefinition | MachineDefinition) -> Iterator[str]:
 
 
 def tree_vocabulary(leaves: Iterable[tuple[str, bool]], parts: NodesOrStates) -> Vocabulary:
-    """Return the vocabulary of a tree, from the names of its leaves, and whether each takes time; ``parts`` are all of
-    its nodes."""
+    """Return the vocabulary of a tree. ``leaves`` are pairs of a name and whether the leaf takes time; ``parts`` are
+    all nodes."""
     found = list(leaves)
     names = list(dict.fromkeys(name for name, _ in found))
     working = list(dict.fromkeys(name for name, takes_time in found if takes_time))
@@ -252,7 +252,7 @@ def tree_vocabulary(leaves: Iterable[tuple[str, bool]], parts: NodesOrStates) ->
 
 
 def problems_with(stated: Iterable[StatedRequirement], known: Vocabulary, what: str) -> list[str]:
-    """Return where requirements are about what ``what`` does not have, each with its place."""
+    """Return the problems, with places, of requirements about parts that ``what`` does not have."""
     return [f'{one.place}: "{one.requirement}": {text}' for one in stated for text in _unknown(one, known, what)]
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The requirements of a mission beside what holds for all: written by its engineer, checked as it happens.
+"""The requirements of one mission, written by its engineer and checked during a run.
 
-Events of a machine are ``/Path`` (a state or machine is entered), ``/Path > outcome`` (it was left by it), and
-``=outcome`` (the machine ends by it). Those of a tree are ``name`` (a leaf begins to work, or is done at once),
-``name > SUCCESS``, ``name > FAILURE``, ``name > halted``, and ``=SUCCESS`` or ``=FAILURE``. The name of a leaf
-that has none is its type, and means each such leaf of the type; where another leaf has it as its name, that one only.
+Events of a machine are ``/Path`` (a state or machine is entered), ``/Path > outcome`` (it was left by the outcome),
+and ``=outcome`` (the machine ends by it). Those of a tree are ``name`` (a leaf begins to work, or is done at once),
+``name > SUCCESS``, ``name > FAILURE``, ``name > halted``, and ``=SUCCESS`` or ``=FAILURE``. A leaf without a name is
+called by its type. This name means all such leaves of the type, unless a leaf has it as its name: then only that one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Never:
 
 @dataclass(frozen=True)
 class AtMost:
-    """A requirement that ``event`` happens at most ``times`` times; with ``seconds``, in any period of that length."""
+    """A requirement that ``event`` happens at most ``times`` times, in any period of ``seconds`` if that is set."""
 
     event: str
     times: int
@@ -45,8 +45,8 @@ class AtMost:
 
 @dataclass(frozen=True)
 class Before:
-    """A requirement that ``event`` happens only after ``needs`` has happened ``times`` times since the beginning; with
-    ``again``, since the last ``event``."""
+    """A requirement that ``event`` happens only after ``needs`` has happened ``times`` times since the beginning or,
+    with ``again``, since the last ``event``."""
 
     event: str
     needs: str
@@ -60,8 +60,8 @@ class Before:
 
 @dataclass(frozen=True)
 class After:
-    """A requirement that what follows ``event`` (a state left by an outcome) at once is one of ``allowed``: a state, or
-    an outcome."""
+    """A requirement that one of ``allowed`` (states or outcomes) follows ``event`` (a state left by an outcome) at
+    once."""
 
     event: str
     allowed: tuple[str, ...]
@@ -72,10 +72,10 @@ class After:
 
 @dataclass(frozen=True)
 class Within:
-    """After ``event``, ``then`` follows within ``seconds``, or (None) before the end. A stop cancels the requirement.
+    """A requirement that ``then`` follows ``event`` within ``seconds``, or (None) before the end, except after a stop.
 
-    With ``times``, ``then`` has to happen that often, such as for further attempts. Seconds are those of the clock of
-    the run; time for which the run is paused does not count.
+    With ``times``, the requirement also holds once ``then`` has happened that often, for retries. Seconds are those of
+    the run's clock, without the time for which the run is paused.
     """
 
     event: str
@@ -91,7 +91,7 @@ class Within:
 
 @dataclass(frozen=True)
 class Apart:
-    """A requirement that ``one`` and ``other`` (states, or leaves) do not work at the same time."""
+    """A requirement that ``one`` and ``other`` (states or leaves) do not work at the same time."""
 
     one: str
     other: str
@@ -102,7 +102,7 @@ class Apart:
 
 @dataclass(frozen=True)
 class While:
-    """As long as the leaf ``works``, the ``condition`` is asked in each tick, and ``holds``, or else fails."""
+    """A requirement that ``condition`` is checked in each tick of the leaf ``works`` and ``holds`` (or fails)."""
 
     works: str
     condition: str
@@ -114,7 +114,7 @@ class While:
 
 @dataclass(frozen=True)
 class Written:
-    """The machine ends by ``event`` only when ``keys`` of its userdata were written: a default is not a result."""
+    """A requirement that the machine ends by ``event`` only after ``keys`` were written: a default is not a result."""
 
     event: str
     keys: tuple[str, ...]
@@ -125,7 +125,7 @@ class Written:
 
 @dataclass(frozen=True)
 class Possible:
-    """At every point before the end ``event`` is still possible, without a stop."""
+    """A requirement that ``event`` is still possible at every point before the end, without a stop."""
 
     event: str
 
@@ -135,7 +135,7 @@ class Possible:
 
 @dataclass(frozen=True)
 class IsA:
-    """The node, or state, of this ``name`` is of this ``type``."""
+    """A requirement that the node or state ``name`` is of this ``type``."""
 
     name: str
     type: str
@@ -146,8 +146,8 @@ class IsA:
 
 @dataclass(frozen=True)
 class Has:
-    """The node, or state, of this ``name`` is given these ``values``: pairs of a port, and a text or ``{key}``, by the
-    name of the key where the tree begins, or in the machine of the state."""
+    """A requirement that the node or state ``name`` has these ``values``: pairs of a port and a text or ``{key}``.
+    The key has its name in the outermost tree, or in the machine of the state."""
 
     name: str
     values: tuple[tuple[str, str], ...]
@@ -160,7 +160,7 @@ Requirement = Never | AtMost | Before | After | Within | Apart | While | Written
 
 
 class NodeOrState(NamedTuple):
-    """A part of a tree or machine: its type, and what its ports are given."""
+    """A part of a tree or machine: its type and the values of its ports."""
 
     type: str
     values: Mapping[str, str]
@@ -173,14 +173,14 @@ _ROUNDING = 1e-6
 """Tolerance for the rounding of points in time, s."""
 
 PROVED_ONLY = (Written, Possible)
-"""Requirements about what might happen, or what an observed run cannot show: no monitor watches them."""
+"""Requirements about possible events, which an observed run cannot show: no monitor watches them."""
 
 
 class Requirements:
     """A monitor that checks the events of a run against the requirements of the mission.
 
-    What it remembers is part of a configuration: a bit or a number for each requirement. ``now`` is the time of the
-    clock of the run, s; ``found`` is called with each violation.
+    Its memory is part of a configuration: a bit or a number for each requirement. ``now`` returns the time of the
+    run's clock in s; ``found`` is called with each violation.
     """
 
     def __init__(
@@ -191,9 +191,9 @@ class Requirements:
         """The requirements whose condition has been met, or that wait for an event."""
         self.counts: dict[str, int] = {}
         self.due: dict[str, float] = {}
-        """Latest times of the events that have to follow."""
+        """Deadlines of the events that must follow."""
         self.recent: dict[str, tuple[float, ...]] = {}
-        """For limits within a time: the times until which the last events count."""
+        """For limits within a period: the times until which the last events count."""
         self.paused_at: float | None = None
         self._now = now
         self._found = found
@@ -202,22 +202,22 @@ class Requirements:
             for event in _events(one):
                 self._by_event.setdefault(event, []).append(one)
         self.happened: set[str] = set()
-        """Events that have to stay possible and have happened since this was last cleared."""
+        """Events that must stay possible and have happened since this was last cleared."""
         self.whiles = [one for one in self.requirements if isinstance(one, While)]
         self.aparts = [one for one in self.requirements if isinstance(one, Apart)]
 
     @property
     def possible(self) -> list[Possible]:
-        """Events that have to stay possible."""
+        """Requirements of events that must stay possible."""
         return [one for one in self.requirements if isinstance(one, Possible)]
 
     @property
     def are_about_parts(self) -> bool:
-        """True if something is required of the parts themselves rather than of events: see :meth:`check_parts`."""
+        """True if a requirement is about the parts rather than about events: see :meth:`check_parts`."""
         return any(isinstance(one, IsA | Has) for one in self.requirements)
 
     def check_parts(self, parts: NodesOrStates) -> None:
-        """Check the parts of what runs."""
+        """Check the parts of the machine or tree that runs."""
         for one in self.requirements:
             if isinstance(one, IsA | Has):
                 for text in dict.fromkeys(_otherwise(one, parts.get(one.name, ()))):
@@ -225,38 +225,38 @@ class Requirements:
 
     @property
     def names(self) -> frozenset[str]:
-        """Paths of the states or nodes whose events are required."""
+        """Paths of the states or nodes whose events occur in requirements."""
         events = {*self._by_event, *(name for one in self.whiles for name in (one.works, one.condition))}
         return frozenset(event.partition(' > ')[0] for event in events)
 
     def resume(self) -> None:
-        """Go on where another run was: what has happened in that is not known, and not held against it."""
+        """Continue after another run. Its events are unknown, so they cause no violation."""
         for one in self.requirements:
             if isinstance(one, Before):
                 self.met.add(str(one))
-            elif isinstance(one, Within) and one.times is not None:  # it may have happened that often
+            elif isinstance(one, Within) and one.times is not None:  # it may have happened this often already
                 self.counts[str(one)] = one.times
 
     def event(self, event: str) -> None:
-        """Something has happened."""
+        """Check an event that has happened."""
         for one in self._by_event.get(event, ()):
             self._meet(one, event)
 
     def follows(self, left: str, follows: str) -> None:
-        """Note that a state was left, with what follows: a state, ``=outcome`` of the machine, or ''."""
+        """Check what follows a state that was left: a state, ``=outcome`` of the machine, or ''."""
         for one in self._by_event.get(left, ()):
             if isinstance(one, After) and follows not in one.allowed:
                 self._tell(one, left, f'{follows or "nothing"} follows {left}')
 
     def works(self, working: Sequence[Sequence[str]]) -> None:
-        """Check what works at the same time: states that are active, or leaves, each with all its names."""
+        """Check which parts work at the same time: active states, or leaves, each with all its names."""
         for one in self.aparts:
             if any(one.one in first and one.other in second for first, second in permutations(working, 2)):
                 self._tell(one, one.one, f'{one.one} works while {one.other} does')
 
     def unguarded(self, working: Sequence[Sequence[str]], holding: Collection[str], failing: Collection[str]) -> None:
-        """After a tick: leaves that work, each with all its names, and the conditions that were asked in it, by those
-        that held and those that failed."""
+        """Check, after a tick, that working leaves have their conditions. ``working`` has all names of each leaf;
+        ``holding`` and ``failing`` are the conditions that the tick checked."""
         for one in self.whiles:
             wanted, unwanted = (holding, failing) if one.holds else (failing, holding)
             is_so = one.condition in wanted and one.condition not in unwanted
@@ -265,8 +265,8 @@ class Requirements:
                 self._tell(one, one.works, f'{one.works} works on, and {one.condition} was not asked, or {does}')
 
     def rests(self, is_paused: bool) -> None:
-        """Return whether something is overdue. Time for which the run is paused does not count for that; for limits
-        within a time it does."""
+        """Check whether an event is overdue. Deadlines exclude the time for which the run is paused; limits within a
+        period include it."""
         if not self.due and not self.recent:
             self.paused_at = None
             return
@@ -289,11 +289,11 @@ class Requirements:
             self.due = {one: due + passed for one, due in self.due.items()}
 
     def next_due(self) -> float | None:
-        """Return when something is overdue at the earliest."""
+        """Return the earliest deadline; None without one or while paused."""
         return min(self.due.values(), default=None) if self.due and self.paused_at is None else None
 
     def ended(self) -> None:
-        """Note that it has ended, and not by a stop: what is owed before the end does not come any more."""
+        """Check events that had to follow before the end. Call it after an end that was not a stop."""
         for one in self.requirements:
             if isinstance(one, Within) and one.seconds is None and str(one) in self.met:
                 self._tell(one, one.event, f'it ends, and {one.then} has not come after {one.event}')
@@ -347,7 +347,7 @@ class Requirements:
 
 
 def _events(one: Requirement) -> set[str]:
-    """Return what a requirement wants to hear of."""
+    """Return the events that concern a requirement."""
     if isinstance(one, Never | AtMost | After | Possible):
         return {one.event}
     if isinstance(one, Before):
@@ -356,10 +356,10 @@ def _events(one: Requirement) -> set[str]:
 
 
 def _otherwise(one: IsA | Has, parts: Sequence[NodeOrState]) -> Iterator[str]:
-    """Yield what parts of one name are that they should not be.
+    """Yield how parts of one name differ from a requirement.
 
-    Leaves without a name are called by their type, and a control, decorator or sub-tree may have that as its name: a
-    type is that of the latter, and ports are those of whichever has them, and of all that are of its type.
+    A leaf without a name is called by its type, and a control, decorator or sub-tree may have the same name. Then a
+    required type applies to the latter. Required ports apply to all parts that have them and all of the same type.
     """
     if isinstance(one, IsA):
         named = [part for part in parts if part.type != one.name.rpartition('/')[2]]
@@ -374,7 +374,7 @@ def _otherwise(one: IsA | Has, parts: Sequence[NodeOrState]) -> Iterator[str]:
 
 
 def _is_same(given: str, text: str) -> bool:
-    """Return whether both texts say the same: numbers may be written in several ways."""
+    """Return whether both texts have the same meaning: numbers may be written in several ways."""
     given = ' '.join(given.split())
     try:
         return given == text or float(given) == float(text)
@@ -388,7 +388,7 @@ def violation_of(requirement: Requirement, where: str, what: str) -> Violation:
 
 
 def _counting(times: tuple[float, ...], now: float) -> tuple[float, ...]:
-    """Return which of these are to come, beyond what rounding makes of one that is now."""
+    """Return the times after ``now``, with a tolerance for rounding."""
     return tuple(time for time in times if time > now + _ROUNDING)
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The monitor of a tree's run: its leaves that take time, from their beginning to their end or halt.
+"""The monitor of a tree's run: it watches leaves that take time, from their start to their end or halt.
 
-These leaves get a class, derived from their own, that reports to the monitor the calls of ``on_start``, ``on_running``
-and ``on_halted``. All other nodes are as they were, so a tick costs more only by what runs in it.
+These leaves get a derived class that reports the calls of ``on_start``, ``on_running`` and ``on_halted`` to the
+monitor. Other nodes are unchanged, so monitoring costs time only for the leaves that run in a tick.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _ABSENT: Final = object()
 class TreeMonitor:
     """A monitor of one run of a tree; ``found`` is called with each violation. Used on the ticking thread.
 
-    What is watched: a leaf that works is ticked, or was halted; after the end, or a halt, nothing works, waits or
-    acts; an actuator has one owner, also while a halted one ends; with ``is_woken_only``, what is RUNNING has
-    something that wakes it. ``requirements`` are those of the mission. ::
+    It checks that a working leaf is ticked or was halted; that no leaf works, waits or acts after the end or a halt;
+    that an actuator has one owner, also while a halted leaf ends; and, with ``is_woken_only``, that something wakes a
+    RUNNING tree. ``requirements`` are those of the mission. ::
 
         monitor = TreeMonitor(found)
         tree = Tree(library, 'Main', substitute=monitor.watched)
@@ -53,22 +53,22 @@ class TreeMonitor:
         self._has_requirements = bool(self.requirements.requirements)
         self._named = self.requirements.names
         self._is_woken_only = is_woken_only
-        self._nodes: tuple[TreeNode, ...] = ()  # whose resources are known
+        self._nodes: tuple[TreeNode, ...] = ()  # the nodes whose resources are known
         self._resources: dict[TreeNode, frozenset[str]] = {}
-        self._aliases: dict[str, str] = {}  # of paths: the same without the numbers of nodes that have no name
-        self._called: dict[TreeNode, tuple[str, ...]] = {}  # what requirements call the leaves
+        self._aliases: dict[str, str] = {}  # by path: the path without the numbers of unnamed nodes
+        self._called: dict[TreeNode, tuple[str, ...]] = {}  # the names of the leaves in requirements
         self._open: dict[LeafNode, None] = {}  # leaves that work
         self._acting: dict[LeafNode, None] = {}  # owners of actuators
-        self._ending: dict[LeafNode, tuple[UnfinishedWork, ...]] = {}  # of those that were halted
-        self._answers: dict[TreeNode, NodeStatus] = {}  # of the conditions that were asked in this tick
+        self._ending: dict[LeafNode, tuple[UnfinishedWork, ...]] = {}  # unfinished work of halted leaves
+        self._answers: dict[TreeNode, NodeStatus] = {}  # results of conditions in this tick
         self._starting: LeafNode | None = None
-        self._is_taken = False  # an actuator, so that it may have two owners
+        self._is_taken = False  # an actuator was taken: check the owners after the tick
         self._tree: Tree
 
     # -- for the host of the tree ------------------------------------------------------------------------------------
 
     def watched(self, definition: NodeDefinition, path: str) -> NodeDefinition:
-        """Return what is made in the place of a node: see ``substitute`` of :class:`Tree`."""
+        """Return the definition that replaces that of a node: see ``substitute`` of :class:`Tree`."""
         manifest = definition.manifest
         alias = self._alias(definition.tree_id or manifest.id, definition.name, path)
         if definition.tree_id is not None or not issubclass(manifest.node_class, LeafNode):
@@ -87,15 +87,15 @@ class TreeMonitor:
         return alias
 
     def begins(self, tree: Tree) -> None:
-        """Begin: the nodes exist, and the first tick is next."""
+        """Begin monitoring, after the nodes are created and before the first tick."""
         self._tree = tree
         tree.context.monitor = self
         self._learn()
 
     def _learn(self) -> None:
-        """Which nodes have which actuators, and what leaves are called: by their path, and those without a name by
-        their type, where no other leaf has that as its name. Leaves may get trees of their own, which are nodes of the
-        tree then."""
+        """Collect the actuators of nodes and the names of leaves. A leaf is named by its path, an unnamed one also by
+        its type unless another leaf has that as its name. Call it again when leaves get their own trees, whose nodes
+        then belong to the tree."""
         tree = self._tree
         self._nodes = tree.nodes
         names = {node: self._names(node) for node in tree.nodes}
@@ -140,12 +140,12 @@ class TreeMonitor:
         return tuple(dict.fromkeys((path, self._alias(node.id, node.name, path))))
 
     def check_parts(self) -> None:
-        """Look at what the tree is made of, before its first tick: whether that is what is required."""
+        """Check the parts of the tree against the requirements, before its first tick."""
         if self.requirements.are_about_parts:
             self.requirements.check_parts(self._parts())
 
     def ticked(self, status: NodeStatus) -> None:
-        """Check a tick that is over, and has returned this status."""
+        """Check the tree after a tick that returned ``status``."""
         opened = self._open
         if len(self.going_on) < len(opened):
             for path in [leaf.path for leaf in opened if leaf not in self.going_on]:
@@ -164,11 +164,11 @@ class TreeMonitor:
             self._check_wakes()
 
     def paused(self, is_paused: bool) -> None:
-        """Note that the tree is paused from now on, or goes on: the time of requirements stands still meanwhile."""
+        """Record that the tree is paused or resumed: the time of requirements stops in between."""
         self.requirements.rests(is_paused)
 
     def halted(self) -> None:
-        """Check that nothing works after the tree was halted."""
+        """Check that no leaf works after the tree was halted."""
         for leaf in self._open:
             text = f'{leaf.path} still works after the tree was halted'
             self._found(Violation(Property.STOP_STOPS, leaf.path, text))
@@ -180,16 +180,16 @@ class TreeMonitor:
             text = 'a node still waits for a time after the halt'
             self._found(Violation(Property.STOP_STOPS, self._tree.key.id, text))
 
-    # -- what the leaves tell ----------------------------------------------------------------------------------------
+    # -- reports of the leaves ---------------------------------------------------------------------------------------
 
     def starts(self, leaf: LeafNode) -> None:
-        """``on_start`` of a leaf is called next."""
+        """Record that ``on_start`` of a leaf is about to be called."""
         self._starting = leaf
         if self._has_requirements:
             self._event(leaf)
 
     def began(self, leaf: LeafNode, status: NodeStatus) -> None:
-        """``on_start`` of a leaf has given a status."""
+        """Record that ``on_start`` of a leaf has returned a status."""
         self._starting = None
         if status is RUNNING:
             self._open[leaf] = None
@@ -201,12 +201,12 @@ class TreeMonitor:
             self._tell_result(leaf, status)
 
     def went_on(self, leaf: LeafNode, status: NodeStatus) -> None:
-        """``on_running`` of a leaf has given another status than RUNNING, which is noted in :attr:`going_on`."""
+        """Record a status of ``on_running`` other than RUNNING; :attr:`going_on` has the RUNNING leaves."""
         if leaf is self._starting:
-            return  # it begins by asking how it is, and has not begun to work
+            return  # its on_start calls on_running: it has not begun to work
         self.going_on.add(leaf)
         if status is not SUCCESS and status is not FAILURE:
-            return  # one that is SKIPPED stays as it was
+            return  # a SKIPPED leaf keeps its state
         self._acting.pop(leaf, None)
         if self._open.pop(leaf, _ABSENT) is _ABSENT:
             text = f'{leaf.path} gives {status.name}, and it has ended before, or was halted'
@@ -214,7 +214,7 @@ class TreeMonitor:
         self._tell_result(leaf, status)
 
     def halts(self, leaf: LeafNode, halt: Callable[[], None]) -> None:
-        """Halt a leaf by ``halt``."""
+        """Halt a leaf by calling ``halt``, and record its unfinished work."""
         context = self._tree.context
         before = context.works if leaf in self._acting else ()
         self._open.pop(leaf, None)
@@ -228,20 +228,20 @@ class TreeMonitor:
                 self._ending[leaf] = tuple(work for work in context.works if work not in before)
 
     def acts(self, leaf: LeafNode) -> None:
-        """Note that what a leaf does elsewhere begins."""
+        """Record that the external work of a leaf begins."""
         if leaf not in self._open and leaf is not self._starting:
             text = f'{leaf.path} acts, and it has ended, or was halted'
             self._found(Violation(Property.STOP_STOPS, leaf.path, text))
         self._own(leaf)
 
     def done(self, leaf: TreeNode, status: NodeStatus) -> None:
-        """Note that a leaf was done within a tick."""
+        """Record that a leaf was done within a tick."""
         self._event(leaf)
         self._tell_result(leaf, status)
         if status is SUCCESS or status is FAILURE:
             self._answers[leaf] = status
 
-    # -- what is looked at when a tick is over -----------------------------------------------------------------------
+    # -- checks after a tick -----------------------------------------------------------------------------------------
 
     def _own(self, leaf: LeafNode) -> None:
         if self._tree.nodes is not self._nodes:
@@ -266,7 +266,7 @@ class TreeMonitor:
         owners = sorted({*self._acting, *self._ending}, key=lambda leaf: leaf.uid)
         for wrong in shared_actuators((leaf.path, self._resources[leaf]) for leaf in owners):
             self._found(wrong)
-        self._is_taken = False  # until another one begins
+        self._is_taken = False  # until another leaf takes an actuator
 
     def _check_requirements(self, status: NodeStatus) -> None:
         requirements = self.requirements

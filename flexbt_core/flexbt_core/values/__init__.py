@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text and data from untrusted sources, with bounds: JSON, YAML, messages, terminals, files."""
+"""Bounded reading of text and data from untrusted sources: JSON, YAML, messages, terminals, files."""

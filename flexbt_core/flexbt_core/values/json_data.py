@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""JSON and numbers from untrusted sources, with bounds.
+"""Bounded reading of JSON and numbers from untrusted sources.
 
-Python's parser calls itself for each level and stops at the recursion limit. That limit is one for the whole process,
-and is raised by programs that run deep trees; then a text of brackets would end the process.
+Python's parser recurses for each level and stops at the recursion limit of the process. Programs that run deep trees
+raise this limit; without a bound here, a text of brackets could then crash the process.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ import re
 from typing import Any, Final
 
 MAX_JSON_DEPTH: Final = 500
-"""Levels of objects and lists in each other that are read at most."""
+"""Maximum nesting depth of objects and lists."""
 
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]|\\.)*+"?|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_json(text: str, **options: Any) -> Any:
-    """``json.loads``.
+    """Return the data of a JSON text; ``options`` are those of ``json.loads``.
 
     Raises:
         ValueError: the text is not JSON.
-        RecursionError: it is nested deeper than MAX_DEPTH.
+        RecursionError: the text is nested deeper than MAX_JSON_DEPTH.
     """
     if text.count('[') + text.count('{') > MAX_JSON_DEPTH:
         _check_depth(text)
@@ -42,12 +42,12 @@ def _check_depth(text: str) -> None:
             depth -= 1
 
 
-# Numbers in data from others.
+# Numbers in untrusted data.
 
 
 def finite_number(value: object) -> float | None:
-    """Return a finite number, also one that YAML 1.1 takes for text, such as the 1e-16 that map_saver writes; else
-    None."""
+    """Return a finite number, else None. Accepts numbers that YAML 1.1 reads as text, such as 1e-16 from
+    map_saver."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fields of dataclasses that are parameters of nodes, declared where their values are used, also without ROS."""
+"""Dataclass fields that declare node parameters. They are declared where they are used, and also work without ROS."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 
 @dataclasses.dataclass(frozen=True)
 class ParameterField:
-    """A parameter: its name, its meaning with the unit, its bounds, both included, and the texts that it may have.
+    """A parameter: its name, its meaning with the unit, its inclusive bounds, and the allowed texts.
 
-    One that ``is_fixed`` keeps its value for the life of the node, also if the node is managed.
+    If it ``is_fixed``, its value cannot change during the life of the node, also if the node is managed.
     """
 
     name: str
@@ -33,11 +33,11 @@ def parameter(
     choices: Collection[str] = (),
     is_fixed: bool = False,
 ) -> Any:
-    """Return a field of a dataclass that is a parameter of a node, whose type is that of the default."""
+    """Return a dataclass field that declares a node parameter with the type of ``default``."""
     meant = ParameterField(name, description, least, most, choices, is_fixed)
     return dataclasses.field(default=default, metadata={'parameter': meant})
 
 
 def parameters_of(dataclass: Any) -> dict[str, ParameterField]:
-    """Return the fields of a dataclass that are parameters, by their names in the dataclass."""
+    """Return the parameters that a dataclass declares, by field name."""
     return {one.name: one.metadata['parameter'] for one in dataclasses.fields(dataclass) if 'parameter' in one.metadata}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of named places that a robot can be sent to."""
+"""Files of named places for a robot to drive to."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A pose in the plane: metres and radians in ``frame``."""
+    """A 2D pose in ``frame``, in metres and radians."""
 
     x: float
     y: float
@@ -26,12 +26,12 @@ class Place:
 
 
 def load_places(file: Path) -> dict[str, Place]:
-    """Read a YAML file ``{name: {x: 1.0, y: 2.0, yaw: 0.0}}``; yaw (radians) and frame may be left out.
+    """Read a YAML file ``{name: {x: 1.0, y: 2.0, yaw: 0.0}}``; yaw (radians) and frame are optional.
 
     Raises:
-        ValueError: the file cannot be read, or an entry is not a place; names file and entry.
+        ValueError: the file cannot be read, or an entry is not a place; the error names file and entry.
     """
-    from .yaml_data import load_yaml  # takes a while
+    from .yaml_data import load_yaml  # slow to import
 
     try:
         content = load_yaml(read_text(file), aliases=True)

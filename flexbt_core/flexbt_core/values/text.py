@@ -12,12 +12,12 @@ from itertools import islice
 from typing import Any, Final
 
 MAX_REPR: Final = 80
-"""Characters of a value in a message."""
+"""Maximum length of a value in a message, characters."""
 _GAP: Final = ' ... '
 
 
 def truncate_middle(text: str, most: int = MAX_REPR) -> str:
-    """``text``, of which the middle is left out where it has more than ``most`` characters."""
+    """Return ``text``, with its middle left out if it has more than ``most`` characters."""
     if len(text) <= most:
         return text
     end = most // 3
@@ -25,17 +25,17 @@ def truncate_middle(text: str, most: int = MAX_REPR) -> str:
 
 
 def short_repr(value: object) -> str:
-    """``value`` as Python writes it, in :data:`MOST` characters at most. Never raises; a large one takes no time."""
+    """Return the ``repr`` of a value, at most :data:`MAX_REPR` characters. Never raises; fast for large values."""
     try:
         return truncate_middle(_Repr().repr(value))
-    except Exception:  # an integer of too many digits, code of others
+    except Exception:  # an integer with too many digits, or foreign code
         return f'a {type(value).__name__} that cannot be shown'
 
 
 class _Repr(reprlib.Repr):
-    """A writer of one value, up to the length from which :func:`shown` cuts it: each part has at least one character.
+    """A writer of one value that stops where :func:`short_repr` cuts it: each part has at least one character.
 
-    Messages of ROS and what is derived from a collection or a text are written part by part, too.
+    It also writes ROS messages and subclasses of collections and texts part by part.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class _Repr(reprlib.Repr):
         self._left -= 1
         return super().repr1(x, level) if self._left >= 0 else '...'
 
-    # They sort what they are given.
+    # The methods of the base class sort the entries.
     def repr_dict(self, x: dict[Any, Any], level: int) -> str:
         return super().repr_dict(dict(islice(x.items(), self.maxdict + 1)), level)
 
@@ -80,28 +80,28 @@ class _Repr(reprlib.Repr):
 _PARTED: Final = (str, bytes, bytearray, list, tuple, dict, set, frozenset)
 
 
-# Text from the network or from a file, made harmless for a terminal.
+# Text from the network or a file, made harmless for a terminal.
 #
-# What others have written may contain escape sequences that move the cursor, recolour the screen, set the window title
-# or answer for the user; direction marks that show a text in another order; invisible characters. All of them are
-# shown as what they are.
+# Untrusted text may contain escape sequences that move the cursor, recolour the screen, set the window title or answer
+# for the user; direction marks that show a text in another order; and invisible characters. All of them are shown in
+# an escaped form.
 
 _NAMED: Final = {'\n': '\\n', '\r': '\\r', '\t': '\\t', '\x1b': '\\e'}
 _HIDDEN: Final = frozenset({'Cc', 'Cf', 'Cs', 'Co', 'Cn', 'Zl', 'Zp'})
 _MARKS: Final = frozenset({'Mn', 'Me'})
 _STACKED_MARKS: Final = 3
-"""Marks in a row that a written language may need; more of them are stacked over the lines around."""
+"""Maximum number of combining marks in a row, enough for written languages; more would cover neighbouring lines."""
 
 MAX_LINE: Final = 20_000
-"""Maximum number of shown characters of a text: a program that keeps showing 10 MB of text does nothing else."""
+"""Maximum number of shown characters of a text: a program that shows 10 MB again and again could do nothing else."""
 
 
 def one_line(text: str, width: int | None = None) -> str:
-    """``text`` on one line without anything that a terminal interprets, cut to ``width`` characters.
+    """Return ``text`` on one line, without anything that a terminal interprets, cut to ``width`` characters.
 
-    Without a width, what is behind the first :data:`MAX_LINE` characters is counted.
+    Without a width, only the first :data:`MAX_LINE` characters are shown, with the number of the others.
     """
-    begin = text[: MAX_LINE if width is None else max(0, width) + 1]  # escaping makes nothing shorter
+    begin = text[: MAX_LINE if width is None else max(0, width) + 1]  # escaping never shortens a text
     shown = begin if begin.isascii() and begin.isprintable() else _escaped(begin)
     if width is None:
         return shown if len(text) <= MAX_LINE else f'{shown}… ({len(text) - MAX_LINE} more characters)'
@@ -111,7 +111,7 @@ def one_line(text: str, width: int | None = None) -> str:
 
 
 def escape_lines(text: str, limit: int = 50) -> list[str]:
-    """``text`` as harmless lines, at most ``limit`` of them; what is left out is said in the last."""
+    """Return ``text`` as harmless lines, at most ``limit`` of them; the last one reports what is left out."""
     parts = text.split('\n')
     shown = [one_line(part) for part in parts[:limit]]
     if len(parts) > limit:
@@ -135,23 +135,23 @@ def _escaped(text: str) -> str:
     return ''.join(shown)
 
 
-# Names that are not known, and what may have been meant.
+# Suggestions for unknown names.
 
 _LONGEST: Final = 100
 _MOST: Final = 20
 
 
 def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
-    """Return the known names that ``name`` may be a slip of, best first."""
+    """Return the known names that are similar to ``name``, best first."""
     import difflib  # rarely needed
 
-    # The comparison takes quadratic time, and hostile files have long names.
+    # The comparison takes quadratic time, and hostile files may have long names.
     return difflib.get_close_matches(name, list(known), n=most) if len(name) <= _LONGEST else []
 
 
 def did_you_mean(name: object, known: Collection[str], otherwise: str | None = None) -> str:
-    """Return what may have been meant by a name that is not known; where nothing is near, ``otherwise``, or what there
-    is."""
+    """Return a hint for an unknown name: a similar known one, else ``otherwise`` if set, else a list of the known
+    names."""
     if near := similar_names(str(name), known):
         return f'; did you mean {near[0]!r}?'
     if otherwise is not None:
@@ -160,28 +160,28 @@ def did_you_mean(name: object, known: Collection[str], otherwise: str | None = N
     return f' ({", ".join(sorted(known)[:_MOST])}{more})' if known else ''
 
 
-# Numbers of things in messages to people.
+# Counted nouns in messages.
 
 
 def pluralize(count: int, noun: str, plural: str = '') -> str:
-    """``1 tree``, ``2 trees``; ``1 recovery``, ``2 recoveries`` where the plural is given."""
+    """Return a counted noun: ``1 tree``, ``2 trees``, or with ``plural``: ``1 recovery``, ``2 recoveries``."""
     return f'{count} {noun if count == 1 else plural or f"{noun}s"}'
 
 
-# Text of unknown origin, made fit for a field of a message.
+# Untrusted text, made valid for a field of a message.
 
 _UNSENDABLE: Final = re.compile('[\0\ud800-\udc7f\udd00-\udfff]')
-"""NUL, and surrogates that stand for no byte."""
+"""NUL, and surrogates that do not represent a byte."""
 
 
 def sanitize_for_message(text: str, limit: int | None = None) -> str:
-    """``text`` as the middleware can send it: without NUL, which would cut it off on the other side, and without lone
-    surrogates, with which no message can be sent at all.
+    """Return ``text`` as the middleware can send it: without NUL, at which the receiver would cut it off, and without
+    lone surrogates, which the middleware cannot send.
 
-    Python makes surrogates of the bytes of a terminal or a file name that its encoding lacks: of all but ASCII, where
-    the locale has nothing else. They are taken for UTF-8, and replaced where they are none.
+    Python reads undecodable bytes of a terminal or a file name as surrogates; in an ASCII locale these are all other
+    characters. They are decoded as UTF-8, and replaced if they are not UTF-8.
 
-    Of a text of more than ``limit`` characters the middle is left out, and it is said how much that is.
+    A text of more than ``limit`` characters loses its middle, with a note of how many characters are left out.
     """
     if limit is not None and len(text) > limit:
         half = limit // 2
@@ -189,17 +189,17 @@ def sanitize_for_message(text: str, limit: int | None = None) -> str:
     return _UNSENDABLE.sub('\ufffd', text).encode('utf-8', 'surrogateescape').decode('utf-8', 'replace')
 
 
-# Text as part of an XML document. Python's own functions for it load a client of HTTP first: 0.1 s of a start.
+# Text in an XML document. Python's own functions import an HTTP client first, which adds 0.1 s to a start.
 
 _TEXT: Final = str.maketrans({'&': '&amp;', '<': '&lt;', '>': '&gt;'})
 _ATTRIBUTE: Final = {**_TEXT, **str.maketrans({'"': '&quot;', '\n': '&#10;', '\r': '&#13;', '\t': '&#9;'})}
 
 
 def xml_text(text: str) -> str:
-    """Return what stands for a text between two tags."""
+    """Return a text escaped for XML content."""
     return text.translate(_TEXT)
 
 
 def xml_attribute(text: str) -> str:
-    """Return what stands for the value of an attribute, its ampes included; line breaks and tabs stay what they are."""
+    """Return a text as a quoted XML attribute value, with line breaks and tabs preserved."""
     return f'"{text.translate(_ATTRIBUTE)}"'

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of text: those of others are read with bounds, and ours are written as a whole.
+"""Text files: untrusted ones are read with bounds, own ones are written atomically.
 
-Opening a pipe waits for its other end, and a device may never end: :func:`open_regular` refuses both. A file that holds
-what people said is made by :func:`open_private`.
+Opening a pipe waits for its other end, and a device may never end: :func:`open_regular` refuses both.
+:func:`open_private` creates a file for what people said.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ MOST_BYTES: Final = 10_000_000
 
 
 class TextFileError(OSError):
-    """A file cannot be read as text; says why, without its name."""
+    """A file cannot be read as text; the message is the reason, without the file name."""
 
 
 def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
     """Return the text (UTF-8, with or without a byte order mark) of a regular file of at most ``most`` bytes.
 
-    Never waits: a pipe is refused, as devices and directories are.
+    Never waits: pipes, devices and directories are refused.
 
     Raises:
-        TextFileError: it cannot be read, is longer, or is not text.
+        TextFileError: the file cannot be read, is longer, or is not text.
     """
     try:
         with open(file, 'rb', opener=open_regular) as content:
@@ -44,13 +44,13 @@ def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
 
 
 def write_text(file: str | Path, text: str) -> None:
-    """Write a file (UTF-8) as a whole: where that fails, as on a full disk, the one that was there stays as it is.
+    """Write a whole file (UTF-8). If that fails, for example on a full disk, an existing file stays unchanged.
 
-    A new file replaces the old one, which must be writable, and gets its permissions; a link goes on leading
-    to it. A pipe or device, and any name below ``/dev``, is written to.
+    A new file replaces the old one, which must be writable, and gets its permissions. A link stays a link to the file.
+    A pipe or device, and any name below ``/dev``, is written to directly.
 
     Raises:
-        OSError: it cannot be written; names the file.
+        OSError: the file cannot be written; the error names it.
     """
     file = Path(file)
     if file.is_relative_to('/dev') or (file.exists() and not file.is_file()):
@@ -64,7 +64,7 @@ def write_text(file: str | Path, text: str) -> None:
             content.flush()
             os.fsync(content.fileno())
         if old.exists():
-            os.close(os.open(old, os.O_WRONLY))  # a file that is protected stays, too
+            os.close(os.open(old, os.O_WRONLY))  # refuse to replace a write-protected file
             fresh.chmod(stat.S_IMODE(old.stat().st_mode))
         fresh.replace(old)
     except OSError as error:
@@ -75,11 +75,11 @@ def write_text(file: str | Path, text: str) -> None:
 
 
 def open_regular(file: str | Path, flags: int, mode: int = 0o666) -> int:
-    """Return the descriptor of a regular file, as :func:`os.open` does, and never wait; an ``opener`` of :func:`open`.
+    """Return the descriptor of a regular file like :func:`os.open`, but never wait. An ``opener`` for :func:`open`.
 
     Raises:
-        TextFileError: it is a pipe, device or directory.
-        OSError: it cannot be opened.
+        TextFileError: the file is a pipe, device or directory.
+        OSError: the file cannot be opened.
     """
     descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, mode)
     mode = os.fstat(descriptor).st_mode
@@ -91,8 +91,8 @@ def open_regular(file: str | Path, flags: int, mode: int = 0o666) -> int:
 
 
 def open_private(file: str | Path, flags: int) -> int:
-    """As :func:`open_regular`, for a file of ours that holds what people said: only the user may read a new one.
+    """Open an own file for what people said, like :func:`open_regular`. Only the user may read a new one.
 
-    A symbolic link is not followed: others with write access could have another file of the user overwritten.
+    Does not follow a symbolic link: others with write access could use it to overwrite another file of the user.
     """
     return open_regular(file, flags | os.O_NOFOLLOW, 0o600)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""YAML from untrusted sources: loaded with bounds, and read part by part, each problem with its line.
+"""Bounded reading of YAML from untrusted sources, part by part, with the line of each problem.
 
-PyYAML's composer calls itself for each level, an alias repeats what may be any amount of data, and numbers in base 60
-take the square of their length. All of it is bounded here, while the text is read.
+PyYAML's composer recurses for each level, an alias can repeat any amount of data, and numbers in base 60 take time
+quadratic in their length. This module bounds all of them while it reads the text.
 
-The text is scanned by libyaml, where PyYAML is built with it: PyYAML's own scanner takes 1 to 3 s for 100 kB, in
-which a node hears nothing. Its errors say more, so a short text that libyaml refuses is scanned again by it.
+libyaml scans the text if PyYAML is built with it: PyYAML's own scanner takes 1 to 3 s for 100 kB, during which a node
+does not respond. Its errors have more details, so it scans a short text again that libyaml refuses.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import yaml
 from .text import did_you_mean, short_repr
 
 MAX_YAML_DEPTH: Final = 100
-"""Levels of mappings and lists in each other that are read at most."""
+"""Maximum nesting depth of mappings and lists."""
 
 MAX_REPEATED: Final = 100_000
-"""Values that a text may stand for when each alias is written out."""
+"""Maximum number of values of a text with all aliases expanded."""
 
 RESCANNED: Final = 5_000
-"""Characters of a text that libyaml refuses, at most, for PyYAML to say why: it takes about 0.1 s for them."""
+"""Maximum length of a refused text that PyYAML scans again for a better error, characters; this takes about 0.1 s."""
 
 _MOST_DIGITS: Final = 1000
 _SCANNER: Final[Any] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
@@ -32,8 +32,8 @@ _NUMBERS: Final = ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')
 
 
 class YamlError(ValueError):
-    """A text is not YAML, or contains unsupported YAML. ``line`` and ``column``, from 1, say where (``mark``),
-    ``reason`` what is wrong there."""
+    """A text is not YAML, or contains unsupported YAML. ``line`` and ``column``, from 1, are the place (``mark``);
+    ``reason`` is the problem."""
 
     def __init__(self, mark: Any, reason: str) -> None:
         self.line: int = 1 if mark is None else mark.line + 1
@@ -43,22 +43,22 @@ class YamlError(ValueError):
 
 
 def load_yaml(text: str, *, aliases: bool = False) -> Any:
-    """Return the plain data of one document; None for an empty one. ``aliases`` are for texts of which the author is
-    trusted.
+    """Return the plain data of one document; None for an empty one. Allow ``aliases`` only for texts of trusted
+    authors.
 
     Raises:
-        YamlError: no YAML, aliases, no plain data, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by
-            aliases.
+        YamlError: the text is not YAML, has aliases or other than plain data, is nested deeper than MAX_YAML_DEPTH,
+            or expands to more than MAX_REPEATED values.
     """
     node = compose_yaml(text, aliases=aliases)
     return None if node is None else construct_yaml(node)
 
 
 def compose_yaml(text: str, *, aliases: bool = False) -> yaml.Node | None:
-    """Return the nodes of one document, with their places; None for an empty one.
+    """Return the root node of one document, with places in the text; None for an empty one.
 
     Raises:
-        YamlError: no YAML, aliases, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by aliases.
+        YamlError: not YAML, aliases, nested deeper than MAX_YAML_DEPTH, or expanded to more than MAX_REPEATED values.
     """
     try:
         try:
@@ -75,7 +75,7 @@ def construct_yaml(node: yaml.Node) -> Any:
     """Return the plain data of a node.
 
     Raises:
-        YamlError: tags of other than plain data, or a scalar that is not what its tag or form says.
+        YamlError: a tag is not for plain data, or a scalar does not match its tag or form.
     """
     try:
         return _Constructor().construct_document(node)
@@ -84,21 +84,21 @@ def construct_yaml(node: yaml.Node) -> Any:
 
 
 class _Bounds(yaml.composer.Composer):
-    """A composer of the nodes from the events of a scanner, within the bounds."""
+    """A composer that makes nodes from the events of a scanner and checks the bounds."""
 
     peek_event: Any  # of the scanner
 
     def __init__(self, *, aliases: bool) -> None:
-        yaml.composer.Composer.__init__(self)  # and not of the next class: a loader, which has been initialized
+        yaml.composer.Composer.__init__(self)  # not of the next class: a loader, which is initialized already
         self._takes_aliases = aliases
-        self._around: list[str | None] = []  # the anchors of what is being read, outermost first
-        self._values = 0  # so far, each alias written out
+        self._around: list[str | None] = []  # anchors of the open nodes, outermost first
+        self._values = 0  # so far, with aliases expanded
         self._values_of: dict[str | None, int] = {}  # by anchor
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         event: yaml.NodeEvent = self.peek_event()
         tag = getattr(event, 'tag', None) or ''
-        if tag.startswith('!'):  # no plain data has one; the text has [!open]
+        if tag.startswith('!'):  # plain data has no such tag; the text may be [!open]
             written = short_repr(tag.rstrip(',]}'))
             raise YamlError(event.start_mark, f'what begins with ! is a tag in YAML; put it in quotes: {written}')
         if isinstance(event, yaml.AliasEvent):
@@ -145,7 +145,7 @@ class _Constructor(yaml.constructor.SafeConstructor):
             return super().construct_object(node, deep)
         except yaml.YAMLError:
             raise
-        except Exception as error:  # PyYAML lets exceptions of a conversion pass
+        except Exception as error:  # PyYAML passes on exceptions of a conversion
             kind = node.tag.rpartition(':')[2]
             raise YamlError(node.start_mark, f'{short_repr(node.value)} is no {kind}') from error
 
@@ -155,20 +155,20 @@ def _problem(error: Exception) -> str:
     return f'{problem}; indent by blanks' if "'\\t' that cannot start" in problem else problem
 
 
-# The parts of a YAML text: read by the types that they have to have, each problem with its line.
+# The parts of a YAML text, read as the required types; each problem has its line.
 #
-# Names are taken as they are written: ``off`` is a name, and no truth value.
+# Names are read literally: ``off`` is a name, not a boolean.
 
 
 class YamlParts:
-    """A reader of the parts of a text. It collects ``problems``, as ``source:line: what``, and continues."""
+    """A reader of the parts of a text. It collects ``problems`` as ``source:line: problem`` and continues."""
 
     def __init__(self, source: str) -> None:
         self.source = source
         self.problems: list[str] = []
 
     def root(self, text: str) -> yaml.Node | None:
-        """Return the node of the whole text; None, and a problem, if it is not YAML or empty."""
+        """Return the root node of the text. If it is empty or not YAML, add a problem and return None."""
         try:
             root = compose_yaml(text)
         except YamlError as error:
@@ -179,7 +179,7 @@ class YamlParts:
         return root
 
     def mapping(self, node: yaml.Node | None, what: str) -> dict[str, yaml.Node]:
-        """Return the entries of a mapping by their names; empty when there is none."""
+        """Return the entries of a mapping by name; empty without a mapping."""
         if node is None:
             return {}
         if not isinstance(node, yaml.MappingNode):
@@ -205,7 +205,7 @@ class YamlParts:
         return [self.name(one, what) for one in self.sequence(node, what)]
 
     def name(self, node: yaml.Node, what: str, expected: str = 'a name') -> str:
-        """Return a name, or what else is ``expected``, as it is written."""
+        """Return a name, or another ``expected`` text, as written."""
         if not isinstance(node, yaml.ScalarNode):
             self.problem(node, f'{what} has to be {expected}, not {shown_node(node)}')
             return ''
@@ -216,7 +216,7 @@ class YamlParts:
         return {name: self.name(value, what) for name, value in self.mapping(node, what).items()}
 
     def value(self, node: yaml.Node, what: str) -> Any:
-        """Plain data: numbers, texts, truth values, lists, mappings; None, and a problem, when it is something else."""
+        """Return plain data: numbers, texts, booleans, lists, mappings. Else add a problem and return None."""
         try:
             return construct_yaml(node)
         except YamlError as error:
@@ -224,17 +224,17 @@ class YamlParts:
             return None
 
     def values(self, node: yaml.Node, what: str) -> dict[str, Any]:
-        """Plain data by names."""
+        """Return plain data by name."""
         return {name: self.value(one, f'{what}: {short_repr(name)}') for name, one in self.mapping(node, what).items()}
 
     def refuse_others(self, entries: dict[str, yaml.Node], known: Collection[str], what: str) -> None:
-        """Yield a problem for each entry that has none of the names that are ``known``."""
+        """Add a problem for each entry whose name is not in ``known``."""
         for name, value in entries.items():
             if name not in known:
                 self.problem(value, f'{what} cannot have {short_repr(name)}{did_you_mean(name, known)}')
 
     def problem(self, node: yaml.Node, text: str) -> None:
-        """Something is wrong at this place."""
+        """Add a problem at the place of a node."""
         self.problems.append(f'{self.source}:{line_of(node)}: {text}')
 
 
@@ -244,7 +244,7 @@ def line_of(node: yaml.Node) -> int:
 
 
 def shown_node(node: yaml.Node) -> str:
-    """Return a node in a message."""
+    """Return the text of a node for a message."""
     if isinstance(node, yaml.MappingNode):
         return 'a mapping'
     return 'a list' if isinstance(node, yaml.SequenceNode) else short_repr(node.value)
