@@ -19,26 +19,26 @@ from flexbt_sim.world.specification import ModelSpecification, key
 
 @dataclass(frozen=True)
 class BatteryModel(ModelSpecification):
-    """A battery. The robot stops, and its lidar is silent, when it is empty."""
+    """A battery. When it is empty, the robot stops and its lidar publishes nothing."""
 
     title: ClassVar[str] = 'battery'
 
-    capacity: float = key('energy when it is full', 20.0, unit='Wh', low=0.001, high=1e6)
-    level: float = key('what it has at the start, of 1', 1.0, low=0.0, high=1.0)
+    capacity: float = key('energy when fully charged', 20.0, unit='Wh', low=0.001, high=1e6)
+    level: float = key('charge at the start; 1 is full', 1.0, low=0.0, high=1.0)
     voltage: float = key('nominal voltage', 11.1, unit='V', low=1.0, high=1000.0)
-    idle: float = key('power at rest', 5.0, unit='W', low=0.0, high=1e6)
-    driving: float = key('power that is added at the greatest speed, and in proportion', 10.0, unit='W', low=0.0,
+    idle: float = key('power while the robot stands still', 5.0, unit='W', low=0.0, high=1e6)
+    driving: float = key('additional power at maximum speed; proportional below', 10.0, unit='W', low=0.0,
                          high=1e6)  # fmt: skip
     charging: float = key('power from a charging station', 60.0, unit='W', low=0.0, high=1e6)
 
 
 @dataclass(frozen=True)
 class BatteryLow(DeviceFault):
-    """The battery falls to a level at once. It does not come back at the end of the fault."""
+    """The battery drops to a level immediately. The charge does not return when the fault ends."""
 
     name: ClassVar[str] = 'battery_low'
     needs: ClassVar[str] = 'battery'
-    level: float = key('what is left, of 1', 0.1, low=0.0, high=1.0)
+    level: float = key('remaining charge; 1 is full', 0.1, low=0.0, high=1.0)
 
 
 class Battery(Sensor):
@@ -134,9 +134,9 @@ class GripperModel(ModelSpecification):
 
     title: ClassVar[str] = 'gripper'
 
-    reach: float = key('how far from the middle of the robot it picks up and puts down', 0.6, unit='m', low=0.01,
+    reach: float = key('maximum pick and place distance from the robot center', 0.6, unit='m', low=0.01,
                        high=10.0)  # fmt: skip
-    opening: float = key('greatest radius of what it picks up', 0.1, unit='m', low=0.001, high=10.0)
+    opening: float = key('maximum radius of an object that it can pick up', 0.1, unit='m', low=0.001, high=10.0)
 
 
 class Gripper(Device):
@@ -170,16 +170,16 @@ class LidarModel(ModelSpecification):
 
     title: ClassVar[str] = 'lidar'
 
-    beams: int = key('beams of a scan', 360, low=1, high=100_000)
-    range_min: float = key('least range that is measured; nearer is minus infinity (REP 117)', 0.12, unit='m', low=0.0)
-    range_max: float = key('greatest range; farther is infinity', 3.5, unit='m', low=0.01, high=1000.0)
-    noise: float = key('standard deviation of a range', 0.01, unit='m', low=0.0, high=10.0)
+    beams: int = key('beams per scan', 360, low=1, high=100_000)
+    range_min: float = key('minimum range; reports -inf if closer (REP 117)', 0.12, unit='m', low=0.0)
+    range_max: float = key('maximum range; reports +inf if farther', 3.5, unit='m', low=0.01, high=1000.0)
+    noise: float = key('standard deviation of the range', 0.01, unit='m', low=0.0, high=10.0)
     rate: float = key('scans per second', 5.0, unit='Hz', low=0.01, high=1000.0)
     dropout: float = key('probability that a beam returns nothing', 0.0, low=0.0, high=1.0)
     field_of_view: float = key(
-        'angle between the first and the last beam; 2 pi for all round', math.tau, unit='rad', low=0.0, high=math.tau
+        'angle between the first and last beams; 2 pi for a full circle', math.tau, unit='rad', low=0.0, high=math.tau
     )
-    pose: Pose = key('where it is on the robot', ORIGIN)
+    pose: Pose = key('pose on the robot', ORIGIN)
 
     def conflicts(self) -> Iterable[str]:
         if self.range_min >= self.range_max:
@@ -212,12 +212,12 @@ class LidarFrozen(DeviceFault):
 
 @dataclass(frozen=True)
 class LidarBlinded(DeviceFault):
-    """Beams in a direction return nothing, as in glare."""
+    """Beams in one sector return nothing, as in glare."""
 
     name: ClassVar[str] = 'lidar_blinded'
     needs: ClassVar[str] = 'lidar'
-    direction: float = key('the middle of it; 0 is straight ahead', 0.0, unit='rad', low=-math.pi, high=math.pi)
-    width: float = key('how wide it is; 2 pi for all beams', math.tau, unit='rad', low=0.0, high=math.tau)
+    direction: float = key('center of the sector; 0 is straight ahead', 0.0, unit='rad', low=-math.pi, high=math.pi)
+    width: float = key('width of the sector; 2 pi for all beams', math.tau, unit='rad', low=0.0, high=math.tau)
 
 
 class Scan(NamedTuple):
@@ -302,13 +302,13 @@ class RangeFinderModel(ModelSpecification):
 
     title: ClassVar[str] = 'range finder'
 
-    radiation: str = key('what it sends', 'ultrasound', choices=('ultrasound', 'infrared'))
+    radiation: str = key('type of sensor', 'ultrasound', choices=('ultrasound', 'infrared'))
     field_of_view: float = key('angle of the cone', 0.26, unit='rad', low=0.0, high=math.pi)
-    range_min: float = key('least range that is measured; nearer is minus infinity (REP 117)', 0.02, unit='m', low=0.0)
-    range_max: float = key('greatest range; farther is infinity', 4.0, unit='m', low=0.01, high=1000.0)
-    noise: float = key('standard deviation of a range', 0.01, unit='m', low=0.0, high=10.0)
+    range_min: float = key('minimum range; reports -inf if closer (REP 117)', 0.02, unit='m', low=0.0)
+    range_max: float = key('maximum range; reports +inf if farther', 4.0, unit='m', low=0.01, high=1000.0)
+    noise: float = key('standard deviation of the range', 0.01, unit='m', low=0.0, high=10.0)
     rate: float = key('readings per second', 10.0, unit='Hz', low=0.01, high=1000.0)
-    pose: Pose = key('where it is on the robot', ORIGIN)
+    pose: Pose = key('pose on the robot', ORIGIN)
 
     def conflicts(self) -> Iterable[str]:
         if self.range_min >= self.range_max:
@@ -367,7 +367,7 @@ class ImuModel(ModelSpecification):
     angular_bias: float = key('constant error of the angular velocity', 0.0, unit='rad/s', low=-1.0, high=1.0)
     linear_noise: float = key('standard deviation of each acceleration', 0.02, unit='m/s²', low=0.0, high=100.0)
     rate: float = key('readings per second', 50.0, unit='Hz', low=0.01, high=1000.0)
-    pose: Pose = key('where it is on the robot', ORIGIN)
+    pose: Pose = key('pose on the robot', ORIGIN)
 
 
 class Imu(Sensor):

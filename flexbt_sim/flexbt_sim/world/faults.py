@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The faults on command: one table of all, of the world, of messages and of navigation servers."""
+"""Faults on command: one table of the faults of the world, of messages and of navigation servers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .models import DEVICES
 
 @dataclass(frozen=True)
 class StuckWheel(FaultModel):
-    """A wheel, or both, do not turn: the robot turns in a circle, or stays. The odometry sees it."""
+    """One or both wheels do not turn: the robot drives in a circle or stands still. The odometry measures this."""
 
     name: ClassVar[str] = 'stuck_wheel'
     side: str = key('which wheel', 'left', choices=('left', 'right', 'both'))
@@ -28,16 +28,16 @@ class StuckWheel(FaultModel):
 
 @dataclass(frozen=True)
 class LocalizationLost(FaultModel):
-    """The pose that the localization has jumps, and drifts on. It is right again at the end of the fault."""
+    """The localized pose jumps and then drifts. It is correct again when the fault ends."""
 
     name: ClassVar[str] = 'localization_lost'
-    jump: Pose = key('by how much it jumps at once', Pose(1.0, 0.0, 0.0))
-    drift: float = key('how fast it goes on along x of the map', 0.0, unit='m/s', low=-10.0, high=10.0)
+    jump: Pose = key('initial jump of the estimated pose', Pose(1.0, 0.0, 0.0))
+    drift: float = key('speed of the drift along x of the map', 0.0, unit='m/s', low=-10.0, high=10.0)
 
 
 @dataclass(frozen=True)
 class DoorJammed(FaultModel):
-    """The door stays as it is, whatever its command."""
+    """The door ignores commands and stays where it is."""
 
     name: ClassVar[str] = 'door_jammed'
     entities: ClassVar[tuple[str, ...]] = ('door',)
@@ -85,7 +85,7 @@ class SensorNoisy(SensorFault):
 
     name: ClassVar[str] = 'sensor_noisy'
     sensor: str = key('which sensor', 'lidar', choices=tuple(one.name for one in SENSORS if one.samples))
-    factor: float = key('by how many times', 10.0, low=0.0, high=1e6)
+    factor: float = key('factor by which the noise is multiplied', 10.0, low=0.0, high=1e6)
 
     @property
     def noise_factor(self) -> float:
@@ -99,7 +99,7 @@ TOPICS: Final[Mapping[str, str]] = dict(
         + [(topic, one.name) for one in DEVICES for topic in one.topics]
     )
 )
-"""The topics of a robot whose messages may be lost or late, each with what of its model the robot has to have."""
+"""The topics of a robot whose messages may be lost or late, each with the device that it needs ('' for none)."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class MessagesFault(FaultModel):
     """Base of the faults of a topic of the robot."""
 
     by: ClassVar[str] = 'simulator'
-    topic: str = key('its name in the namespace of the robot', 'scan', choices=tuple(TOPICS))
+    topic: str = key('topic name in the namespace of the robot', 'scan', choices=tuple(TOPICS))
 
     @classmethod
     def slot_of(cls, topic: str) -> str:
@@ -130,15 +130,15 @@ class MessagesDropped(MessagesFault):
     """Messages of a topic of the robot are lost."""
 
     name: ClassVar[str] = 'messages_dropped'
-    probability: float = key('of each to be lost', 1.0, low=0.0, high=1.0)
+    probability: float = key('probability that each message is lost', 1.0, low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)
 class MessagesLate(MessagesFault):
-    """Messages of a topic of the robot arrive late, in their order."""
+    """Messages of a topic of the robot arrive late, in order."""
 
     name: ClassVar[str] = 'messages_late'
-    delay: float = key('by how much, of simulated time', 0.5, unit='s', low=0.0, high=60.0)
+    delay: float = key('delay in simulated time', 0.5, unit='s', low=0.0, high=60.0)
 
 
 NAVIGATION_SERVERS: Final = (
@@ -163,24 +163,24 @@ class ServerFault(FaultModel):
 
 @dataclass(frozen=True)
 class ServerRefuses(ServerFault):
-    """A navigation server rejects its goals. Those that it has accepted before go on."""
+    """A navigation server rejects new goals. Goals that it has already accepted continue."""
 
     name: ClassVar[str] = 'server_refuses'
 
 
 @dataclass(frozen=True)
 class ServerFails(ServerFault):
-    """A navigation server aborts its goals, those that it works on too, with an error code and a message."""
+    """A navigation server aborts all goals, including active ones, with an error code and a message."""
 
     name: ClassVar[str] = 'server_fails'
-    error_code: int = key('code of the result, one of the action; 0 is `NONE`', 0, low=0, high=65535)
-    error_msg: str = key('message of the result', 'a fault on command')
+    error_code: int = key('error code of the result, as the action defines it; 0 is `NONE`', 0, low=0, high=65535)
+    error_msg: str = key('error message of the result', 'a fault on command')
 
 
 @dataclass(frozen=True)
 class ServerHangs(ServerFault):
-    """A navigation server accepts goals, neither goes on with them nor ends them, and does not answer to a cancel. The
-    robot that it drives stops. At the end of the fault its goals are restarted, unless they are to be canceled.
+    """A navigation server accepts goals but neither executes nor ends them, and ignores cancel requests. The robot that
+    it drives stops. When the fault ends, the server restarts its goals, except those with a cancel request.
     """
 
     name: ClassVar[str] = 'server_hangs'
@@ -188,8 +188,8 @@ class ServerHangs(ServerFault):
 
 @dataclass(frozen=True)
 class ServerDies(ServerFault):
-    """The process of a navigation server ends at once, as by SIGKILL, and so does each one that is started in its place
-    until the end of the fault: give a duration for one that can be started again.
+    """The process of a navigation server ends immediately, as by SIGKILL. Each process started in its place ends
+    too, until the fault ends. Set a duration so that the server can be restarted.
     """
 
     name: ClassVar[str] = 'server_dies'
@@ -205,7 +205,7 @@ FAULTS: Final[Mapping[str, type[FaultModel]]] = {one.name: one for one in _ALL}
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of an entity that is to come or is there: from ``begins`` to ``ends``, simulated time, s."""
+    """A pending or active fault of an entity: from ``begins`` to ``ends``, simulated time, s."""
 
     entity: str
     parameters: FaultModel
@@ -220,14 +220,14 @@ class Fault:
 
 @dataclass(frozen=True)
 class FaultTiming(ModelSpecification):
-    """The times of a fault: an entry of the list ``faults`` of a world file."""
+    """The timing of a fault: an entry of the list ``faults`` in a world file."""
 
     title: ClassVar[str] = 'fault'
 
-    entity: str = key('name of the robot or the door')
+    entity: str = key('name of the robot or door')
     fault: str = key('name of the fault', choices=tuple(FAULTS))
-    after: float = key('simulated time until it begins', 0.0, unit='s', low=0.0)
-    duration: float = key('simulated time until it ends by itself; 0: not', 0.0, unit='s', low=0.0)
+    after: float = key('simulated time before it starts', 0.0, unit='s', low=0.0)
+    duration: float = key('simulated time after which it ends; 0: never', 0.0, unit='s', low=0.0)
 
 
 def fault_parameters(fault: str, values: Mapping[str, Any]) -> FaultModel:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The descriptions of robots and of the things around them in world files."""
+"""Descriptions of robots and their surroundings in world files."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from flexbt_sim.world.plane.geometry import ORIGIN, Circle, Point, Polygon, Pose
 from flexbt_sim.world.specification import ModelSpecification, key
 
 STEP: Final = 0.02
-"""Simulated time, s, for which speeds are taken as constant, unless a world file says another."""
+"""Default simulation step, s: speeds are constant for this simulated time."""
 
 
 @dataclass(frozen=True)
 class DriveModel(ModelSpecification):
-    """Wheels and motors. A command is cut to the limits; the defaults are those of a TurtleBot3 waffle."""
+    """Wheels and motors. Commands are clamped to the limits. The defaults are those of a TurtleBot3 Waffle."""
 
     title: ClassVar[str] = 'drive'
 
-    linear_speed: float = key('greatest speed, forwards and backwards', 0.26, unit='m/s', low=0.01, high=30.0)
-    angular_speed: float = key('greatest speed of turning', 1.82, unit='rad/s', low=0.01, high=30.0)
-    linear_acceleration: float = key('greatest change of speed', 2.5, unit='m/s²', low=0.01, high=1000.0)
-    angular_acceleration: float = key('greatest change of turning', 3.2, unit='rad/s²', low=0.01, high=1000.0)
-    turning_radius: float = key('least radius of a bend; 0 for a robot that turns on the spot', 0.0, unit='m', low=0.0,
+    linear_speed: float = key('maximum speed, forward and backward', 0.26, unit='m/s', low=0.01, high=30.0)
+    angular_speed: float = key('maximum turning speed', 1.82, unit='rad/s', low=0.01, high=30.0)
+    linear_acceleration: float = key('maximum acceleration and deceleration', 2.5, unit='m/s²', low=0.01, high=1000.0)
+    angular_acceleration: float = key('maximum angular acceleration', 3.2, unit='rad/s²', low=0.01, high=1000.0)
+    turning_radius: float = key('minimum turning radius; 0 if the robot can turn in place', 0.0, unit='m', low=0.0,
                                 high=100.0)  # fmt: skip
-    wheel_separation: float = key('from the left to the right wheel', 0.287, unit='m', low=0.01, high=10.0)
-    slip: float = key('part of the motion that is lost on the ground, on the average', 0.0, low=0.0, high=0.5)
-    watchdog: float = key('time without a command after which it brakes', 0.5, unit='s', low=0.01, high=3600.0)
+    wheel_separation: float = key('distance between the left and right wheels', 0.287, unit='m', low=0.01, high=10.0)
+    slip: float = key('average fraction of the motion lost to wheel slip', 0.0, low=0.0, high=0.5)
+    watchdog: float = key('the robot brakes after this time without a command', 0.5, unit='s', low=0.01, high=3600.0)
 
 
 @dataclass(frozen=True)
@@ -52,35 +52,35 @@ class OdometryModel(ModelSpecification):
 
     title: ClassVar[str] = 'odometry'
 
-    linear_noise: float = key('standard deviation after one metre; it grows with the root of the way', 0.0,
+    linear_noise: float = key('standard deviation after one metre; grows with the square root of the distance', 0.0,
                               unit='m', low=0.0, high=1.0)  # fmt: skip
-    angular_noise: float = key('standard deviation after one radian; it grows with the root of the angle', 0.0,
+    angular_noise: float = key('standard deviation after one radian; grows with the square root of the angle', 0.0,
                                unit='rad', low=0.0, high=1.0)  # fmt: skip
-    drift: float = key('turning that is not there, for each metre', 0.0, unit='rad/m', low=-1.0, high=1.0)
-    scale: float = key('measured way for each metre', 1.0, low=0.5, high=2.0)
+    drift: float = key('false rotation measured per metre driven', 0.0, unit='rad/m', low=-1.0, high=1.0)
+    scale: float = key('distance measured per metre driven', 1.0, low=0.5, high=2.0)
 
 
 @dataclass(frozen=True)
 class RobotModel(ModelSpecification):
-    """A kind of robot. ``null`` leaves a device out."""
+    """A robot model. ``null`` omits a device."""
 
     title: ClassVar[str] = 'robot'
 
     footprint: Shape = key(
-        'what it takes up round its base_link: a radius, [length, width], or the corners of a polygon', Circle(0.22)
+        'outline around base_link: a radius, [length, width], or the corners of a polygon', Circle(0.22)
     )
     drive: DriveModel = key('wheels and motors', DriveModel())
     odometry: OdometryModel = key('errors of the odometry', OdometryModel())
-    lidar: LidarModel | None = key('its lidar', LidarModel())
-    range_finder: RangeFinderModel | None = key('its range finder, such as a sonar', None)
-    imu: ImuModel | None = key('its inertial measurement unit', None)
-    bumper: bool = key('whether it feels contacts', False)
-    battery: BatteryModel | None = key('its battery', None)
-    gripper: GripperModel | None = key('its gripper', None)
+    lidar: LidarModel | None = key('lidar', LidarModel())
+    range_finder: RangeFinderModel | None = key('range finder, such as a sonar', None)
+    imu: ImuModel | None = key('inertial measurement unit', None)
+    bumper: bool = key('true if the robot has a bumper that detects contact', False)
+    battery: BatteryModel | None = key('battery', None)
+    gripper: GripperModel | None = key('gripper', None)
 
 
 DEVICES: Final[tuple[type[Device], ...]] = (Battery, Bumper, Gripper, Lidar, RangeFinder, Imu)
-"""Everything that a robot may carry, in the order of their messages at one time."""
+"""All devices that a robot can carry, in the order in which they publish at the same time."""
 
 BURGER: Final = RobotModel(
     footprint=Circle(0.105),
@@ -103,30 +103,29 @@ CAR: Final = RobotModel(
     battery=BatteryModel(capacity=50_000.0, voltage=400.0, idle=500.0, driving=20_000.0, charging=11_000.0),
 )
 MODELS: Final[Mapping[str, RobotModel]] = {'burger': BURGER, 'waffle': WAFFLE, 'car': CAR}
-"""The included models; the speeds and outlines of TurtleBot3 are those of its data sheets and of Nav2."""
+"""The included models. TurtleBot3 speeds and outlines come from its data sheets and from Nav2."""
 
 
 @dataclass(frozen=True)
 class WalkModel(ModelSpecification):
-    """A walk without an aim: straight on until it is blocked or wants to go elsewhere."""
+    """A random walk: straight ahead until it is blocked or takes a new direction."""
 
     title: ClassVar[str] = 'random walk'
 
     speed: float = key('speed', 0.5, unit='m/s', low=0.01, high=30.0)
-    period: float = key('time from turn to turn, on the average', 5.0, unit='s', low=0.1, high=3600.0)
+    period: float = key('average time between turns', 5.0, unit='s', low=0.1, high=3600.0)
 
 
 @dataclass(frozen=True)
 class RouteModel(ModelSpecification):
-    """A way along points, at a constant speed. An obstacle that moves waits while it is blocked, and finally turns
-    back."""
+    """A route along points at constant speed. A blocked obstacle waits, and turns back when its patience ends."""
 
     title: ClassVar[str] = 'route'
 
-    waypoints: tuple[Point, ...] = key('the points, from where it is at the start: [[x, y], ...]', unit='m')
+    waypoints: tuple[Point, ...] = key('points to visit after the start pose: [[x, y], ...]', unit='m')
     speed: float = key('speed', 0.5, unit='m/s', low=0.01, high=30.0)
-    order: str = key('what comes after the last point', 'loop', choices=('loop', 'back_and_forth', 'once'))
-    patience: float = key('time for which it is blocked before it turns back, unless it goes once', 10.0, unit='s',
+    order: str = key('what to do after the last point', 'loop', choices=('loop', 'back_and_forth', 'once'))
+    patience: float = key('time blocked before it turns back; not used with `once`', 10.0, unit='s',
                           low=0.1, high=1e6)  # fmt: skip
 
     def conflicts(self) -> Iterable[str]:
@@ -136,14 +135,14 @@ class RouteModel(ModelSpecification):
 
 @dataclass(frozen=True)
 class ObstacleModel(ModelSpecification):
-    """Something in the way, at rest or moving; what moves keeps its heading."""
+    """A static or moving obstacle. A moving obstacle keeps its heading."""
 
     title: ClassVar[str] = 'obstacle'
 
-    pose: Pose = key('where it is at the start')
-    shape: Shape = key('what it takes up: a radius, [length, width], or the corners of a polygon', Circle(0.25))
-    route: RouteModel | None = key('the way that it takes, if it moves', None)
-    random_walk: WalkModel | None = key('its walk, if it moves without an aim', None)
+    pose: Pose = key('start pose')
+    shape: Shape = key('outline: a radius, [length, width], or the corners of a polygon', Circle(0.25))
+    route: RouteModel | None = key('route to follow, if it moves', None)
+    random_walk: WalkModel | None = key('random walk, if it moves without a route', None)
 
     def conflicts(self) -> Iterable[str]:
         if self.route is not None and self.random_walk is not None:
@@ -152,19 +151,19 @@ class ObstacleModel(ModelSpecification):
 
 @dataclass(frozen=True)
 class DoorModel(ModelSpecification):
-    """A sliding door. It stops before whatever is in its way."""
+    """A sliding door. It stops before anything in its way."""
 
     title: ClassVar[str] = 'door'
 
-    from_: Point = key('the end that it slides away from: [x, y]; the gap opens here', unit='m')
-    to: Point = key('the end that it slides to: [x, y]', unit='m')
-    thickness: float = key('thickness of its leaf', 0.06, unit='m', low=0.01, high=1.0)
-    open: bool = key('whether it is open at the start', False)
+    from_: Point = key('end where the gap opens: [x, y]', unit='m')
+    to: Point = key('end that the door slides to when it opens: [x, y]', unit='m')
+    thickness: float = key('thickness of the door leaf', 0.06, unit='m', low=0.01, high=1.0)
+    open: bool = key('true if the door is open at the start', False)
     opening_time: float = key('time from closed to open', 2.0, unit='s', low=0.01, high=3600.0)
-    automatic: bool = key('whether it opens for robots and moving obstacles; otherwise by command', False)
-    range: float = key('how near to the middle of the door an automatic one sees them', 1.5, unit='m', low=0.1,
+    automatic: bool = key('true: opens for robots and moving obstacles; false: opens on command', False)
+    range: float = key('detection range of an automatic door, from its middle', 1.5, unit='m', low=0.1,
                        high=100.0)  # fmt: skip
-    hold: float = key('time that an automatic one stays open with nobody near', 3.0, unit='s', low=0.0, high=3600.0)
+    hold: float = key('time that an automatic door stays open after they leave', 3.0, unit='s', low=0.0, high=3600.0)
 
     def conflicts(self) -> Iterable[str]:
         if not 0.05 <= self.length <= 100.0:
@@ -184,26 +183,26 @@ class DoorModel(ModelSpecification):
 
 @dataclass(frozen=True)
 class StationModel(ModelSpecification):
-    """A charging station. A robot at rest with its position within reach of it is charged."""
+    """A charging station. It charges a robot that stands still within reach."""
 
     title: ClassVar[str] = 'station'
 
-    pose: Pose = key('where a robot has to be to be charged')
-    reach: float = key('how far from there it may be', 0.15, unit='m', low=0.01, high=10.0)
+    pose: Pose = key('pose at which a robot is charged')
+    reach: float = key('maximum distance of the robot from that position', 0.15, unit='m', low=0.01, high=10.0)
 
 
 @dataclass(frozen=True)
 class ZoneModel(ModelSpecification):
-    """An area with a rule; nothing that stops a robot."""
+    """An area with a rule. It does not block robots physically."""
 
     title: ClassVar[str] = 'zone'
 
     kind: str = key(
-        '`no_go`: navigation keeps out of it; a robot that enters it anyway is logged and counted; `slow`: '
-        'robots in it are held to a speed; `sensor_shadow`: lidar and range finder of a robot in it return nothing, '
-        'and its localization goes on by odometry alone',
+        '`no_go`: navigation avoids it, and the simulator logs and counts robots that enter; `slow`: '
+        'limits the speed of robots in it; `sensor_shadow`: lidar and range finder of a robot in it return nothing, '
+        'and its localization uses odometry only',
         choices=('no_go', 'slow', 'sensor_shadow'),
     )
-    area: Shape = key('what it covers: a radius, [length, width], or the corners of a polygon')
-    pose: Pose = key('its origin', ORIGIN)
-    speed: float = key('greatest speed in a slow zone', 0.1, unit='m/s', low=0.0, high=30.0)
+    area: Shape = key('outline: a radius, [length, width], or the corners of a polygon')
+    pose: Pose = key('origin of the area', ORIGIN)
+    speed: float = key('maximum speed in a slow zone', 0.1, unit='m/s', low=0.0, high=30.0)

@@ -31,30 +31,30 @@ MAX_BYTES: Final = 2_000_000
 
 @dataclass(frozen=True)
 class WorldModel(ModelSpecification):
-    """The top of a world file. Maps and worlds of other packages are named by their paths relative to this file."""
+    """The top level of a world file. Paths to maps and worlds of other packages are relative to this file."""
 
     title: ClassVar[str] = 'world'
 
-    map: str | None = key('YAML file of a map, as map_server reads it, relative to the world file', None)
-    plan: FloorPlan | None = key('rooms and walls that are drawn here, in place of a map', None)
-    seed: int = key('seed of all random numbers', 0, low=0, high=2**53)
-    step: float = key('longest time for which speeds are taken as constant', STEP, unit='s', low=0.001, high=1.0)
+    map: str | None = key('map file for map_server (YAML), relative to the world file', None)
+    plan: FloorPlan | None = key('rooms and walls, in place of a map file', None)
+    seed: int = key('seed for all random numbers', 0, low=0, high=2**53)
+    step: float = key('maximum simulation step; speeds are constant during a step', STEP, unit='s', low=0.001, high=1.0)
 
 
 _ENTITIES: Final[Mapping[str, type[ModelSpecification]]] = {
     'obstacles': ObstacleModel, 'doors': DoorModel, 'stations': StationModel, 'zones': ZoneModel,
 }  # fmt: skip
 SECTIONS: Final[Mapping[str, str]] = {
-    'models': 'models of robots by their names; what `based_on` another leaves out is as there',
-    'robots': 'robots by their names: `pose`, `model`, and whatever is to be otherwise than in the model',
-    'obstacles': 'obstacles by their names',
-    'doors': 'doors by their names',
-    'stations': 'charging stations by their names',
-    'zones': 'zones by their names',
+    'models': 'robot models by name; a model inherits omitted keys from its `based_on` model',
+    'robots': 'robots by name: `pose`, `model`, and keys that override the model',
+    'obstacles': 'obstacles by name',
+    'doors': 'doors by name',
+    'stations': 'charging stations by name',
+    'zones': 'zones by name',
     'places': 'named poses: NAME: [x, y, yaw]',
-    'faults': 'a list of what goes wrong, and when',
+    'faults': 'list of faults with their times',
 }
-"""The keys of a world file beside those of :class:`WorldModel`."""
+"""The keys of a world file in addition to those of :class:`WorldModel`."""
 
 
 class WorldFile:
@@ -273,17 +273,17 @@ class Opening(ModelSpecification):
 
     title: ClassVar[str] = 'opening'
 
-    at: Point = key('its middle: [x, y]', unit='m')
-    width: float = key('how wide it is', 1.0, unit='m', low=0.05, high=100.0)
+    at: Point = key('center: [x, y]', unit='m')
+    width: float = key('width of the opening', 1.0, unit='m', low=0.05, high=100.0)
 
 
 @dataclass(frozen=True)
 class Room(ModelSpecification):
-    """A room: four walls round a rectangle, whose middle line they follow."""
+    """A rectangular room. The center lines of its four walls follow the rectangle."""
 
     title: ClassVar[str] = 'room'
 
-    from_: Point = key('a corner: [x, y]', unit='m')
+    from_: Point = key('one corner: [x, y]', unit='m')
     to: Point = key('the opposite corner: [x, y]', unit='m')
 
     @property
@@ -295,18 +295,18 @@ class Room(ModelSpecification):
 
 @dataclass(frozen=True)
 class FloorPlan(ModelSpecification):
-    """Rooms, walls and openings. Openings are cut into walls when these are drawn; the order does not matter."""
+    """Rooms, walls and openings. Openings are cut after all walls are drawn, so their order does not matter."""
 
     title: ClassVar[str] = 'plan'
 
-    rooms: tuple[Room, ...] = key('the rooms; neighbours share a wall where their corners say so', ())
+    rooms: tuple[Room, ...] = key('rooms; neighbors share a wall where their edges coincide', ())
     walls: tuple[tuple[Point, ...], ...] = key(
-        'more walls, each a line along points: [[x, y], [x, y], ...]', (), unit='m'
+        'additional walls, each a line through points: [[x, y], [x, y], ...]', (), unit='m'
     )
     openings: tuple[Opening, ...] = key('gaps in the walls, for doors and passages', ())
     thickness: float = key('thickness of the walls', 0.1, unit='m', low=0.01, high=10.0)
-    resolution: float = key('side of a cell of the map that it becomes', 0.05, unit='m', low=0.005, high=10.0)
-    margin: float = key('free space round it on the map', 0.5, unit='m', low=0.0, high=100.0)
+    resolution: float = key('cell size of the resulting map', 0.05, unit='m', low=0.005, high=10.0)
+    margin: float = key('free space around the plan on the map', 0.5, unit='m', low=0.0, high=100.0)
 
     def conflicts(self) -> Iterable[str]:
         parts = len(self.rooms) + len(self.openings) + sum(map(len, self.walls))
