@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Skills of objects as actions of STRIPS: what holds before and after, as atoms that are only names.
+"""Skills bound to objects as STRIPS actions, with preconditions and effects as plain names (atoms).
 
-An action needs ``pre``, makes ``add`` true and ``delete`` false. A required literal with ``not`` becomes a
-separate atom, ``not open(door)``, that actions keep up to date: then all conditions are positive (Gazen, Knoblock:
-"Combining the expressivity of UCPOP with the efficiency of Graphplan", 1997).
+An action needs ``pre``, makes ``add`` true and ``delete`` false. A required literal with ``not`` becomes a separate
+atom, ``not open(door)``, that actions update, so that all conditions are positive (Gazen, Knoblock: "Combining the
+expressivity of UCPOP with the efficiency of Graphplan", 1997).
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from .literals import EQUAL, Literal, SkillError
 from .skill import Outcome, OutcomeClass, Skill
 
 MAX_TRIED: Final = 200_000
-"""Bindings of one skill that are tried at most, those that are left half-way included: some seconds."""
+"""Maximum number of bindings tried for one skill, including incomplete ones; this takes some seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroundAction:
-    """A skill of objects that ends by one of its outcomes. ``name`` is unique; ``arguments`` are the ports of the leaf
-    or the parameters of the state."""
+    """A skill bound to objects, with one of its outcomes. ``name`` is unique; ``arguments`` are the values of the
+    leaf's ports or the state's parameters."""
 
     name: str
     skill: str
@@ -39,7 +39,7 @@ class GroundAction:
 
 @dataclass(frozen=True, slots=True)
 class GroundProblem:
-    """Actions, what holds at the start, and what is to hold at the end."""
+    """A planning problem: the actions, the atoms true at the start, and the atoms to reach."""
 
     actions: tuple[GroundAction, ...]
     start: frozenset[str]
@@ -49,11 +49,11 @@ class GroundProblem:
 def ground(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Literal]) -> GroundProblem:
     """Return the planning problem of a library with its objects.
 
-    What ``start`` does not name does not hold. There is an action for each way to bind the parameters of a skill for
-    which preconditions that nothing changes hold, and for each of its outcomes that is completed and has an effect.
+    Literals that ``start`` does not list are false. A skill becomes an action for each binding whose unchanging
+    preconditions hold, and for each of its outcomes of class completed with an effect.
 
     Raises:
-        SkillError: start or goal speak of what the library does not know, or a skill has more than MAX_TRIED bindings.
+        SkillError: start or goal has names that the library lacks, or a skill has more than MAX_TRIED bindings.
     """
     start, goal = tuple(start), tuple(goal)
     _check(library, start, goal)
@@ -61,7 +61,7 @@ def ground(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Liter
 
 
 def _check(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Literal]) -> None:
-    """Whether the library knows what they speak of; parts of the goal may exclude each other, as alternatives do."""
+    """Check that the library knows all names. Parts of the goal may exclude each other, for example as alternatives."""
     said = {'start': start, 'goal': goal}
     problems = [
         f'{where}: {text}' for where, literals in said.items() for one in literals for text in library.problems_of(one)
@@ -71,7 +71,7 @@ def _check(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Liter
 
 
 class Grounding:
-    """A library with its objects: which bindings there are, and what outcomes do then."""
+    """A library with its objects: the possible bindings, and the effects of outcomes for them."""
 
     def __init__(self, library: SkillLibrary, start: tuple[Literal, ...], goal: tuple[Literal, ...]) -> None:
         self._library = library
@@ -84,7 +84,7 @@ class Grounding:
             effect.predicate
             for skill in skills
             for outcome in skill.outcomes.values()
-            if outcome.kind is not OutcomeClass.ANSWERED  # who answers changes nothing
+            if outcome.kind is not OutcomeClass.ANSWERED  # an answer changes nothing
             for effect in outcome.effects
         }
         asked = [*goal, *(one for skill in skills for one in skill.preconditions)]
@@ -92,7 +92,7 @@ class Grounding:
 
     @property
     def unchanging(self) -> set[str]:
-        """The predicates that no skill changes."""
+        """Predicates that no skill changes."""
         return {name for name in self._library.predicates if name not in self._changed}
 
     def problem(self) -> GroundProblem:
@@ -100,7 +100,7 @@ class Grounding:
         atoms = {str(one) for one in self._start}
         negative = {str(~atom) for name in self._negated for atom in self._atoms(name) if atom not in self._start}
         goal = {str(one) for one in self._goal if not (one.predicate == EQUAL and self._holds(one))}
-        # Of what nothing changes, it is known now whether it is absent.
+        # For unchanging predicates the start decides whether a negated goal holds.
         fixed = {str(one) for one in self._goal if self._is_fixed(one) and not one.positive and self._holds(one)}
         return GroundProblem(actions, frozenset(atoms | negative), frozenset(goal - fixed))
 
@@ -115,7 +115,7 @@ class Grounding:
         return literal.predicate not in self._changed
 
     def _holds(self, literal: Literal) -> bool:
-        """Return whether a literal of objects holds that nothing changes."""
+        """Return whether an unchanging literal of objects holds."""
         if literal.predicate == EQUAL:
             return (literal.arguments[0] == literal.arguments[1]) is literal.positive
         return (literal.atom in self._start) is literal.positive
@@ -148,11 +148,11 @@ class Grounding:
                 )
 
     def conditions(self, skill: Skill, binding: Mapping[str, str]) -> set[Literal]:
-        """Return what has to hold before, of what skills change."""
+        """Return the preconditions on predicates that skills change."""
         return {one.bound(binding) for one in skill.preconditions if not self._is_fixed(one)}
 
     def effects(self, outcome: Outcome, binding: Mapping[str, str]) -> set[Literal]:
-        """Return what holds afterwards, and what does not any more: also what cannot hold together with that."""
+        """Return the effects of an outcome, including the end of literals that exclude a new one."""
         effects = {one.bound(binding) for one in outcome.effects}
         true = {one for one in effects if one.positive}
         false = effects - true
@@ -161,7 +161,7 @@ class Grounding:
         return true | (false - {~one for one in true})
 
     def _atoms_of(self, effects: set[Literal], *, added: bool) -> frozenset[str]:
-        """Return what effects make true, or false: atoms, and those that stand for a literal with ``not``."""
+        """Return the atoms that effects make true (``added``) or false, including atoms for literals with ``not``."""
         plain = {self._text(one) for one in effects if one.positive is added}
         opposite = {str(~one.atom) for one in effects if one.positive is not added and one.predicate in self._negated}
         return frozenset(plain | opposite)
@@ -174,7 +174,7 @@ class Grounding:
         return found
 
     def _one_at_most(self, atom: Literal) -> frozenset[Literal]:
-        """Return the negations of all atoms of which at most one holds, with this one; none for other predicates."""
+        """Return the negations of all atoms that exclude each other, this one included; empty if not exclusive."""
         predicate = self._library.predicates[atom.predicate]
         if predicate.exclusive is None:
             return frozenset()
@@ -189,10 +189,10 @@ class Grounding:
         return found
 
     def bindings(self, skill: Skill) -> Iterator[dict[str, str]]:
-        """Objects for the parameters, one after the other; what cannot hold is left as soon as that is known."""
+        """Yield the bindings of objects to parameters. Drop an incomplete one as soon as a precondition fails."""
         names = list(skill.parameters)
         fixed = [one for one in skill.preconditions if self._is_fixed(one)]
-        # After which parameter everything of it is known.
+        # The number of bound parameters at which each precondition can be checked.
         due: list[list[Literal]] = [[] for _ in range(len(names) + 1)]
         for one in fixed:
             due[max((names.index(name) + 1 for name in one.arguments if name in skill.parameters), default=0)].append(
@@ -203,7 +203,7 @@ class Grounding:
         binding: dict[str, str] = {}
 
         def bind(bound: int) -> Iterator[dict[str, str]]:
-            """Yield the ways to go on when the first ``bound`` parameters have objects."""
+            """Yield the complete bindings for the first ``bound`` parameters in ``binding``."""
             nonlocal tried
             tried += 1
             if tried > MAX_TRIED:
@@ -216,7 +216,7 @@ class Grounding:
             for one in objects[bound]:
                 binding[names[bound]] = one
                 yield from bind(bound + 1)
-            binding.pop(names[bound], None)  # it has none when there is no object for it
+            binding.pop(names[bound], None)  # it is missing if no object has its type
 
         objects = [self._library.objects_of(kind) for kind in skill.parameters.values()]
         return bind(0)
@@ -231,12 +231,12 @@ def _too_many(skill: Skill) -> str:
 
 
 def argument_texts(skill: Skill, binding: Mapping[str, str], declared: Collection[str] = ()) -> dict[str, str]:
-    """Return how ports or parameters are given for these objects.
+    """Return the values of ports or parameters for these objects.
 
-    ``declared`` are the ports that there are; none: they are not known. A parameter of the skill that is none of them
-    matters to the literals alone, unless ``arguments`` speak of it.
+    ``declared`` are the known ports; empty if unknown. A parameter of the skill that is not a port is used only in
+    literals, unless ``arguments`` use it.
     """
     given = {port: Template(text).safe_substitute(binding) for port, text in skill.arguments.items()}
-    told = {name for text in skill.arguments.values() for name in Template(text).get_identifiers()}
-    plain = {name: one for name, one in binding.items() if name not in told and (not declared or name in declared)}
+    used = {name for text in skill.arguments.values() for name in Template(text).get_identifiers()}
+    plain = {name: one for name, one in binding.items() if name not in used and (not declared or name in declared)}
     return {**plain, **given}

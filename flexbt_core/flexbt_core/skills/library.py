@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Skills that belong together, with the types, objects and predicates of which they speak: checked as a whole."""
+"""A library of skills with the types, objects and predicates that they use, checked as a whole."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ At = tuple[str, ...]
 """A place in a library: names from the top, such as ('skills', 'OpenDoor', 'preconditions')."""
 
 ANYTHING: Final = 'object'
-"""The type that everything has."""
+"""The type of everything."""
 
 
 _MOST_PROBLEMS: Final = 100
@@ -27,11 +27,11 @@ _MOST_PROBLEMS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class SkillLibrary(Immutable):
-    """Skills by name. Immutable. ``types`` gives each type the one that it is a kind of; ``objects`` gives each object
-    its type.
+    """Skills by name. Immutable. ``types`` maps each type to its supertype, ``objects`` maps each object to its
+    type.
 
     Raises:
-        SkillError: with everything that is wrong, when it is made by :meth:`of`.
+        SkillError: the library has problems; only :meth:`of` checks this.
     """
 
     skills: Mapping[str, Skill] = field(default_factory=dict)
@@ -52,8 +52,8 @@ class SkillLibrary(Immutable):
         types: Mapping[str, str] | None = None,
         objects: Mapping[str, str] | None = None,
     ) -> SkillLibrary:
-        """Return a library of skills, with the predicates that are declared along with them and those that are
-        given."""
+        """Return a library of skills, with the predicates that the skills declare and those in
+        ``predicates``."""
         library, problems = cls.joined(skills, predicates, types=types, objects=objects)
         if problems:
             raise SkillError(f'{" ".join(at)}: {text}' for at, text in problems)
@@ -68,7 +68,7 @@ class SkillLibrary(Immutable):
         types: Mapping[str, str] | None = None,
         objects: Mapping[str, str] | None = None,
     ) -> tuple[SkillLibrary, list[tuple[At, str]]]:
-        """Return the library, and what is wrong with it."""
+        """Return the library and its problems."""
         by_name: dict[str, Skill] = {}
         known: dict[str, Predicate] = {}
         problems: list[tuple[At, str]] = []
@@ -87,7 +87,7 @@ class SkillLibrary(Immutable):
         return library, problems
 
     def is_kind_of(self, type: str, wanted: str) -> bool:
-        """Return whether what has ``type`` has the type ``wanted``, too."""
+        """Return whether ``type`` is ``wanted`` or a kind of it."""
         seen: set[str] = set()
         while type not in seen:
             if wanted in (type, ANYTHING):
@@ -97,13 +97,13 @@ class SkillLibrary(Immutable):
         return False
 
     def objects_of(self, type: str) -> list[str]:
-        """Return the objects of a type, in their order."""
+        """Return the objects of a type, in order of declaration."""
         return [name for name, own in self.objects.items() if self.is_kind_of(own, type)]
 
-    # -- what is wrong -----------------------------------------------------------------------------------------------
+    # -- problems ----------------------------------------------------------------------------------------------------
 
     def problems(self) -> Iterator[tuple[At, str]]:
-        """Yield what is wrong: where, and what."""
+        """Yield each problem, with its place."""
         known = {ANYTHING, *self.types, *self.types.values()}
         known |= {kind for predicate in self.predicates.values() for kind in predicate.parameters.values()}
         yield from self._of_types()
@@ -160,7 +160,7 @@ class SkillLibrary(Immutable):
                     )
 
     def _at_once(self, skill: Skill) -> Iterator[str]:
-        """Preconditions that cannot hold at once: of a predicate that is exclusive, for what is not the same."""
+        """Yield problems of preconditions that cannot hold at once: exclusive predicates of different objects."""
         different = {
             frozenset(one.arguments) for one in skill.preconditions if one.predicate == EQUAL and not one.positive
         }
@@ -174,7 +174,7 @@ class SkillLibrary(Immutable):
                 )
 
     def problems_of(self, literal: Literal, parameters: Mapping[str, str] = MappingProxyType({})) -> Iterator[str]:
-        """Yield what is wrong with a literal of objects, and of these parameters with their types."""
+        """Yield the problems of a literal of objects and of ``parameters`` (names with types)."""
         if literal.predicate == EQUAL:
             wanted: list[str] = [ANYTHING, ANYTHING]
         elif literal.predicate in self.predicates:
@@ -197,7 +197,7 @@ class SkillLibrary(Immutable):
 
 
 def clashes(library: SkillLibrary, literals: Iterable[Literal]) -> Iterator[tuple[Literal, Literal]]:
-    """Yield those that cannot hold at once, since their predicate is exclusive in a parameter."""
+    """Yield pairs of literals that cannot hold at once, since their predicate is exclusive in a parameter."""
     first: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Literal] = {}
     for one in literals:
         predicate = library.predicates.get(one.predicate)

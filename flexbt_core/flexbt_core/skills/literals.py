@@ -15,41 +15,41 @@ from flexbt_core.values.text import short_repr
 
 
 class SkillError(FlexbtError):
-    """Manifests that cannot be used. ``problems`` has every problem, as ``place: what; what to do``."""
+    """Manifests cannot be used. ``problems`` lists all problems, as ``place: problem; remedy``."""
 
     def __init__(self, problems: Iterable[str]) -> None:
         self.problems: tuple[str, ...] = tuple(problems)
         super().__init__('\n'.join(self.problems))
 
 
-# Predicates with typed arguments, what measures them, and literals: predicates of variables or objects.
+# Predicates with typed arguments, their sensors, and literals: predicates of variables or objects.
 
 EQUAL: Final = '='
-"""The predicate that every library has: two arguments mean the same object."""
+"""The built-in predicate of every library: both arguments are the same object."""
 
 _NAME: Final = r'[A-Za-z_][A-Za-z0-9_]*'
 _TERM: Final = r'\w[\w.:/@-]*'
 _LITERAL: Final = re.compile(rf'\s*(not\s+|!\s*)?({_NAME})\s*(?:\(([^()]*)\))?\s*')
 _EQUALITY: Final = re.compile(rf'\s*({_TERM})\s*(!=|=)\s*({_TERM})\s*')
 _LONGEST: Final = 1000
-"""Characters that a literal may have: those of a plan are some tens."""
+"""Maximum length of a literal, characters; those of a plan have some tens."""
 
 
 def is_name(text: str) -> bool:
-    """Return whether predicates, types, parameters and outcomes can be called so."""
+    """Return whether a text can name a predicate, type, parameter or outcome."""
     return len(text) <= _LONGEST and re.fullmatch(_NAME, text) is not None
 
 
 def is_object(text: str) -> bool:
-    """Return whether an object can be called so."""
+    """Return whether a text can name an object."""
     return len(text) <= _LONGEST and re.fullmatch(_TERM, text) is not None
 
 
 @dataclass(frozen=True, slots=True)
 class Literal:
-    """A predicate of arguments, or that it does not hold: ``at(robot, place)``, ``not open(door)``, ``from != to``.
+    """A predicate of arguments, or its negation: ``at(robot, place)``, ``not open(door)``, ``from != to``.
 
-    An argument is a parameter of the skill, or an object.
+    An argument is a parameter of the skill or an object.
     """
 
     predicate: str
@@ -65,7 +65,7 @@ class Literal:
         return Literal(self.predicate, self.arguments, not self.positive)
 
     def bound(self, binding: Mapping[str, str]) -> Literal:
-        """Return the literal with objects in the place of parameters; a name that is not in ``binding`` stays."""
+        """Return the literal with parameters replaced by objects; names that are not in ``binding`` stay."""
         return Literal(self.predicate, tuple(binding.get(one, one) for one in self.arguments), self.positive)
 
     def __str__(self) -> str:
@@ -76,10 +76,10 @@ class Literal:
 
 
 def parse_literal(text: str) -> Literal:
-    """Return the literal that a text means.
+    """Parse a literal.
 
     Raises:
-        SkillError: it is none.
+        SkillError: the text is not a literal.
     """
     if len(text) <= _LONGEST:
         equality = _EQUALITY.fullmatch(text)
@@ -98,12 +98,12 @@ def parse_literal(text: str) -> Literal:
 
 
 def parse_literals(texts: Iterable[str | Literal]) -> tuple[Literal, ...]:
-    """Literals of texts. Raises SkillError."""
+    """Parse literals. Raises SkillError."""
     return tuple(one if isinstance(one, Literal) else parse_literal(one) for one in texts)
 
 
 class Immutable:
-    """An object that cannot change, so that its copy is itself: copied states keep their skills."""
+    """A base for immutable objects, whose copy is the object itself: copied states keep their skills."""
 
     __slots__ = ()
 
@@ -116,9 +116,9 @@ class Immutable:
 
 @dataclass(frozen=True, slots=True)
 class ConditionSensor(Immutable):
-    """A sensor that is a condition: a leaf that succeeds or fails, or a state with outcomes true and false.
+    """A sensor that uses a condition: a leaf that succeeds or fails, or a state with outcomes true and false.
 
-    ``ports`` are the ports of the leaf, or the parameters of the state; ``$name`` stands for an argument.
+    ``ports`` are the ports of the leaf, or the parameters of the state; ``$name`` is replaced by an argument.
     """
 
     id: str
@@ -164,11 +164,11 @@ Sensor = ConditionSensor | TopicSensor | BlackboardSensor
 
 @dataclass(frozen=True, slots=True)
 class Predicate(Immutable):
-    """A relation that holds for objects or does not: ``at``, for a robot and a place.
+    """A relation of objects that is true or false, such as ``at`` for a robot and a place.
 
-    ``parameters`` are the names of its arguments, with their types. Without a ``sensor`` it is only remembered what
-    skills brought about. For the same other arguments it holds for one object at most in the place of ``exclusive``: a
-    robot that is at one place is not at another, so that who brings about one ends the others.
+    ``parameters`` maps the names of its arguments to types. Without a ``sensor``, only the effects of skills are known.
+    If the parameter ``exclusive`` is set, it holds for at most one object there, with the same other arguments: a robot
+    at one place is not at another, so an effect that makes one true ends the others.
     """
 
     name: str
@@ -180,11 +180,11 @@ class Predicate(Immutable):
         object.__setattr__(self, 'parameters', MappingProxyType(dict(self.parameters)))
 
     def __call__(self, *arguments: str) -> Literal:
-        """Return the predicate of these arguments."""
+        """Return the literal of these arguments."""
         return Literal(self.name, arguments)
 
     def problems(self) -> list[str]:
-        """Return what is wrong with it, taken by itself."""
+        """Return the problems of this predicate alone."""
         found = []
         if not is_name(self.name) or self.name == 'not':
             found.append(f'{short_repr(self.name)} cannot name a predicate: letters, digits and _, a letter first')

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Observation of skills in a run: a missing effect, a precondition that did not hold, too many attempts.
 
-The effect of a skill is believed until a skill that measures (whose outcome is an answer) contradicts it.
+The monitor believes the effect of a skill until a measuring skill (whose outcome is an answer) contradicts it.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ _UNSUCCESSFUL = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT)
 
 
 def claims(skill: Skill) -> dict[str, Any]:
-    """Return what a skill says that a run may contradict, as plain data; empty when there is nothing. Of parameters
-    that are not bound nothing is known."""
+    """Return the claims of a skill that a run may contradict, as plain data; empty without claims. Literals with
+    unbound parameters are left out."""
     unbound = set(skill.parameters)
     needs = [str(one) for one in skill.preconditions if unbound.isdisjoint(one.arguments)]
     outcomes = {
@@ -53,24 +53,24 @@ class _Fact:
 
 
 class SkillMonitor:
-    """A monitor of the skills of a run: ``claims_of`` are the :func:`claims` of its states by their paths.
+    """A monitor of the skills of a run. ``claims_of`` maps the paths of its states to their :func:`claims`.
 
     Raises:
-        SkillError: they are none.
+        SkillError: ``claims_of`` has no valid claims.
     """
 
     def __init__(self, claims_of: Mapping[str, Any]) -> None:
         self._skills: dict[str, Skill] = {}
         self._exclusive: dict[str, int] = {}
         try:
-            for path, told in claims_of.items():
+            for path, entry in claims_of.items():
                 outcomes = {
-                    str(name): Outcome.of(one['class'], *one['effects']) for name, one in told['outcomes'].items()
+                    str(name): Outcome.of(one['class'], *one['effects']) for name, one in entry['outcomes'].items()
                 }
                 self._skills[path] = Skill.of(
-                    preconditions=told['needs'], outcomes=outcomes, retries=told.get('retries')
+                    preconditions=entry['needs'], outcomes=outcomes, retries=entry.get('retries')
                 )
-                self._exclusive |= {str(name): int(place) for name, place in told.get('exclusive', {}).items()}
+                self._exclusive |= {str(name): int(place) for name, place in entry.get('exclusive', {}).items()}
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise SkillError([f'these are no claims of skills: {type(error).__name__}: {error}']) from error
         self._facts: dict[Literal, _Fact] = {}
@@ -78,7 +78,7 @@ class SkillMonitor:
         self._active: set[str] = set()
 
     def began(self, path: str) -> list[str]:
-        """Return a state is entered: what contradicts its skill, as lines for people."""
+        """Record that a state is entered. Return contradictions to its skill, as lines of text."""
         skill = self._skills.get(path)
         if skill is None:
             return []
@@ -91,23 +91,23 @@ class SkillMonitor:
         return found
 
     def ended(self, path: str, outcome: str, *, by_itself: bool = True) -> list[str]:
-        """Return a state was left: what contradicts skills. What an operator has forced shows nothing, and is not
-        believed."""
+        """Record that a state was left. Return contradictions to skills. An outcome that an operator has forced is
+        no evidence, and its effects are not believed."""
         skill = self._skills.get(path)
         if skill is None:
             return []
-        # One that is done within a step was not seen to be entered.
+        # A state that is done within one step was not reported as entered.
         found = self.began(path) if path not in self._active else []
         self._active.discard(path)
-        told = skill.outcomes.get(outcome)
+        declared = skill.outcomes.get(outcome)
         if not by_itself:
-            for effect in told.effects if told is not None else ():
+            for effect in declared.effects if declared is not None else ():
                 self._facts.pop(effect.atom, None)
             return found
-        if told is None:
+        if declared is None:
             return [*found, f'it ended by {short_repr(outcome)}, of which its skill knows nothing']
-        is_measured = told.kind is OutcomeClass.ANSWERED
-        for effect in told.effects:
+        is_measured = declared.kind is OutcomeClass.ANSWERED
+        for effect in declared.effects:
             shows = dict.fromkeys(self._ended_by(effect), False) | {effect.atom: effect.positive}
             for atom, holds in shows.items():
                 fact = self._facts.get(atom)
@@ -115,10 +115,10 @@ class SkillMonitor:
                     claim = f'{fact.path} ended by {short_repr(fact.outcome)}, after which {~atom if holds else atom}'
                     found.append(f'{claim} was to hold; it does not')
                 self._facts[atom] = _Fact(holds, path, outcome, is_measured)
-        return [*found, *self._attempts(path, skill, told)]
+        return [*found, *self._attempts(path, skill, declared)]
 
     def _ended_by(self, effect: Literal) -> Iterator[Literal]:
-        """Yield what was known to hold, and cannot hold together with an effect."""
+        """Yield known atoms that cannot hold together with an effect."""
         place = self._exclusive.get(effect.predicate)
         if effect.positive and place is not None:
             for atom in list(self._facts):

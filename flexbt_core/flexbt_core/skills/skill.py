@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The manifest of a skill: what a leaf or a state needs, what it brings about, and how it may fail."""
+"""The manifest of a skill: preconditions, effects and possible failures of a leaf or a state."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from .literals import Immutable, Literal, Predicate, SkillError, parse_literals
 
 LEVELS: Final = ('off', 'low', 'high', 'full')
-"""Names of the levels of autonomy; the place of one is its number."""
+"""Names of the autonomy levels; the index is the number of the level."""
 
 
 class OutcomeClass(Enum):
     """The meaning of an outcome for the mission, independent of its name."""
 
     COMPLETED = 'completed'
-    """The skill did what it is for."""
+    """The skill has fulfilled its purpose."""
     ANSWERED = 'answered'
-    """A result that reports a fact and changed nothing: a condition, a decision of the operator."""
+    """A result that reports a fact without changing anything: a condition, a decision of the operator."""
     FAILED = 'failed'
     """A failed attempt."""
     TIMED_OUT = 'timed_out'
     """An attempt that ran out of time."""
     CANCELED = 'canceled'
-    """An attempt that was ended from outside."""
+    """An attempt that was canceled from outside."""
 
 
 _NAMES: Final = {
@@ -46,7 +46,7 @@ _CLASSES: Final = {name: kind for kind, names in _NAMES.items() for name in name
 
 
 def usual_outcome_class(outcome: str) -> OutcomeClass | None:
-    """Return the class of an outcome by its name, where that is a usual one."""
+    """Return the class of an outcome with a usual name; None for other names."""
     return _CLASSES.get(outcome)
 
 
@@ -54,8 +54,8 @@ def usual_outcome_class(outcome: str) -> OutcomeClass | None:
 class Outcome:
     """One way in which a skill ends.
 
-    ``kind`` None: its meaning is not declared. ``effects`` hold after it, and what they contradict does not hold any
-    more. ``autonomy`` is the level that the outcome requires where it is a transition of a machine; None: none.
+    ``kind`` None means that its class is not declared. ``effects`` hold afterwards; literals that they contradict no
+    longer hold. ``autonomy`` is the level that the outcome requires as a transition of a machine, or None.
     """
 
     kind: OutcomeClass | None = None
@@ -64,10 +64,10 @@ class Outcome:
 
     @classmethod
     def of(cls, kind: OutcomeClass | str | None, *effects: str | Literal, autonomy: str | int | None = None) -> Outcome:
-        """Return an outcome of texts.
+        """Return an outcome from texts.
 
         Raises:
-            SkillError: an unknown class or level, or an effect that is not a literal.
+            SkillError: a class or level is unknown, or an effect is not a literal.
         """
         return cls(
             outcome_class(kind) if isinstance(kind, str) else kind,
@@ -77,7 +77,7 @@ class Outcome:
 
 
 def outcome_class(name: str) -> OutcomeClass:
-    """Return the class of this name. Raises SkillError."""
+    """Return the outcome class called ``name``. Raises SkillError."""
     try:
         return OutcomeClass(name)
     except ValueError:
@@ -86,7 +86,7 @@ def outcome_class(name: str) -> OutcomeClass:
 
 
 def level(name: str) -> int:
-    """Return the level of autonomy of this name. Raises SkillError."""
+    """Return the autonomy level called ``name``. Raises SkillError."""
     if name.lower() not in LEVELS:
         raise SkillError([f'{short_repr(name)} is no level of autonomy; there are {", ".join(LEVELS)}'])
     return LEVELS.index(name.lower())
@@ -97,20 +97,20 @@ class Skill(Immutable):
     """The manifest of a leaf or a state, known without running it. Immutable.
 
     ==================  ============================================================================================
-    ``name``            the ID of the leaf, the name of the state's class; '' in a class: its own
+    ``name``            the ID of the leaf, or the name of the state's class; '' in a class for its own name
     ``parameters``      variables of the literals, with their types
-    ``preconditions``   what has to hold when it begins
+    ``preconditions``   literals that must hold when it begins
     ``outcomes``        by name: class, effects, autonomy
-    ``resources``       actuators that it needs for itself while it runs
+    ``resources``       actuators that it needs exclusively while it runs
     ``reads, writes``   ports, or keys of the userdata
-    ``cost``            of one attempt, in the unit of the mission; usually seconds
-    ``deadline``        s, after which an attempt is given up; None: never
-    ``retries``         attempts after the first that make sense; None: any number
-    ``ignores_cancel``  whether what it has begun goes on after it was canceled
-    ``duration``        least and greatest time of an attempt, s; None: any
-    ``arguments``       ports of the leaf, or parameters of the state, as an instance gets them: ``$name`` stands for a
-                        parameter of the skill. Without an entry a parameter goes to what has its name
-    ``predicates``      those that are declared along with it
+    ``cost``            cost of one attempt in the unit of the mission, usually seconds
+    ``deadline``        time limit of an attempt, s; None for no limit
+    ``retries``         useful number of attempts after the first; None for any number
+    ``ignores_cancel``  whether its work continues after it was canceled
+    ``duration``        minimum and maximum time of an attempt, s; a maximum of None for no limit
+    ``arguments``       values of the leaf's ports or the state's parameters; ``$name`` is replaced by a parameter of
+                        the skill. By default a parameter of the skill sets the port or parameter of the same name
+    ``predicates``      predicates that it declares
     ==================  ============================================================================================
 
     Declarations of the class (ports, keys, outcomes) need not be repeated: see ``node_skill`` and ``state_skill`` of
@@ -135,7 +135,7 @@ class Skill(Immutable):
     def __post_init__(self) -> None:
         for name in ('parameters', 'arguments'):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-        # What is not declared follows from the name.
+        # The class of an undeclared outcome follows from its name.
         outcomes = {
             name: one if one.kind is not None else replace(one, kind=usual_outcome_class(name))
             for name, one in self.outcomes.items()
@@ -161,12 +161,12 @@ class Skill(Immutable):
         arguments: Mapping[str, str] | None = None,
         predicates: Iterable[Predicate] = (),
     ) -> Skill:
-        """Return a skill as a class declares it, of texts.
+        """Return a skill from texts, as a class declares it.
 
-        An outcome is the name of its class, or a list of effects; then its class is the one that its name suggests.
+        An outcome is the name of its class or a list of effects. In a list, its class follows from its name.
 
         Raises:
-            SkillError: a text that is none of what it has to be.
+            SkillError: a text is not of the required form.
         """
         return cls(
             name,
@@ -186,8 +186,8 @@ class Skill(Immutable):
     def completed_by(
         self, name: str, outcomes: Mapping[str, Outcome], reads: Iterable[str] = (), writes: Iterable[str] = ()
     ) -> Skill:
-        """Return the skill completed from its class: the name, the ``outcomes`` that it does not declare, and its
-        keys."""
+        """Return the skill completed from its class, with the name, the ``outcomes`` that it does not declare, and
+        its keys."""
         return replace(
             self,
             name=name or self.name,
@@ -207,18 +207,18 @@ class Skill(Immutable):
         return cls.of(parameters=predicate.parameters, outcomes=outcomes, predicates=[predicate])
 
     def within(self, deadline: float | None) -> Skill:
-        """Return the skill, of which an attempt is given up after this time, s; None: never."""
+        """Return the skill with this deadline for an attempt in s; None for no limit."""
         return replace(self, deadline=deadline)
 
     def lasting(self, least: float, most: float | None) -> Skill:
-        """Return the skill, of which an attempt takes this long, s."""
+        """Return the skill with this minimum and maximum duration of an attempt, in s."""
         return replace(self, duration=(least, most))
 
     def bound(self, **binding: str) -> Skill:
-        """Return the skill of which some parameters are known: a state calls it with what it was made with.
+        """Return the skill with some parameters bound. A state calls it with its constructor arguments.
 
         Raises:
-            SkillError: it has no such parameter.
+            SkillError: the skill lacks a parameter.
         """
         for name in binding:
             if name not in self.parameters:
@@ -236,7 +236,7 @@ class Skill(Immutable):
         )
 
     def problems(self) -> list[tuple[tuple[str, ...], str]]:
-        """Return what is wrong with it, taken by itself: where in the manifest, and what."""
+        """Return the problems of this skill alone: the place in the manifest, and the text."""
         found: list[tuple[tuple[str, ...], str]] = []
         if not (math.isfinite(self.cost) and self.cost >= 0.0):
             found.append((('cost',), f'{short_repr(self.cost)} has to be a number from 0 on'))
@@ -262,7 +262,7 @@ class Skill(Immutable):
 
 
 def _contradictions(literals: Iterable[Literal]) -> list[Literal]:
-    """Return the atoms that are to hold, and not to."""
+    """Return the atoms that are required both to hold and not to hold."""
     said = set(literals)
     return sorted((one for one in said if one.positive and ~one in said), key=str)
 

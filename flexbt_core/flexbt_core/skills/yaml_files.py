@@ -55,14 +55,14 @@ _SENSORS: Final = {'condition': ('ports',), 'topic': ('type', 'test'), 'blackboa
 
 
 def read_skills(text: str, source: str = '<text>', base: SkillLibrary | None = None) -> SkillLibrary:
-    """Return the library that a text describes, with all that ``base`` has.
+    """Return the library that a text describes, added to ``base``.
 
-    Of a skill that ``base`` has, the text replaces what it names, and cannot speak of outcomes that the class does not
-    have. A predicate that the text declares otherwise than ``base`` is another one: skills of ``base`` of which the
-    text does not speak say nothing by it.
+    For a skill in ``base``, the text replaces the entries that it lists, and cannot add outcomes that the class lacks.
+    If the text declares a predicate differently from ``base``, it is another predicate: skills that are only in
+    ``base`` lose their literals with it.
 
     Raises:
-        SkillError: with everything that is wrong, each as ``source:line: what; what to do``.
+        SkillError: the text has problems; the error lists each as ``source:line: problem; remedy``.
     """
     reader = _Reader(source, base if base is not None else SkillLibrary())
     library = reader.read(text)
@@ -88,7 +88,7 @@ class _Reader(YamlParts):
             self._predicate(name, node) for name, node in self.mapping(entries.get('predicates'), 'predicates').items()
         ]
         skills = [self._skill(name, node) for name, node in self.mapping(entries.get('skills'), 'skills').items()]
-        if self.problems:  # what is wrong as a whole would follow from that
+        if self.problems:  # they would cause further problems of the whole
             return base
         others = {one.name for one in predicates if base.predicates.get(one.name, one) != one}
         merged = {**_without(base, others), **{one.name: one for one in skills}}
@@ -207,7 +207,7 @@ class _Reader(YamlParts):
         return None if number is None else int(number)
 
     def truth(self, node: yaml.Node, what: str) -> bool | None:
-        """Return whether something is so."""
+        """Return a boolean."""
         value = self.value(node, what)
         if not isinstance(value, bool):
             self.problem(node, f'{what} has to be true or false, not {short_repr(value)}')
@@ -215,7 +215,7 @@ class _Reader(YamlParts):
         return value
 
     def span(self, node: yaml.Node, what: str) -> tuple[float, float | None] | None:
-        """Return a least and a greatest time; the greatest may be left out."""
+        """Return a minimum and an optional maximum time, s."""
         parts = self.sequence(node, what)
         numbers = [self.number(one, what) for one in parts]
         if len(numbers) not in (1, 2):
@@ -234,7 +234,7 @@ class _Reader(YamlParts):
     # -- places ------------------------------------------------------------------------------------------------------
 
     def _note(self, node: yaml.Node | None, at: At) -> None:
-        """Remembers the lines of everything that has a name."""
+        """Store the lines of all named entries."""
         if isinstance(node, yaml.MappingNode):
             for key, value in node.value:
                 if isinstance(key, yaml.ScalarNode):
@@ -264,8 +264,8 @@ _FIELDS: Final[dict[str, Any]] = {
 
 
 def _without(base: SkillLibrary, names: Collection[str]) -> dict[str, Skill]:
-    """Return the skills of a library, without what they say by predicates of these names: the text means others by
-    them."""
+    """Return the skills of a library without their literals of these predicates, which the text declares
+    differently."""
 
     def kept(literals: Iterable[Literal]) -> tuple[Literal, ...]:
         return tuple(one for one in literals if one.predicate not in names)
@@ -281,7 +281,7 @@ def _without(base: SkillLibrary, names: Collection[str]) -> dict[str, Skill]:
 
 
 def _types(base: SkillLibrary, predicates: Collection[str]) -> dict[str, str]:
-    """Return the types that a library knows by these predicates."""
+    """Return the types in the parameters of these predicates."""
     return {kind: ANYTHING for name in predicates for kind in base.predicates[name].parameters.values()}
 
 
@@ -290,11 +290,11 @@ def _shown_place(at: Iterable[str]) -> str:
     return ' '.join([first.removesuffix('s') if others else first, *(one[:80] for one in others)])
 
 
-# Manifests as YAML: what ``read_skills`` takes.
+# Manifests as YAML, in the form that ``read_skills`` reads.
 
 
 def write_skills(library: SkillLibrary) -> str:
-    """Return the text of a library: read again, it gives the same one."""
+    """Return the text of a library; reading it returns an equal library."""
     document = {
         'types': dict(library.types),
         'objects': dict(library.objects),
@@ -318,7 +318,7 @@ def predicate_entry(predicate: Predicate) -> dict[str, Any]:
 
 
 def skill_entry(skill: Skill) -> dict[str, Any]:
-    """Return a skill as plain data: without what it does not say."""
+    """Return a skill as plain data, without undeclared entries."""
     least, most = skill.duration
     return _told(
         {
@@ -347,14 +347,14 @@ def _outcome_entry(outcome: Outcome) -> Any:
 
 
 def _told(entries: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries that say something."""
+    """Return the entries that are not empty."""
     return {name: value for name, value in entries.items() if value is not None and value not in ({}, [])}
 
 
-# Skills of states as a capability file of flexbe_synthesis: one capability for each way to bind a skill.
+# Skills of states as a capability file of flexbe_synthesis: one capability for each binding of a skill.
 #
 # An atom becomes a bit of the memory, ``at(kitchen)`` is ``at_kitchen``; the outcomes of a skill are normalized to
-# ``completed`` and ``failure``. Skills that only answer (conditions, the operator) are not capabilities.
+# ``completed`` and ``failure``. Skills that only answer (conditions, the operator) become no capabilities.
 
 _NORMALIZED: Final = {
     OutcomeClass.COMPLETED: 'completed',
@@ -368,7 +368,7 @@ def capability_file(library: SkillLibrary, start: Iterable[Literal], name: str) 
     """Return the capability file of a library of states, named ``name``, for a world in which ``start`` holds.
 
     Raises:
-        SkillError: something of the manifests has no form there; each problem says what to do.
+        SkillError: the format cannot express part of the manifests; each problem has a remedy.
     """
     return _Capabilities(library, tuple(start)).text(name)
 
@@ -379,7 +379,7 @@ class _Capabilities:
         self._start = {one for one in start if one.positive}
         self._grounding = Grounding(library, start, ())
         self._problems: list[str] = []
-        self._names: dict[str, str] = {}  # what stands for what
+        self._names: dict[str, str] = {}  # meaning by name
 
     def text(self, name: str) -> str:
         mappings = self._mappings()
@@ -413,7 +413,7 @@ class _Capabilities:
         return f'no skill can be carried out from this start{remedy}'
 
     def _mappings(self) -> dict[str, str]:
-        """Return the normalized outcome of each outcome; there is one for all states."""
+        """Return the normalized name of each outcome, which is the same for all states."""
         found: dict[str, str] = {}
         for skill in self._skills:
             for outcome, told in skill.outcomes.items():
@@ -458,7 +458,7 @@ class _Capabilities:
         return {key: value for key, value in entry.items() if value}
 
     def _name(self, text: str, meaning: str) -> str:
-        """Return a name of letters, digits and _ that nothing else has."""
+        """Return a unique name of letters, digits and _; add a problem if it is already used."""
         name = re.sub(r'\W', '_', text, flags=re.ASCII)
         if self._names.setdefault(name, meaning) != meaning:
             self._problems.append(f'{meaning} and {self._names[name]} would both be called {name}; rename an object')
