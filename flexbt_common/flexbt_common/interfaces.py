@@ -29,7 +29,7 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     NAVIGATION: (*names.ACTIONS_OF_SERVERS, names.COLLISION_MONITOR),
     SIMULATOR: (names.AMCL, names.MAP_SERVER),
 }
-"""Nodes with a lifecycle in the process, and so in the enclave, of another node: :mod:`.lifecycle.lifecycle_subnode`."""
+"""Managed nodes in the process, and so in the enclave, of another node: :mod:`.lifecycle.lifecycle_subnode`."""
 
 SETTABLE_SERVERS: Final = ('controller_server', 'planner_server')
 """Subset of these nodes whose parameters can be set."""

@@ -205,7 +205,7 @@ class GoalServer:
         admission: GoalAdmission | None = None,
         cancelable: bool = True,
     ) -> None:
-        """The default of ``refused`` is for results like Nav2's, with ``error_code`` and ``error_msg``."""
+        """``refused``: by default for results like Nav2's, with ``error_code`` and ``error_msg``."""
         self._runtime = runtime
         self._name = name
         self._action_type = action_type

@@ -2,8 +2,8 @@
 """A part of a process that appears as a managed node with its own name.
 
 Lifecycle managers, ``ros2 lifecycle``, ``ros2 param`` and Nav2's ``BasicNavigator`` look for the node ``amcl`` and its
-services; the process that localizes the robot may have another name. Such a part is a node with a lifecycle in that
-process. It is notified when it becomes active or inactive, and it begins as active.
+services, but the process that localizes the robot may have another name. Such a part is a managed node in that process.
+It starts active, and is notified when it becomes active or inactive.
 
 A separate thread serves the requests to all parts of a process, and sleeps until one arrives. The executor of the
 process wakes dozens of times a second, and would check for requests to each part every time.
@@ -32,12 +32,12 @@ _USE_SIM_TIME: Final = 'use_sim_time'
 
 
 class LifecycleSubnode:
-    """The managed node ``name`` of a process. Made and closed on the executor thread; it ends with ``runtime``.
+    """The managed node ``name`` of a process. Create and close it on the executor thread; it ends with ``runtime``.
 
     ``on_change`` is called with :attr:`is_active` after each transition that changes it. While the node is active and
     ``is_ready`` returns False, it reports the state "activating". The name is relative to the namespace of the node of
-    ``runtime``, which has the log, and the parameters that are read when the process starts. A node that
-    ``has_parameters`` may :meth:`declare` others; the six services for them cost an idle node some processor time.
+    ``runtime``. That node has the log, and the parameters read at the start of the process. A node that
+    ``has_parameters`` may :meth:`declare` others; their six services cost an idle node some processor time.
     """
 
     def __init__(
@@ -71,16 +71,16 @@ class LifecycleSubnode:
 
     @property
     def is_active(self) -> bool:
-        """True if the node is active; on any thread."""
+        """True if the node is active. From any thread."""
         return self._node.is_active
 
     def declare(self, name: str, value: Any, descriptor: ParameterDescriptor, on_set: Callable[[Any], object]) -> None:
-        """Give it a parameter that can be set at any time: ``on_set`` is called with each new value."""
+        """Declare a parameter that can be set at any time; ``on_set`` is called with each new value."""
         self._node.declare_parameter(name, value, descriptor)
         self._on_set[name] = on_set
 
     def close(self) -> None:
-        """Take the node out of the graph."""
+        """Remove the node from the graph."""
         self._thread.remove(self._node)
         self._runtime.nodes.remove(self._node)
         self._node.destroy_node()
@@ -102,7 +102,7 @@ class LifecycleSubnode:
 
 
 class _SubnodesThread:
-    """A thread that serves the parts of a process. It is made, and parts are added, on the executor thread."""
+    """A thread that serves the parts of a process. Create it and add parts on the executor thread."""
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
@@ -111,7 +111,7 @@ class _SubnodesThread:
         runtime.on_close(self._close)
 
     def add(self, node: Node) -> None:
-        """Answer for a node."""
+        """Start answering requests to a node."""
         if self._thread is None:
             self._executor = make_executor(node, self._report, lambda: None, self._later)
             thread = threading.Thread(target=self._spin, name=f'{self._runtime.name}_parts', daemon=True)
@@ -121,7 +121,7 @@ class _SubnodesThread:
             self._executor.add_node(node)
 
     def remove(self, node: Node) -> None:
-        """Answer for a node no more."""
+        """Stop answering requests to a node."""
         self._executor.remove_node(node)
 
     def _report(self, error: Exception) -> None:
@@ -160,17 +160,17 @@ class _Subnode(ExtendedLifecycleNode):
         self.is_active = True
 
     def answer_get_state(self, request: Any, response: Any) -> Any:
-        """As ManagedPart says."""
+        """Return the state, as :class:`LifecycleSubnode` describes."""
         if self.is_active and not self._is_ready():
             response.current_state = State(id=State.TRANSITION_STATE_ACTIVATING, label='activating')
             return response
         return super().answer_get_state(request, response)
 
     def answer_change_state(self, request: Any, response: Any) -> Any:
-        """As ManagedPart says."""
+        """Make a transition, as :class:`LifecycleSubnode` describes."""
         try:
             response = self._change_state(request, response)
-        except RCLError:  # no such transition now; rclpy would not answer at all
+        except RCLError:  # no valid transition; rclpy would not answer
             response.success = False
         is_active = self.state == 'active'
         if is_active != self.is_active:

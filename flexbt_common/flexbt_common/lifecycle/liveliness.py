@@ -1,29 +1,28 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Liveliness of nodes: a token that a node holds while it works, and a watch that notices its loss within a second.
 
-A node holds a token: a publisher on ``<name>/alive``, which it asserts some times a second, as long as all its
-threads answer (see :class:`Health`). The middleware of a watcher receives the assertions without waking Python, and
-reports when they stop: at once when the node ends normally, after the lease when the process is killed, or when a part
-of it hangs. (A participant's own lease, on which the action clients' ``server_is_ready`` depends, is seconds.)
+A token is a publisher on ``<name>/alive``. The node asserts it several times a second, as long as all its threads
+answer (see :class:`Health`). The middleware of a watcher receives the assertions without waking Python, and reports
+when they stop: at once when the node ends normally, after the lease when the process is killed or a part of it hangs.
+(A participant's own lease, on which the action clients' ``server_is_ready`` depends, lasts seconds.)
 
-A watcher knows three stages:
+A watcher distinguishes three states:
 
 - *alive*;
-- *late*: nothing was heard of it for the lease, or it says itself that a part of it does not answer. It hangs, or its
-  computer is busy; nodes that it controls pause, and end nothing, since it may be heard again. A node that
-  the middleware has found and that has said nothing is late, too: it can send goals before its token is heard (0.5 s
-  were measured), and may be stopped or killed meanwhile;
-- *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back,
-  another process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by
-  its being late for longer than a time that the watcher sets. A process whose place was taken, and that is heard
-  again, has a namesake: it is not known which of the two answers, so the node is late as long as both are heard.
+- *late*: the node was silent for the lease, or it reports that a part of it does not answer. It hangs, or its computer
+  is busy. Nodes that it controls pause but end nothing, since it may return. A node that the middleware has discovered
+  and that has sent nothing is late too: it can send goals before its token arrives (0.5 s were measured), and may be
+  stopped or killed meanwhile;
+- *gone*: the work that it has started must end. Proofs are that its token was removed, that another process has
+  replaced it, or that its process on the watcher's computer no longer exists. A node also counts as gone if it is late
+  for longer than the watcher's timeout. A replaced process that sends again has a namesake. Which of the two answers is
+  unknown, so the node is late as long as both send.
 
-Alive is not ready: a process lives for seconds before the last of its actions and services exists. The message on the
-token's topic says whether the node is ready, and late subscribers get it too. A node that has said nothing is
-not.
+Alive does not mean ready: a process lives for seconds before the last of its actions and services exists. The message
+on the token's topic says whether the node is ready; late subscribers get it too. A node without a message is not ready.
 
-The token is asserted by hand, because that is between itself and its watchers. What DDS asserts automatically goes to
-every process of the domain: among 12 robots it was half of what an idle executive had to do, and it grows with each.
+The node asserts the token manually, because only its watchers receive that. Automatic DDS assertions go to every
+process of the domain: with 12 robots they were half of the load of an idle executive, and they grow with each robot.
 """
 
 from __future__ import annotations
@@ -66,11 +65,11 @@ LEASE_SECONDS: Final = 0.5
 """Time after which a watcher notices that the token is no longer asserted, s."""
 
 REPEAT_SECONDS: Final = 1.0
-"""Period at which a token also publishes its status, s: it shows that the node is alive where the middleware has not
+"""Period at which a token also publishes its status, s: it shows that the node is alive if the middleware has not
 reported an assertion. (Fast DDS loses some of these events on a busy machine: measured.)
 
-For this long after a watcher is discovered, the status is published with each assertion: an earlier status reaches
-every second watcher only when it is repeated (measured; Fast DDS over shared memory)."""
+For this long after the discovery of a watcher, the token publishes the status with each assertion: every second watcher
+misses an earlier status (measured; Fast DDS over shared memory)."""
 
 PEER_TIMEOUT: Final = 5.0
 """Time after which a late node counts as gone, s of wall time, unless the watcher sets another one."""
@@ -79,8 +78,8 @@ PEER_TIMEOUT_TEXT: Final = 'time without a sign of life after which a node count
 """Description of the parameter ``peer_timeout`` of nodes that watch others."""
 
 START_SECONDS: Final = 5.0
-"""Age of a process up to which it waits for the first assertion of a token, s: when it replaces a killed process, the
-middleware of the others does not reach it for up to 2.5 s (measured; Fast DDS over shared memory)."""
+"""Age of a process up to which it waits for the first assertion of a token, s: if it replaces a killed process, the
+other processes cannot reach it for up to 2.5 s (measured; Fast DDS over shared memory)."""
 
 STARTED: Final = time.monotonic()
 """Time at which this process started, s: this module is loaded early."""
@@ -96,18 +95,18 @@ _PROBLEM_CHARACTERS: Final = 1_000
 
 _STATUS_RATE: Final = 50.0
 _STATUS_BURST: Final = 100
-"""Messages that a participant may send: per second, and at once."""
+"""Maximum rate of messages of a participant: per second, and at once."""
 
 _WORDLESS_SECONDS: Final = 3.0 * REPEAT_SECONDS
 """Time for which an assertion counts as a message, s, where the middleware has not reported that assertions stopped."""
 
 _PROCESSES: Final = 16
-"""Number of processes that have held a token and are remembered."""
+"""Maximum number of remembered processes that have held a token."""
 
 _PID: Final = 'pid'
 _BEGAN: Final = 'began'
 _CLOCK: Final = 'clock'
-"""The part of a node that is not ready while the time that it waits for is not published."""
+"""The part of a node that is not ready while nothing publishes the simulated time."""
 
 
 def _qos() -> QoSProfile:
@@ -122,13 +121,13 @@ def _qos() -> QoSProfile:
 
 
 def has_liveliness_protocol() -> bool:
-    """Return whether the middleware of this process reports liveliness: that of a console on a radio does not."""
+    """Return whether the middleware of this process reports liveliness; that of a console on a radio does not."""
     file = Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))
     return not (file.is_file() and '<use_WriterLivelinessProtocol>false<' in file.read_text(errors='replace'))
 
 
 def _check_profile() -> None:
-    """Fast DDS would end the process without a word.
+    """Check the Fast DDS profile, since Fast DDS would end the process silently.
 
     Raises:
         RuntimeError: the profile in use turns off the protocol that reports liveliness.
@@ -144,7 +143,7 @@ def _check_profile() -> None:
 class LivelinessToken:
     """A token that shows that this process is alive, as long as the node exists and all its threads answer.
 
-    There is one token for the whole node, whichever part requests it; it stays when that part has ended.
+    All parts of a node share one token, which outlives the part that requests it.
     """
 
     def __init__(self, runtime: Runtime) -> None:
@@ -152,18 +151,18 @@ class LivelinessToken:
         self._held = runtime.call(lambda: runtime.once('liveliness token', _HeldToken))
 
     def set_ready(self, is_ready: bool, part: str = '', why: str = '') -> None:
-        """Say whether all that others need of the node exists and works, or why not. From any thread.
+        """Report whether the interfaces of the node exist and work, or why not. From any thread.
 
-        A ``part`` of it may say so for itself; the node is ready when all are that have said something.
+        A ``part`` may report for itself. The node is ready when all parts that have reported are ready.
         """
         self._held.set_ready(is_ready, part, why)
 
     def add_name(self, name: str) -> None:
-        """Hold a token for the node ``name`` (fully qualified) too, for which this one stands in. From any thread."""
+        """Also hold a token for the node ``name`` (fully qualified), which this node replaces. From any thread."""
         self._runtime.call(lambda: self._held.add_name(name))
 
     def remove_name(self, name: str) -> None:
-        """Stand in for it no more: it has ended, for those who watch it. From any thread."""
+        """Release the token of ``name``: for its watchers, that node has ended. From any thread."""
         self._runtime.call(lambda: self._held.remove_name(name))
 
 
@@ -172,7 +171,7 @@ class _HeldToken:
         self._node = runtime.node
         self._identity = ProcessIdentity.own()
         self._lock = threading.Lock()
-        self._unready = {'': ''}  # by part that is not ready: why, for people, if that is known
+        self._unready = {'': ''}  # by part that is not ready: the reason for people, or ''
         self._problem = ''
         self._publishers: dict[str, Any] = {}
         self._said_at = self._watcher_found_at = -math.inf
@@ -188,7 +187,7 @@ class _HeldToken:
 
     def add_name(self, name: str) -> None:
         made = self._publishers.get(name)
-        if made is None:  # made without the lock: the clock's thread takes it, and with that all deadlines would wait
+        if made is None:  # create it without the lock: the clock's thread needs the lock, and all deadlines would wait
             made = self._node.create_publisher(
                 DiagnosticStatus,
                 alive_topic(name),
@@ -197,7 +196,7 @@ class _HeldToken:
             )
         with self._lock:
             self._publishers[name] = made
-            self._publish()  # also for those who have not missed the process whose place this one takes
+            self._publish()  # also for watchers that have not noticed the end of the process that this one replaces
 
     def remove_name(self, name: str) -> None:
         with self._lock:
@@ -262,10 +261,10 @@ class _HeldToken:
 class LivelinessWatch:
     """A watch on the token of the node ``node_name`` (relative to this node's namespace, or fully qualified).
 
-    ``on_change`` is called on the executor thread with the new value of :attr:`alive`, ``on_ready`` with that of
-    :attr:`ready`, ``on_late`` with that of :attr:`late`. A node that is gone is not late any more, and one that comes
-    back was gone before: ``on_late(False)`` comes before ``on_change(False)``, and ``on_change(True)`` before all else,
-    but for a node that was found and is not heard: it is late, and gone, without having been alive.
+    The executor thread calls ``on_change`` with the new value of :attr:`alive`, ``on_ready`` with that of
+    :attr:`ready`, and ``on_late`` with that of :attr:`late`. A node that is gone is not late: ``on_late(False)``
+    precedes ``on_change(False)``. ``on_change(True)`` precedes all other calls, except for a discovered but silent
+    node, which becomes late, and gone, without having been alive.
 
     ``timeout`` is the time for which the node may be late before it counts as gone, s of wall time.
     """
@@ -288,9 +287,9 @@ class LivelinessWatch:
         self._was_there = self._told_alive = False
         self._told_ready = False
         self._told_late = False
-        self._timed_out = False  # late for too long; until it is heard again
+        self._timed_out = False  # late for too long, until it sends again
         self._end: Timer | None = None
-        # On the executor thread, so that no event comes before all is there that it needs.
+        # On the executor thread, so that no event arrives before the set-up is complete.
         runtime.call(self._open)
         runtime.on_close(self.close)
 
@@ -303,7 +302,7 @@ class LivelinessWatch:
 
     @property
     def alive(self) -> bool | None:
-        """True while the node is alive or late, False since it is gone, None while it has never been seen."""
+        """True while the node is alive or late, False after it is gone, None if it was never seen."""
         return False if self._timed_out else self._token.alive
 
     @property
@@ -324,8 +323,8 @@ class LivelinessWatch:
 
     @property
     def problem(self) -> str:
-        """Problem of a node that is alive, or was late for too long, as text for people; '' if it is ready, or if
-        nothing is known."""
+        """Problem of a node that is alive or was late for too long, as text for people; '' if it is ready, or if the
+        problem is unknown."""
         if self._timed_out:
             return self._token.problem
         if self.late:
@@ -340,20 +339,20 @@ class LivelinessWatch:
         return self.alive is True and not self.late and self._token.says_ready
 
     def has_ended(self, writer: bytes) -> bool:
-        """Return whether a writer of this node, on any topic, is of a process that has ended for certain, which the
-        middleware reports only when the lease of its participant is over."""
+        """Return whether a writer of this node, on any topic, belongs to a process that has certainly ended. The
+        middleware reports that only after the lease of the participant."""
         return self._token.has_ended(writer)
 
     def is_gone(self, writer: bytes) -> bool:
-        """Return whether a writer of this node, on any topic, is of a process that is taken for gone: it has ended,
-        another one has its place, or it is late for too long. One that has not been heard yet is not.
+        """Return whether a writer of this node, on any topic, belongs to a process that counts as gone: it has ended,
+        was replaced, or is late for too long. A process that has not sent yet does not count as gone.
         """
         return self._token.knows(writer) and (
             self.alive is False or self._token.is_replaced(writer) or self._token.has_ended(writer)
         )
 
     def close(self) -> None:
-        """Stop watching; nothing is called any more. From any thread."""
+        """Stop watching and calling. From any thread."""
         self._runtime.post(self._close)
 
     def _close(self) -> None:
@@ -403,17 +402,16 @@ class LivelinessWatch:
 
 
 class _SeenToken:
-    """A token as its watchers on one node see it.
+    """The state of a token for its watchers on one node.
 
-    All watchers share one subscription. It stays as long as there are watchers and as long as the token is alive: Fast
-    DDS does not report to a later subscription that the token is already asserted, and its counts are wrong from then
-    on.
+    All watchers share one subscription. It stays as long as it has watchers and as long as the token is alive: Fast DDS
+    does not report to a later subscription that the token is already asserted, and then counts wrongly.
     """
 
     def __init__(self, runtime: Runtime, topic: str) -> None:
         self._topic = topic
         self.alive: bool | None = None
-        self._unheard = False  # the middleware has found it, and it has said nothing yet
+        self._unheard = False  # discovered, but it has sent nothing yet
         self.late_since: float | None = None
         self.says_ready = False
         self.why_unready = ''
@@ -422,7 +420,7 @@ class _SeenToken:
         self._identity: ProcessIdentity | None = None
         self._processes: OrderedDict[bytes, ProcessIdentity] = OrderedDict()  # by participant
         self._replaced: OrderedDict[ProcessIdentity, None] = OrderedDict()
-        self._namesakes: dict[ProcessIdentity, float] = {}  # and when they were heard
+        self._namesakes: dict[ProcessIdentity, float] = {}  # with the times of their last messages
         self._is_asserted = False
         self._heard_at = self._silent_since = 0.0
         self._runtime = runtime
@@ -449,11 +447,11 @@ class _SeenToken:
         return process is not None and process.has_ended()
 
     def knows(self, writer: bytes) -> bool:
-        """Return whether the process of a writer has been heard."""
+        """Return whether the process of a writer has sent a message."""
         return guid_prefix_of(writer) in self._processes
 
     def is_replaced(self, writer: bytes) -> bool:
-        """Return whether the process of a writer was heard, and another one has taken its place."""
+        """Return whether the process of a writer has sent messages and was replaced by another one."""
         process = self._processes.get(guid_prefix_of(writer))
         return process is not None and process in self._replaced
 
@@ -488,7 +486,7 @@ class _SeenToken:
                 return
             self._replace(holder)  # before it was missed
             if not self.listeners:
-                return  # nothing has watched any more
+                return  # no watcher was left
         if not self.alive and not self._is_asserted:
             self._await_first_word()
         hangs = status.level == DiagnosticStatus.STALE
@@ -509,7 +507,7 @@ class _SeenToken:
             self._replaced.popitem(last=False)
 
     def _several(self) -> str:
-        """Return what is wrong while several processes say that they hold the token; '' when it is one."""
+        """Return the problem while several processes claim the token, or ''."""
         since = self._runtime.steady.now() - _WORDLESS_SECONDS
         self._namesakes = {
             one: heard for one, heard in self._namesakes.items() if heard > since and not one.has_ended()
@@ -542,7 +540,7 @@ class _SeenToken:
         if self._is_asserted and not is_asserted:
             self._silent_since = self._runtime.steady.now() - LEASE_SECONDS
         self._is_asserted = is_asserted
-        # After what was said with the assertion: to say that a part of it hangs, asserts the token as well.
+        # After the message of the assertion: a report that a part hangs also asserts the token.
         self._runtime.post(self._review)
 
     def _leave(self) -> None:
@@ -554,13 +552,13 @@ class _SeenToken:
         self.release()
 
     def release(self) -> None:
-        """Stop listening when there is no watcher, and nothing to be watched."""
+        """Stop listening if no watcher is left and the token is not alive."""
         if not self.listeners and not self.alive:
             self._runtime.forget(_key(self._topic))
             self._runtime.node.destroy_subscription(self._messages.subscription)
 
     def _review(self) -> None:
-        """Find out whether it is late, and whether it is gone."""
+        """Update whether the node is late, and whether it is gone."""
         if not self.is_there:
             return
         if self._timer is not None:
@@ -592,7 +590,7 @@ class _SeenToken:
 
 
 def _key(topic: str) -> Hashable:
-    """Of a seen token among what a runtime makes once."""
+    """Return the key of a seen token for :meth:`Runtime.once`."""
     return 'liveliness', topic
 
 
@@ -602,7 +600,7 @@ def _identity_of(status: DiagnosticStatus) -> ProcessIdentity:
     return ProcessIdentity(status.hardware_id, int(pid) if pid.isdecimal() else 0, values.get(_BEGAN, ''))
 
 
-# The identity of a process and its computer; and, on the same computer, whether it has ended.
+# The identity of a process and its computer, and the check whether a process on this computer has ended.
 
 _BOOT_ID: Final = Path('/proc/sys/kernel/random/boot_id')
 _PID_NAMESPACE: Final = Path('/proc/self/ns/pid')
@@ -625,7 +623,7 @@ class ProcessIdentity:
         pid = os.getpid()
         try:
             return _own(pid)
-        except OSError:  # no Linux
+        except OSError:  # not Linux
             return ProcessIdentity('', pid, '')
 
     @property
@@ -634,25 +632,25 @@ class ProcessIdentity:
         return bool(self.host) and self.host == ProcessIdentity.own().host
 
     def has_ended(self) -> bool:
-        """Return whether the process has ended for certain."""
+        """Return whether the process has certainly ended."""
         if not self.is_here:
             return False
         try:
             fields = _stat(str(self.pid))
         except (FileNotFoundError, ProcessLookupError):
             return True
-        except OSError:  # it cannot be told: this process has no file descriptor left, for one
+        except OSError:  # unknown, for example if this process has no file descriptor left
             return False
         return fields[_START_TIME] != self.began or fields[_STATE] in ('Z', 'X')
 
 
 @functools.lru_cache(maxsize=1)
 def _own(pid: int) -> ProcessIdentity:
-    """By the number of the process: a fork has another one, and is another process."""
+    """Return the identity of the process ``pid``, the cache key: a fork is another process with another number."""
     host = f'{_BOOT_ID.read_text().strip()} {_PID_NAMESPACE.readlink()}'
     return ProcessIdentity(host, pid, _stat('self')[_START_TIME])
 
 
 def _stat(process: str) -> list[str]:
-    # The name of the program is in brackets, and may hold anything.
+    # The name of the program is in brackets and may contain any characters.
     return Path('/proc', process, 'stat').read_text().rpartition(')')[2].split()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A managed node: its transitions, what it creates when it is configured, and its diagnostics.
+"""A managed node: its transitions, the parts that it creates when it is configured, and its diagnostics.
 
 The interface is that of https://design.ros2.org/articles/node_lifecycle.html.
 """
@@ -36,15 +36,15 @@ from .liveliness import LivelinessToken
 
 
 class ExtendedLifecycleNode(LargeQueueNode, LifecycleNode):
-    """A lifecycle node that can change rclpy's answers, ``self._get_state`` and ``self._change_state``: it answers by
-    :meth:`answer_get_state` and :meth:`answer_change_state`. For an impossible transition rclpy raises RCLError."""
+    """A lifecycle node with overridable answers: :meth:`answer_get_state` and :meth:`answer_change_state` extend
+    rclpy's ``self._get_state`` and ``self._change_state``. On an impossible transition rclpy raises RCLError."""
 
     def __init__(self, name: str, **options: Any) -> None:
         Node.__init__(self, name, **options)
         LifecycleNodeMixin.__init__(self)
         served = {service.srv_type: service for service in self.services}
         for service in served.values():
-            self.resend_answers(service)  # those of the lifecycle are not made by create_service
+            self.resend_answers(service)  # rclpy does not create the lifecycle services by create_service
         self._get_state = served[GetState].callback
         self._change_state = served[ChangeState].callback
         served[GetState].callback = self.answer_get_state
@@ -52,45 +52,43 @@ class ExtendedLifecycleNode(LargeQueueNode, LifecycleNode):
 
     @property
     def state(self) -> str:
-        """The state, or the transition that goes on, by its standard name: 'unconfigured', 'configuring' ..."""
+        """Standard name of the state or of the present transition: 'unconfigured', 'configuring' ..."""
         return str(self._get_state(GetState.Request(), GetState.Response()).current_state.label)
 
     def answer_get_state(self, request: Any, response: Any) -> Any:
-        """Return the state, as rclpy knows it."""
+        """Answer with rclpy's state."""
         return self._get_state(request, response)
 
     def answer_change_state(self, request: Any, response: Any) -> Any:
-        """Return whether the transition was made; a coroutine, if it takes its time."""
+        """Make the transition and answer whether it succeeded; a coroutine if it takes long."""
         raise NotImplementedError
 
     def destroy_node(self) -> None:
-        """As that of the base, which leaves the services of the lifecycle in the graph until Python collects them."""
+        """Destroy the node with its lifecycle services, which rclpy leaves in the graph until Python collects them."""
         super().destroy_node()
         release_lifecycle(self)
 
 
 # A managed node, as lifecycle managers and launch files know it (https://design.ros2.org/articles/node_lifecycle.html).
 #
-# rclpy's ``LifecycleNode`` makes a whole transition within one callback. Ours have to wait: what runs comes to rest
-# with the help of the executor. So transitions have their own thread, where they are made one after the other, and
-# the answer of ``change_state`` is sent when the transition is over. Meanwhile the node answers all others.
+# rclpy's ``LifecycleNode`` makes a whole transition within one callback. Our transitions must wait for running work,
+# which needs the executor to stop. So a separate thread makes the transitions one after the other, and the node answers
+# ``change_state`` when the transition is over. Meanwhile it answers all other requests.
 #
-# What exists in which state:
+# The parts that exist in each state:
 #
-# ============
-# ========================================================================================================= unconfigured
-# parameters, which can be set; the services of the lifecycle; what ``waiting`` makes inactive      what ``configure``
-# makes; it refuses to work active        it works finalized     the services of the lifecycle, until the process ends
-# ============
-# =========================================================================================================
+# - unconfigured: parameters, which can be set; the lifecycle services; the parts that ``waiting`` creates
+# - inactive: the parts that ``configure`` creates; they refuse to work
+# - active: the same parts, which work
+# - finalized: the lifecycle services, until the process ends
 #
-# It is alive for others in every state (:mod:`flexbt_common.lifecycle.liveliness`), and ready when it is active.
+# The node is alive for others in every state (:mod:`flexbt_common.lifecycle.liveliness`), and ready when it is active.
 #
-# An error in a transition is logged, and the node is unconfigured afterwards: it can be configured again.
+# An error in a transition is logged. The node is unconfigured afterwards and can be configured again.
 
 DEACTIVATED: Final = 'was deactivated'
 SHUTTING_DOWN: Final = 'is shutting down'
-"""Reasons why something was stopped; each follows a subject."""
+"""Reasons for stopped work; each follows a subject."""
 
 STOP_SECONDS: Final = 10.0
 """Time that a node being deactivated waits for running work to stop, s."""
@@ -105,7 +103,7 @@ class Managed(Protocol):
     """A configured node. Called off the executor thread."""
 
     def activate(self) -> None:
-        """Begin to work."""
+        """Start to work."""
 
     def deactivate(self, why: str, refusal: str, within: float) -> None:
         """Refuse new work and stop running work; return when it has stopped and all results are sent.
@@ -114,25 +112,25 @@ class Managed(Protocol):
         server was deactivated'. ``within`` is in seconds of wall time.
 
         Raises:
-            FlexbtError: something did not halt in this time.
+            FlexbtError: some work did not halt in this time.
         """
 
 
 Maker = Callable[[Runtime, str], Managed]
-"""A function that makes the configured node. It gets a runtime that ends with that node, and the reason why the node
-refuses work until it is activated: '' if it will be activated at once, so that early requests are not refused."""
+"""A function that creates the parts of the configured node. Its arguments are a runtime that ends with them, and the
+reason to refuse work until activation: '' if activation follows at once, so that early requests are not refused."""
 
 Waiting = Callable[[Runtime], object]
 Declare = Callable[[Node], object]
 
 
 def inactive(node: Node) -> str:
-    """Why a node that is inactive refuses to work; follows a subject."""
+    """Return the reason why an inactive node refuses to work; it follows a subject."""
     return f'is inactive; activate it (ros2 lifecycle set {node.get_fully_qualified_name()} activate)'
 
 
 def unconfigured(node: Node) -> str:
-    """Why a node that is not configured refuses to work; follows a subject."""
+    """Return the reason why an unconfigured node refuses to work; it follows a subject."""
     error = node.error if isinstance(node, ManagedNode) else None
     why = '' if error is None else f' because of an error: {one_line(str(error) or type(error).__name__, 1000)}'
     name = node.get_fully_qualified_name()
@@ -140,7 +138,7 @@ def unconfigured(node: Node) -> str:
 
 
 class ManagedNode(ExtendedLifecycleNode):
-    """The managed node of a :class:`NodeRuntime`; :meth:`manage` sets what it manages."""
+    """The managed node of a :class:`NodeRuntime`; :meth:`manage` defines its parts."""
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
@@ -155,19 +153,19 @@ class ManagedNode(ExtendedLifecycleNode):
         waiting: Waiting = lambda _: None,
         parameters: Declare = lambda _: None,
     ) -> None:
-        """Begin, and configure and activate the node when the parameter ``autostart`` says so.
+        """Start the node, and configure and activate it if the parameter ``autostart`` is true.
 
-        ``configure`` makes what the node consists of, ``waiting`` what it shows while it is unconfigured, on a runtime
-        that ends with this state. Both are called off the executor thread. ``parameters`` declares those that can be
-        set before the node is configured for the first time; ``configure`` does it, too.
+        ``configure`` creates the parts of the node. ``waiting`` creates the parts that exist while it is unconfigured,
+        on a runtime that ends with this state. Both are called off the executor thread. ``parameters`` declares the
+        parameters that can be set before the first configuration; ``configure`` declares them too.
 
         Raises:
-            FlexbtError: what ``configure`` or ``activate`` raise when it starts by itself.
+            FlexbtError: an error of ``configure`` or ``activate`` on autostart.
         """
         self._runtime = runtime
         self._configure = configure
         self._waiting = waiting
-        self._token = LivelinessToken(runtime)  # it is alive in every state, and ready when it is active
+        self._token = LivelinessToken(runtime)  # alive in every state, ready when active
         self._is_starting = is_automatic = runtime.call(self._declare)
         self._scope = NodeScope(runtime)
         runtime.on_close(self._end)
@@ -217,7 +215,7 @@ class ManagedNode(ExtendedLifecycleNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
-        if self._is_starting:  # the process ends: it must not be configured
+        if self._is_starting:  # the process is ending: do not configure
             return TransitionCallbackReturn.SUCCESS
         try:
             self._enter(self._waiting)
@@ -273,13 +271,13 @@ class ManagedNode(ExtendedLifecycleNode):
         return diagnostic_status(self._runtime, 'lifecycle', level, state)
 
     def destroy_node(self) -> None:
-        """As that of the base."""
+        """Destroy the node and end its thread of transitions."""
         self._transitions.shutdown(wait=False, cancel_futures=True)  # one is requested, and the node was never managed
         self._is_managed.set()
         super().destroy_node()
 
     async def answer_change_state(self, request: Any, response: Any) -> Any:
-        """As the design has it: when the transition is over."""
+        """Answer when the transition is over, as the design requires."""
         done = Future(executor=self.executor)
 
         def change() -> None:
@@ -287,14 +285,14 @@ class ManagedNode(ExtendedLifecycleNode):
                 self._change_state(request, response)
                 if self._error is not None:
                     self._report(self._error)
-            except RCLError:  # no such transition now; rclpy would not answer at all
+            except RCLError:  # no valid transition; rclpy would not answer
                 response.success = False
             finally:
                 self._runtime.post(lambda: done.set_result(None))
 
         try:
             self._transitions.submit(change)
-        except RuntimeError:  # the process ends
+        except RuntimeError:  # the process is ending
             response.success = False
             return response
         await done
@@ -307,11 +305,11 @@ class ManagedNode(ExtendedLifecycleNode):
             self._runtime.report_fault(error, 'a transition')
 
     def _end(self) -> None:
-        """Make the last transition, after the one that goes on."""
-        self._is_managed.set()  # also when it has not come so far
+        """Make the last transition, after the present one."""
+        self._is_managed.set()  # even if the start is not complete
 
         def shut_down() -> None:
-            with contextlib.suppress(RCLError):  # it is finalized
+            with contextlib.suppress(RCLError):  # already finalized
                 self.trigger_shutdown()
             self._scope.close()
 
@@ -327,7 +325,7 @@ def run_managed_node(
     parameters: Declare = lambda _: None,
     about: str | None = None,
 ) -> int:
-    """:func:`run_node` for a managed node; see :meth:`ManagedNode.manage` for what is given to it."""
+    """Run a managed node as :func:`run_node` does; :meth:`ManagedNode.manage` describes the arguments."""
 
     def setup(runtime: NodeRuntime) -> None:
         assert isinstance(runtime.node, ManagedNode)
@@ -336,7 +334,7 @@ def run_managed_node(
     return run_node(name, setup, args, ManagedNode, about)
 
 
-# A part of a node that ends by itself: what a managed node makes when it is configured.
+# A part of a node that ends before it: the parts that a managed node creates when it is configured.
 
 T = TypeVar('T')
 
@@ -393,11 +391,11 @@ class NodeScope(Runtime):
         return self._host.call(run, timeout)
 
     def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
-        """Return what the host makes for ``key``; it stays when the scope has ended."""
+        """Return the shared object of the host for ``key``; it outlives the scope."""
         before = self._entities()
         made = self._host.once(key, make)
         new = {entity: destroy for entity, destroy in self._entities().items() if entity not in before}
-        # Of what was made before, some may have been forgotten.
+        # Some of the earlier entities may have been destroyed meanwhile.
         self._before = {entity: destroy for entity, destroy in self._before.items() if entity in before} | new
         return made
 
@@ -432,9 +430,9 @@ class NodeScope(Runtime):
                 destroy(entity)
 
     def _entities(self) -> dict[Any, Callable[[Any], object]]:
-        """Return what there is on the node, and how each is destroyed.
+        """Return the entities of the node, with the functions that destroy them.
 
-        Event handlers go with their topic. The node's own subscription to the simulated time is none of ours.
+        Event handlers end with their topic. The node's subscription to the simulated time is not among them.
         """
         node: Any = self.node
         actions = [waitable for waitable in node.waitables if isinstance(waitable, ActionServer | ActionClient)]
@@ -454,7 +452,7 @@ def _destroy_action(action: ActionServer | ActionClient) -> None:
     action.destroy()
 
 
-# A node on ``/diagnostics``, for tools that monitor whole robots: once a second, while it has subscribers.
+# Diagnostics on ``/diagnostics``, for tools that monitor whole robots: once a second, while it has subscribers.
 
 DIAGNOSTICS_TOPIC: Final = '/diagnostics'
 DIAGNOSTICS_PERIOD: Final = 1.0
@@ -490,7 +488,7 @@ class DiagnosticsPublisher:
 def diagnostic_status(
     runtime: Runtime, what: str, level: bytes, message: str, values: Mapping[str, str] | None = None
 ) -> DiagnosticStatus:
-    """Return what is to be told of one thing of a node: ``level`` is one of the constants of DiagnosticStatus."""
+    """Return the diagnostic message for one part of a node; ``level`` is a constant of DiagnosticStatus."""
     return DiagnosticStatus(
         level=level,
         name=f'{runtime.node.get_fully_qualified_name()}: {what}',

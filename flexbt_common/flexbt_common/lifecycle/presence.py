@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Presence of participants across an unreliable link, detected within a few seconds.
 
-A token publishes one message a second under its name, on one topic for all, best effort. So it costs little, a lost
+A token publishes one message a second with its name, on one shared topic, best effort. So it costs little, a lost
 message does no harm, another name needs no discovery, and the middleware needs no liveliness messages across the link.
-A process that has died is missed after the lease; one that ends normally announces it. Use
-:mod:`flexbt_common.lifecycle.liveliness` between the nodes of a robot, where a loss has to be noticed sooner.
+Watchers miss a dead process after the lease; a process that ends normally announces it. Between the nodes of a robot,
+which must notice a loss sooner, use :mod:`flexbt_common.lifecycle.liveliness`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ WORD_BYTES: Final = 4000
 
 WORD_RATE: Final = 50.0
 WORD_BURST: Final = 100
-"""Messages of one participant that are received: per second, and at once."""
+"""Maximum rate of received messages of one participant: per second, and at once."""
 
 WORD_DEPTH: Final = 200
 """Maximum number of queued messages: a flood on the topic must not drop the messages of the others."""
@@ -61,7 +61,7 @@ class PresenceToken:
         runtime.on_close(self._leave)
 
     def close(self) -> None:
-        """Say that it leaves, and nothing any more. On the executor thread."""
+        """Announce the end and stop publishing. On the executor thread."""
         self._runtime.cancel_on_close(self._leave)
         self._leave()
         self._runtime.node.destroy_publisher(self._publisher)
@@ -97,7 +97,7 @@ class _Token(NamedTuple):
 class PresenceWatch:
     """A watch on the tokens of others. Used on the executor thread only.
 
-    ``present`` are the names of the tokens that were heard recently. At most :data:`MOST_TOKENS` are tracked for one
+    ``present`` are the names of the tokens that have sent recently. At most :data:`MOST_TOKENS` are tracked for one
     participant, and in all.
     """
 
@@ -123,7 +123,7 @@ class PresenceWatch:
 
     @property
     def tokens(self) -> int:
-        """Number of tokens that were heard recently."""
+        """Number of tokens that have sent recently."""
         return len(self._heard)
 
     def add_listener(self, on_change: Callable[[], None]) -> None:
@@ -131,7 +131,7 @@ class PresenceWatch:
         self._listeners.append(on_change)
 
     def has_gone(self, participant: bytes) -> bool:
-        """Return whether a participant has held tokens, and they have ended, or have not been heard for the lease."""
+        """Return whether a participant has held tokens, and all have ended or were silent for the lease."""
         return participant in self._ended
 
     def _on_message(self, received: Received) -> None:

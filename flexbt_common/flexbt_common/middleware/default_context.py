@@ -33,21 +33,21 @@ _opening: Final = threading.Lock()
 
 
 class DefaultContext:
-    """The default context of the process, as long as it is needed. Its methods may be called on any thread."""
+    """The default context of the process, as long as it is needed. Thread-safe."""
 
     def __init__(self, args: Sequence[str] | None = (), node: Node | None = None) -> None:
-        """``args`` are the arguments of the process, None for ``sys.argv``. They count for users' nodes as for ours,
-        except for a new name of the node. ``node`` has the domain and the kind of time that users' nodes get.
+        """``args`` are the arguments of the process, None for ``sys.argv``. They also apply to users' nodes, except a
+        new name of the node. ``node`` determines the domain and the kind of time of users' nodes.
         """
         self._args = sys.argv[1:] if args is None else args
         self._node = node
         self._opened: Context | None = None
 
     def open(self) -> None:
-        """Initialize the context, unless it is initialized.
+        """Initialize the context if needed.
 
-        If users' code has shut it down and initialized it anew, rclpy's signal handlers are taken off: they would shut
-        down the contexts of our nodes as well, before anything could end in order.
+        If users' code has shut it down and initialized it again, remove rclpy's signal handlers: they would also shut
+        down the contexts of our nodes before an orderly end.
         """
         with _opening:
             if rclpy.ok():
@@ -65,12 +65,12 @@ class DefaultContext:
             self._opened = rclpy.get_default_context()
 
     def shut_down(self) -> None:
-        """End what waits in rclpy: loops over ``rclpy.ok()``, threads that spin. Does nothing if others opened it."""
+        """End loops over ``rclpy.ok()`` and threads that spin. No effect if other code opened the context."""
         if self._opened is rclpy.get_default_context():
             rclpy.try_shutdown()
 
     def close(self) -> None:
-        """Shut the context down, and destroy the nodes that are left in it."""
+        """Shut the context down and destroy its remaining nodes."""
         self.shut_down()
         context, self._opened = self._opened, None
         if context is not None:
@@ -78,7 +78,7 @@ class DefaultContext:
                 try:
                     end_callbacks(node)
                     node.destroy_node()
-                except InvalidHandle:  # it is destroyed already
+                except InvalidHandle:  # already destroyed
                     continue
                 except Exception as error:  # code of users
                     node.get_logger().warning(f'not destroyed: {error!r}')
@@ -86,7 +86,7 @@ class DefaultContext:
 
 @contextmanager
 def offline_default_context() -> Iterator[None]:
-    """For the length of the block there is a default context, whose nodes are alone."""
+    """Provide a default context during the block; its nodes discover no others."""
     default_context = DefaultContext(('--ros-args', '--disable-external-lib-logs'))
     with undiscovered():
         default_context.open()
@@ -98,7 +98,7 @@ def offline_default_context() -> Iterator[None]:
 
 @contextmanager
 def undiscovered() -> Iterator[None]:
-    """Provide that nodes of contexts made in the block discover no others, and are not discovered."""
+    """Prevent discovery in both directions for nodes of contexts created in the block."""
     before = os.environ.get(RANGE)
     os.environ[RANGE] = 'OFF'
     try:
@@ -114,7 +114,7 @@ _SIMULATED_TIME: Final = ('--ros-args', '-p', 'use_sim_time:=true')
 
 
 def _without_name(args: Sequence[str]) -> Iterator[str]:
-    """Yield the arguments without the rules that rename every node of the process, as launch files give them for one
+    """Yield the arguments without rules that rename every node of the process, which launch files add for a single
     node."""
     words = iter(args)
     for word in words:
@@ -127,6 +127,6 @@ def _without_name(args: Sequence[str]) -> Iterator[str]:
 
 
 def _nodes_in(context: Context) -> list[Node]:
-    """Return the nodes of a context. rclpy keeps no list of them; unreferenced ones have been collected, and
-    one whose constructor has raised has no context."""
+    """Return the nodes of a context. rclpy keeps no list of them. Unreferenced nodes have been collected, and a node
+    whose constructor has raised has no context."""
     return [one for one in gc.get_objects() if issubclass(type(one), Node) and getattr(one, 'context', None) is context]

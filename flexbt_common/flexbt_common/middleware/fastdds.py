@@ -20,25 +20,25 @@ from flexbt_core.values.text_files import open_regular
 def loaded_function(library: str, name: str, result: Any, *arguments: Any, is_short: bool = False) -> Any:
     """Return a public function of rcl, rcutils, rmw_fastrtps or Fast DDS, by its name in the library that is loaded.
 
-    One that ``is_short`` keeps the lock of the interpreter, as rclpy's own calls do: to get it back may take longer.
+    A function that ``is_short`` keeps the interpreter lock, as rclpy's calls do: getting it back may take longer.
 
     Raises:
         OSError: the library is not loaded.
-        AttributeError: it has no such function.
+        AttributeError: the library has no such function.
     """
     function = (ctypes.PyDLL if is_short else ctypes.CDLL)(library, mode=os.RTLD_NOLOAD)[name]
     function.argtypes, function.restype = arguments, result
     return function
 
 
-# The end of a DDS participant that hangs in some builds of Fast DDS 2.14, and what prevents it.
+# Destroying a DDS participant hangs in some builds of Fast DDS 2.14. This code prevents that.
 #
-# Before rmw_fastrtps destroys a participant, it takes the participant's listener off, and waits as long as it takes for
-# a callback that is under way just then, since endpoints of others have appeared or gone. Fast DDS waits until the
-# greatest time of the steady clock. A C++ library that can wait by the system clock only (that of a glibc before 2.30,
-# for which the PyPI wheels are built) converts this time, which overflows: each wait comes back at once, as invalid,
-# with the mutex still held that the callback needs. The process spins forever, and as rclpy keeps the lock of the
-# interpreter meanwhile, no code of Python runs any more, no timer and no signal handler.
+# Before rmw_fastrtps destroys a participant, it removes the participant's listener, and waits without limit for a
+# running callback about new or lost endpoints of other participants. Fast DDS waits until the greatest time of the
+# steady clock. A C++ library that can wait only by the system clock (that of a glibc before 2.30, for which the PyPI
+# wheels are built) converts this time, which overflows: each wait returns at once, as invalid, and still holds the
+# mutex that the callback needs. The process spins forever. As rclpy keeps the interpreter lock meanwhile, no Python
+# code runs any more, no timer and no signal handler.
 
 CALLBACK_SECONDS: Final = 1
 
@@ -55,8 +55,8 @@ _SET_LISTENER: Final = (
 def end_callbacks(node: Node) -> None:
     """Stop the participant of a node from publishing its graph; call this before the node is destroyed.
 
-    Waits at most CALLBACK_SECONDS for a callback that is under way: a time that can be converted. Nothing is done where
-    another middleware, or another version of it, is in use.
+    Wait at most CALLBACK_SECONDS for a running callback: a time that can be converted. No effect with another
+    middleware, or another version of it.
     """
     participant = participant_address(node)
     if participant is None:
@@ -69,7 +69,7 @@ def end_callbacks(node: Node) -> None:
 
 
 def participant_address(node: Node) -> int | None:
-    """Address of the DomainParticipant of a node; None when it is not one of Fast DDS 2.14."""
+    """Return the address of the DomainParticipant of a node, or None if it is not one of Fast DDS 2.14."""
     if get_rmw_implementation_identifier() != _RMW:
         return None
     try:
@@ -83,11 +83,10 @@ def participant_address(node: Node) -> int | None:
     return address
 
 
-# To hear nothing more of a participant of the domain: the middleware drops what it sends as it comes in.
+# Ignoring a participant of the domain: the middleware drops its data on arrival.
 #
-# What a node does not want to have still costs it memory: the middleware puts large messages together and keeps
-# them until they are taken. (DDS has ``ignore_participant`` for this, DDS 1.4, 2.2.2.2.1.14; rmw does not offer
-# it.)
+# Unwanted messages would still cost a node memory: the middleware assembles large messages and keeps them until they
+# are taken. (DDS has ``ignore_participant`` for this, DDS 1.4, 2.2.2.2.1.14; rmw does not offer it.)
 
 _IGNORE: Final = (
     '_ZN8eprosima7fastdds3dds17DomainParticipant18ignore_participantERKNS_8fastrtps4rtps16InstanceHandle_tE'
@@ -101,9 +100,9 @@ class _InstanceHandle(ctypes.Structure):
 
 
 def ignore_participant(node: Node, participant: bytes) -> bool:
-    """Ignore a participant (see :class:`Received`) for good, on all topics of the process of ``node``.
+    """Ignore a participant (see :class:`Received`) permanently, on all topics of the process of ``node``.
 
-    False, and nothing has been done, where the middleware is not Fast DDS 2.14.
+    Return False, without an effect, if the middleware is not Fast DDS 2.14.
     """
     own = participant_address(node)
     if own is None or len(participant) != _PREFIX_SIZE:
@@ -119,16 +118,16 @@ def ignore_participant(node: Node, participant: bytes) -> bool:
 
 
 def ignore_each_other(first: Node, second: Node) -> None:
-    """Keep two nodes, each with its own process or context, from discovering each other: neither sees the entities of
-    the other in the graph, nor receives anything that it sends. Best done before either has much in it. Where the
-    middleware is not Fast DDS 2.14, nothing is done."""
+    """Prevent two nodes of different processes or contexts from discovering each other: neither sees the other in the
+    graph, or receives its messages. Call this before the nodes have many entities. No effect if the middleware is not
+    Fast DDS 2.14."""
     for node, other in ((first, second), (second, first)):
         ignore_participant(node, _prefix_of(other))
 
 
 def _prefix_of(node: Node) -> bytes:
-    """Return what the identifiers of all that is in the participant of a node begin with; empty when it is not known,
-    or when several nodes have this name."""
+    """Return the common prefix of the identifiers in a node's participant; empty if it is unknown, or if several nodes
+    have this name."""
     own = node.get_name(), node.get_namespace()
     endpoints = node.get_publishers_info_by_topic('/parameter_events')  # each node publishes it
     found = [bytes(one.endpoint_gid) for one in endpoints if (one.node_name, one.node_namespace) == own]
@@ -137,10 +136,10 @@ def _prefix_of(node: Node) -> bytes:
 
 # Return memory of large messages to the OS: otherwise a process keeps it forever, once for each topic and service.
 #
-# Two others keep it. Fast DDS, as rmw_fastrtps sets it up, keeps for each place in the queue of an endpoint the largest
-# message that has been there; a profile may tell it not to (``historyMemoryPolicy`` DYNAMIC), which rmw_fastrtps heeds
-# when RMW_FASTRTPS_USE_QOS_FROM_XML is 1. And malloc of glibc takes large pieces from the heap once it has seen one of
-# them freed; there they are given back only when nothing above them is in use.
+# Two libraries keep it. Fast DDS, as rmw_fastrtps configures it, keeps memory for the largest message so far in each
+# place of an endpoint's queue. A profile can change that (``historyMemoryPolicy`` DYNAMIC), if
+# RMW_FASTRTPS_USE_QOS_FROM_XML is 1. And glibc's malloc allocates large blocks on the heap after the first of them was
+# freed; it returns such memory only when nothing above it is in use.
 
 _MMAP_THRESHOLD: Final = -3
 """M_MMAP_THRESHOLD of mallopt; larger allocations are separate mappings, which free returns to the OS."""
@@ -154,10 +153,10 @@ _lock: Final = threading.Lock()
 
 
 def release_large_messages() -> None:
-    """Call it before a node is made: the room of the messages that it receives is given back.
+    """Make the process return the memory of received messages. Call this before the first node is created.
 
-    It is decided once for the process, by the profile that FASTRTPS_DEFAULT_PROFILES_FILE names then, if that
-    :func:`is_dynamic`; Fast DDS reads it once, too.
+    The profile in FASTRTPS_DEFAULT_PROFILES_FILE decides once for the process, if it :func:`is_dynamic`; Fast DDS also
+    reads it only once.
     """
     with _lock:
         _decide()
@@ -170,21 +169,21 @@ def _decide() -> None:
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, _LARGE)
     if _HEEDS not in os.environ and is_dynamic(Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))):
-        # It stays, since each participant looks for it, and other threads may read the environment while one is made.
-        # os.environ does not know of it: a process that is given another profile is not given this.
+        # The variable stays: each participant reads it, and other threads may read the environment meanwhile.
+        # It is not in os.environ, so that child processes with another profile do not inherit it.
         libc.setenv(_HEEDS.encode(), b'1', 0)
 
 
 def is_dynamic(profile: Path) -> bool:
-    """Return whether this file of Fast DDS returns the memory of every topic.
+    """Return whether this profile file of Fast DDS returns the memory of every topic.
 
-    Each profile of writers and readers in it must say so, and there must be a default one of each: heeded without a
-    word of it, Fast DDS refuses messages that are larger than the first. The profile of a topic has the topic's name.
+    Each profile of writers and readers must set it, and the file must have default profiles of both kinds: without the
+    setting, Fast DDS would refuse messages larger than the first. The profile of a topic has the topic's name.
     """
     try:
         with open(profile, 'rb', opener=open_regular) as content:
             root = ElementTree.parse(content).getroot()  # noqa: S314  # of the user; expat bounds its entities
-    except (OSError, ElementTree.ParseError, ValueError, LookupError):  # the last two: of unknown encodings
+    except (OSError, ElementTree.ParseError, ValueError, LookupError):  # the last two: unknown encodings
         return False
     elements = list(root.iter())
     for tags in _SIDES:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Publishers and subscriptions of a topic that exchange no message, since their qualities of service do not fit.
+"""Publishers and subscriptions of a topic that exchange no messages, since their QoS is incompatible.
 
-The middleware reports to each end that another one is incompatible, and by which policy. This module looks up in the
-graph which endpoint that is and what it offers or requests, so that users read what to change instead of only seeing
-that no messages arrive.
+The middleware reports an incompatible endpoint to each side, with the policy. This module finds that endpoint and its
+QoS in the graph, so that users see what to change, instead of only missing messages.
 """
 
 from __future__ import annotations
@@ -49,17 +48,17 @@ class QosMisfits:
         self._reports = RepeatedReports(COMPLAINT_SECONDS, time.monotonic)
 
     def on_found(self, tell: Callable[[str], object] | None) -> None:
-        """Have ``tell`` told of each topic that the node cannot hear, instead of the log of the node; None for the log.
-        What others cannot hear of the node is for the log.
+        """Call ``tell`` for each topic whose messages the node cannot receive, instead of logging it; None to log it.
+        Topics of which other nodes cannot receive this node's messages are always logged.
         """
         self._tell = tell
 
     def of(self, topic: str) -> str:
-        """Why no messages come or go on a topic, as far as is known; '' for nothing. From any thread."""
+        """Return the known reason why a topic exchanges no messages, or ''. From any thread."""
         return self._texts.get(topic, '')
 
     def watched(self, events: Events, topic: str) -> Events:
-        """Return the callbacks for the events of an endpoint, with ours unless they have their own or want none."""
+        """Return the event callbacks for an endpoint, with ours unless it has its own or uses no default callbacks."""
         if events.incompatible_qos is not None or not events.use_default_callbacks:
             return events
         watched = copy(events)
@@ -67,10 +66,10 @@ class QosMisfits:
         return watched
 
     def check(self, topic: str) -> str:
-        """Ask the graph again; gives what :meth:`of` gives from now on."""
+        """Check the graph again, and return the new result of :meth:`of`."""
         try:
             found = list(self._misfits(topic))
-        except (RCLError, InvalidHandle):  # the node ends, or an endpoint is being destroyed
+        except (RCLError, InvalidHandle):  # the node is ending, or an endpoint is being destroyed
             return self.of(topic)
         more = f' And {len(found) - _MOST_SHOWN} more.' if len(found) > _MOST_SHOWN else ''
         self._texts.pop(topic, None)
@@ -101,7 +100,7 @@ class QosMisfits:
 
 
 def why_misfit(offered: QoSProfile, wanted: QoSProfile, publisher: str, subscriber: str) -> str:
-    """Why nothing comes, and what to do; '' when the two fit."""
+    """Return why no messages arrive and what to do; '' if the two are compatible."""
     compatibility, reason = qos_check_compatible(offered, wanted)
     if compatibility != QoSCompatibility.ERROR:
         return ''

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The private parts of rclpy that this code uses, and their replacements where rclpy has changed.
 
-rclpy (7.1, ROS 2 Jazzy) can be used without them, and everything works then: each use of private parts below only makes
-something faster, or mends something that rclpy leaves undone. Once in a process, before the first node is made, it is
-looked whether rclpy still has each part, with the signature that is expected. Where one is missing, its use is left
-out as a whole, what is documented takes its place, and every node warns at its start (:func:`warnings`).
+Everything also works without them (rclpy 7.1, ROS 2 Jazzy): each use below only makes something faster, or completes
+something that rclpy leaves undone. Once in a process, before the first node is created, this module checks that rclpy
+has each part with the expected signature. If one is missing, its use is left out as a whole, documented functions
+replace it, and every node logs a warning at its start (:func:`warnings`).
 
-The environment variable FLEXBT_STOCK_RCLPY=1 leaves out all of them. :func:`release_lifecycle` has no private name:
-it finds an attribute by its type, and does nothing where there is none.
+The environment variable FLEXBT_STOCK_RCLPY=1 disables all uses. :func:`release_lifecycle` needs no private name: it
+finds an attribute by its type, and does nothing without one.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class PrivatePart:
     parameters: int | None = None
 
     def fault(self) -> str:
-        """Return what is wrong with it; '' when it is as expected."""
+        """Return the difference from the expected part, or ''."""
         where = f'{self.owner.__module__}.{self.owner.__qualname__}.{self.name}'
         if not (hasattr(self.owner, self.name) or self.name in _named_in_methods(self.owner)):
             return f'{where} is missing'
@@ -64,9 +64,9 @@ ExtendedLogger: Final[Any] = rcutils_logger.RcutilsLogger
 
 
 def log_for_callers_of(file: str) -> None:
-    """Have rclpy's logger take who calls a function of this file for the place that logs, by which it throttles.
+    """Make rclpy's logger treat callers of functions in this file as the place that logs, by which it throttles.
 
-    rclpy keeps the names that others add to this list.
+    rclpy keeps names that other code adds to this list.
     """
     rcutils_logger._internal_callers.append(os.path.realpath(file))
 
@@ -138,7 +138,7 @@ class ExtendedExecutor(Executor):
     """rclpy's executor, with what a custom loop needs. EXECUTOR has to be usable."""
 
     def takes(self) -> dict[str, Take]:
-        """Return how what has come is taken, for each kind of entity as wait sets name it; waitables are 'waitable'."""
+        """Return the functions that take data, by the wait set's names for kinds of entities, and 'waitable'."""
         return {
             'timer': self._take_timer,
             'subscription': self._take_subscription,
@@ -149,8 +149,8 @@ class ExtendedExecutor(Executor):
         }
 
     def taking_all(self, subscription: Subscription) -> Callable[[Subscription], object] | None:
-        """Return what takes all messages of a subscription that there are, and calls for them what is to be called;
-        None where rclpy takes one. A callback may have that as ``take_all`` (received_messages.py).
+        """Return the function that takes and handles all pending messages of a subscription; None if rclpy takes one at
+        a time. A callback may have it as ``take_all`` (received_messages.py).
         """
         taking: Callable[[Subscription], object] | None = getattr(subscription.callback, 'take_all', None)
         return taking
@@ -184,7 +184,7 @@ def wait_set(count: NumberOfEntities, context: Any) -> Any:
 
 
 def given_parameters(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameters that arguments and files give to a node, declared or not; none without PARAMETERS."""
+    """Return the parameters of a node from arguments and files, declared or not; empty without PARAMETERS."""
     return node._parameter_overrides if is_usable(PARAMETERS) else {}
 
 
@@ -192,10 +192,10 @@ def given_parameters(node: Node) -> Mapping[str, Parameter]:
 
 
 def release_lifecycle(node: Node) -> None:
-    """Take what the lifecycle of a node has in the graph out of it, after the node is destroyed.
+    """Remove the lifecycle services of a node from the graph, after the node is destroyed.
 
-    rclpy's state machine, a compiled object, keeps the services of the lifecycle, and with them the participant and
-    its threads, until Python collects the node. It is found by its type, under any name.
+    rclpy's state machine, a compiled object, keeps these services, and so the participant and its threads, until Python
+    collects the node. This function finds it by its type, under any name.
     """
     for name, part in tuple(vars(node).items()):
         if isinstance(part, _STATE_MACHINE):

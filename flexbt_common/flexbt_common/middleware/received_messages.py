@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Subscriptions to what any participant may send: bounded, with the identity of the writer, or only the latest
+"""Subscriptions for messages of any participant: bounded, with the identity of the writer, or only the latest
 message.
 
-rclpy unpacks every message of any size, takes one in a turn of the executor, and does not report its writer (7.1 leaves
-the identifier of the publisher out of its message info, which rcl has). A flood from one writer so drives what others
-have written out of the queue, and costs as much as what is worth something. Here all that is there is taken at once, as
-bytes, by rcl's own function; what is too large is never unpacked, and the receiver can tell the writers from each other
-before it unpacks anything.
+rclpy unpacks every message of any size, takes one per turn of the executor, and does not report its writer (7.1 leaves
+the publisher's identifier out of its message info, which rcl has). So a flood from one writer drives other messages out
+of the queue, and costs as much as useful messages. Here rcl's function takes all pending messages at once, as bytes.
+Oversized messages are never unpacked, and the receiver can distinguish the writers before it unpacks anything.
 """
 
 from __future__ import annotations
@@ -46,13 +45,13 @@ UNKNOWN_WRITER: Final = b''
 
 EXCESS_MESSAGES: Final = 500
 EXCESS_BYTES: Final = 20_000_000
-"""Number of excess messages, and bytes of oversized messages, after which the participants of a process are ignored."""
+"""Number of excess messages, or bytes of oversized messages, after which the participants of a process are ignored."""
 
 _PROCESSES: Final = 256
-"""Number of processes of which this is remembered: those that were blamed last."""
+"""Maximum number of processes with such counts: those that were blamed last."""
 
 _TURN_SECONDS: Final = 0.02
-"""Time after which the other callbacks of the node come first, s."""
+"""Time after which the other callbacks of the node get their turn, s."""
 
 _GID_SIZE: Final = 16  # RMW_GID_STORAGE_SIZE
 _OK: Final = 0
@@ -61,10 +60,10 @@ _NOTHING_TAKEN: Final = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A message that has come. ``writer`` identifies its publisher in the domain, ``sent`` is in seconds of wall time
-    on the sender's clock (0 when it is unknown), ``size`` in bytes.
+    """A received message. ``writer`` identifies its publisher in the domain, ``sent`` is the wall time on the sender's
+    clock, s (0 if unknown), ``size`` in bytes.
 
-    ``data`` is the serialized message; None when it is larger than the receiver takes.
+    ``data`` is the serialized message, or None if it exceeds the receiver's limit.
     """
 
     data: bytes | None
@@ -74,7 +73,7 @@ class Received:
 
     @property
     def participant(self) -> bytes:
-        """Identifier of the writer's participant in the domain, so of the process or a part of it."""
+        """Identifier of the writer's participant in the domain: of its process or a part of it."""
         return guid_prefix_of(self.writer)
 
     @property
@@ -85,7 +84,7 @@ class Received:
         return self.writer[:8]
 
     def checked(self, message_type: type[Any]) -> Any:
-        """Return the message, within the limits of its texts and lists.
+        """Return the message after a check of the limits of its texts and lists.
 
         Raises:
             ValueError: these bytes are not such a message, or it is too large.
@@ -107,17 +106,17 @@ class Received:
             raise ValueError(f'{self.size} bytes are too many')
         try:
             return deserialize_message(self.data, message_type)
-        except Exception as error:  # rclpy's own, or that of a text which is not UTF-8
+        except Exception as error:  # an error of rclpy, or of a text that is not UTF-8
             raise ValueError(f'these {self.size} bytes are no {message_type.__name__}: {error}') from error
 
 
 class ReceivedMessages:
-    """A subscription to all messages of a topic. Made on the executor thread, where ``on_message`` gets each message.
+    """A subscription to all messages of a topic. Create it on the executor thread, where ``on_message`` gets them.
 
     Messages of more than ``limit`` bytes arrive without their data. A process that keeps sending them, or messages that
-    the receiver blames it for, is ignored if the middleware supports that; ``on_ignored`` gets a line about it, by
-    default the node's log does. While ``is_awaited`` returns False, messages stay in the queue of the middleware;
-    stock rclpy delivers them anyway. Of a process that sends more than its ``rates`` allow, the rest is dropped.
+    the receiver blames it for, is ignored if the middleware supports that. ``on_ignored`` gets a line about it; by
+    default the node logs it. While ``is_awaited`` returns False, messages stay in the queue of the middleware; stock
+    rclpy delivers them anyway. Messages of a process beyond its ``rates`` are dropped.
     """
 
     def __init__(
@@ -140,7 +139,7 @@ class ReceivedMessages:
         self._limit = limit
         self._is_awaited = is_awaited
         self._depth = qos.depth
-        # By process: messages that are too many, and bytes of what is too large.
+        # By process: number of excess messages, and bytes of oversized ones.
         self._excess: OrderedDict[bytes, tuple[int, int]] = OrderedDict()
         self._on_ignored = on_ignored if on_ignored is not None else node.get_logger().error
         self._taker = _Taker.make()
@@ -156,13 +155,13 @@ class ReceivedMessages:
             self._receive(Received(data if size <= self._limit else None, size, UNKNOWN_WRITER, sent))
 
         if self._taker is not None:
-            callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.OpenExecutor
+            callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.ExtendedExecutor
         if self._is_awaited is not None:
             callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
         return callback
 
     def take(self) -> None:
-        """Take what has come by now, on the executor thread; stock rclpy takes it when its turn comes."""
+        """Take all pending messages, on the executor thread. Stock rclpy takes them in its own turns."""
         if self._taker is not None:
             for _ in range(self._depth):
                 if not self._take_next():
@@ -174,7 +173,7 @@ class ReceivedMessages:
             pass
 
     def _take_next(self) -> bool:
-        """Return whether there was one."""
+        """Take the next message, and return whether one was available."""
         assert self._taker is not None
         received = self._taker.take(self.subscription, self._limit)
         if received is None:
@@ -191,7 +190,7 @@ class ReceivedMessages:
             self.blame(received)
 
     def blame(self, received: Received) -> None:
-        """Note that a message is more than its sender may send. Who goes on with that is ignored."""
+        """Count a message as excess of its sender. A sender that continues is ignored."""
         participant = received.participant
         before = self._excess.pop(received.process, (0, 0))
         count, size = before[0] + 1, before[1] + (received.size if received.data is None else 0)
@@ -201,7 +200,7 @@ class ReceivedMessages:
         if participant == UNKNOWN_WRITER or (count < EXCESS_MESSAGES and size < EXCESS_BYTES):
             return
         who = writer_name(self._node, self._topic, participant)
-        is_told = before[0] >= EXCESS_MESSAGES or before[1] >= EXCESS_BYTES  # this is a further one of its process
+        is_told = before[0] >= EXCESS_MESSAGES or before[1] >= EXCESS_BYTES  # the process is already reported
         if ignore_participant(self._node, participant) and not is_told:
             self._on_ignored(
                 f'{who or "a node that is gone"} floods {self._topic} ({count} messages too many, {size / 1e6:.0f} MB '
@@ -210,14 +209,14 @@ class ReceivedMessages:
 
 
 def guid_prefix_of(writer: bytes) -> bytes:
-    """Return the participant of the domain that a writer belongs to: the first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1).
-    With a middleware that is not DDS, no two writers have the same."""
+    """Return the participant that a writer belongs to: the first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1). With a
+    middleware other than DDS, it differs for each writer."""
     return writer[:12]
 
 
 def writer_name(node: Node, topic: str, writer: bytes) -> str:
-    """Return the node that a writer on a topic belongs to, for people; '' when it is unknown, or not there (any
-    more)."""
+    """Return the name of the node that a writer on a topic belongs to, for people; '' if it is unknown or not in the
+    graph."""
     if writer == UNKNOWN_WRITER:
         return ''
     for endpoint in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
@@ -229,7 +228,7 @@ def writer_name(node: Node, topic: str, writer: bytes) -> str:
 
 
 def reports_writers() -> bool:
-    """Return whether messages come with their writers in this process."""
+    """Return whether messages in this process have their writers."""
     return is_usable(EXECUTOR) and _Taker.make() is not None
 
 
@@ -272,7 +271,7 @@ class _Bytes(ctypes.Structure):
 
 
 class _Taker:
-    """A reader that calls functions of rcl and rcutils (ROS 2 Jazzy); the structures above are from their headers."""
+    """A reader that calls functions of rcl and rcutils (ROS 2 Jazzy). The structures above are from their headers."""
 
     def __init__(self) -> None:
         pointer = ctypes.POINTER
@@ -291,14 +290,14 @@ class _Taker:
 
     @classmethod
     def make(cls) -> _Taker | None:
-        """None where rcl is another one."""
+        """Return a taker, or None with another version of rcl."""
         try:
             return cls()
         except (OSError, AttributeError):
             return None
 
     def take(self, subscription: Subscription, limit: int) -> Received | None:
-        """Return the next message; None when there is none, or none that can be taken."""
+        """Return the next message, or None if no message can be taken."""
         taken, info = _Bytes(), _MessageInfo()
         if self._init(ctypes.byref(taken), 0, ctypes.byref(self._allocator)) != _OK:
             self._forget_error()
@@ -325,9 +324,9 @@ MOST_BYTES: Final[Mapping[type[Any], int]] = {PoseStamped: 2_000}
 class LatestMessage:
     """The newest message of a topic, kept as bytes and deserialized on request.
 
-    Made and closed on the executor thread. While ``is_awaited()``, by default never, the executor takes each message
-    and calls ``on_message``; otherwise a message stays in the middleware until it is requested. Messages larger than
-    MOST_BYTES are dropped.
+    Create and close it on the executor thread. While ``is_awaited()``, by default never, the executor takes each
+    message and calls ``on_message``; otherwise messages stay in the middleware until one is requested. Messages larger
+    than MOST_BYTES are dropped.
     """
 
     def __init__(
@@ -347,12 +346,12 @@ class LatestMessage:
         self._node = node
         self._most = MOST_BYTES.get(message_type, MESSAGE)
         self._lock = threading.Lock()
-        self._takes = is_usable(EXECUTOR)  # otherwise rclpy's executor does, always
+        self._takes = is_usable(EXECUTOR)  # otherwise rclpy's executor takes every message
         self._subscription = node.create_subscription(message_type, topic, self._callback(), qos, raw=True)
 
     @property
     def message(self) -> Any | None:
-        """The newest message, the same object until there is a newer one; None before the first. From any thread."""
+        """Newest message, the same object until a newer one arrives; None before the first. From any thread."""
         if self._takes:
             self._take_all(self._subscription)
         newest, made = self._newest, self._made
@@ -363,7 +362,7 @@ class LatestMessage:
         return made[1]
 
     def close(self) -> None:
-        """Hear no more."""
+        """Close the subscription."""
         self._node.destroy_subscription(self._subscription)
 
     def _callback(self) -> Callable[[bytes], None]:
@@ -373,13 +372,13 @@ class LatestMessage:
             if self._is_awaited():
                 self._on_message()
 
-        callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.OpenExecutor
+        callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.ExtendedExecutor
         callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
         return callback
 
     def _take_all(self, subscription: Subscription) -> None:
         has_come = False
-        with self._lock:  # what is taken last is the newest
+        with self._lock:  # the last message taken must be the newest
             try:
                 with subscription.handle:
                     while (taken := subscription.handle.take_message(self._type, True)) is not None:

@@ -2,8 +2,8 @@
 """The check of a node's simulated time, for all parts that report it.
 
 A node under ``use_sim_time`` waits forever if nothing publishes ``/clock``, and its waits end at random times if two
-nodes do. Otherwise it looks as if it worked, so it reports problems of its time everywhere: in its log, liveliness
-token, diagnostics, feedback, and the status of the executive.
+nodes do. Apart from that it seems to work, so it reports problems of its time everywhere: in its log, liveliness token,
+diagnostics, feedback, and the status of the executive.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ SLOW: Final = 0.05
 """Share of wall time below which simulated time is slow."""
 
 LISTEN_SECONDS: Final = 2.0
-"""Time spent listening for the publishers, s: a killed one stays in the graph for longer, and sends nothing."""
+"""Time spent listening for the publishers, s: a killed one stays in the graph for longer, but sends nothing."""
 
 PAUSE_SECONDS: Final = 3.0
-"""Pause until the next check while there are several publishers, s."""
+"""Pause until the next check while several publishers exist, s."""
 
 GOES_ON: Final = 'the clock of this node works as it should'
 """Report when the clock works, or works again."""
@@ -50,15 +50,15 @@ _CLOCK_BYTES: Final = 100
 
 
 def clock_health(runtime: Runtime) -> ClockHealth:
-    """Return what watches the time of a node, one for each node. For the executor thread."""
+    """Return the object that watches the time of a node, one for each node. Executor thread only."""
     return runtime.once(ClockHealth, ClockHealth)
 
 
 class ClockHealth:
     """The health of a node's simulated time. Used on the executor thread.
 
-    ``problem`` describes what is wrong and what to do; '' if nothing is wrong, or if time is not simulated.
-    ``is_missing``: no node publishes the time, and none has.
+    ``problem`` describes the problem and what to do; '' without a problem, or if time is not simulated.
+    ``is_missing``: no node publishes the time or has published it.
     """
 
     def __init__(self, runtime: NodeRuntime) -> None:
@@ -89,11 +89,11 @@ class ClockHealth:
         self._clock_changed()
 
     def add_listener(self, listener: Callable[[], object]) -> None:
-        """Call ``listener`` when there is another problem, or none any more."""
+        """Call ``listener`` when the problem changes or ends."""
         self._listeners.append(listener)
 
     def remove_listener(self, listener: Callable[[], object]) -> None:
-        """Call it no more."""
+        """Stop calling ``listener``."""
         self._listeners.remove(listener)
 
     def log(self, problem: str) -> None:
@@ -107,7 +107,7 @@ class ClockHealth:
     # -- the time ----------------------------------------------------------------------------------------------------
 
     def _clock_changed(self) -> None:
-        """Time is simulated from now on, or no more."""
+        """Handle a change between simulated and system time."""
         if not self._clock.ros_time_is_active:
             self._several = ''
             self._set_problem({})
@@ -147,7 +147,7 @@ class ClockHealth:
     # -- who publishes -----------------------------------------------------------------------------------------------
 
     def _look_for_publishers(self) -> None:
-        """Look again: publishers have come or gone, or the pause is over."""
+        """Check the publishers again, after one appeared or disappeared, or after the pause."""
         if self._messages is not None or not reports_writers():
             return  # check again, or the sender cannot be known
         if self._timer is not None:

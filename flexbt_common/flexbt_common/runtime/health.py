@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A check that the threads of a process answer, as a condition for reporting it alive.
 
-Each part that has to keep answering is registered: the executor, the thread of a run, the loop of a simulation. Every
-:data:`PERIOD` the clock's thread pings all of them; when the last one has answered, that is a *beat*. The process
-reports that it is alive only on beats, so not while one of these threads or the clock's own hangs: a process with a
-stuck part is never shown as alive. After a hang there is no beat for :data:`SETTLE_SECONDS`, so that pending work of
-the thread is handled; work that takes longer than that is not waited for.
+Each part that must keep answering is registered: the executor, the thread of a run, the loop of a simulation. Every
+:data:`PERIOD` the clock's thread pings all of them. When the last one has answered, that is a *beat*. The process
+reports that it is alive only on beats, so not while one of these threads or the clock's own hangs. After a hang, beats
+pause for :data:`SETTLE_SECONDS`, so that the thread can handle its pending work; work that takes longer is not waited
+for.
 
-A hang is reported once, with the stack of the thread that does not answer, and so is its end. A pause of the whole
-process is reported before a thread that calls :meth:`Health.check_pause` continues.
+The process reports a hang once, with the stack of the thread, and also its end. It reports a pause of the whole process
+before a thread that calls :meth:`Health.check_pause` continues.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ HANG_SECONDS: Final = 1.0
 """Time without an answer after which a thread hangs, s: it is logged with its stack."""
 
 OUT_OF_REACH_SECONDS: Final = 2.0
-"""Pause of the whole process after which others, and their middleware (after the lease of a participant), may have
-given it up, s; messages sent to it meanwhile, cancels too, may be lost."""
+"""Pause of the whole process after which other nodes, and their middleware (after the lease of a participant), may have
+given it up, s. Messages sent to it meanwhile, cancels too, may be lost."""
 
 SETTLE_SECONDS: Final = 0.3
 """Time after a hang, or a stop of the whole process, in which it is not reported alive, s of wall time. A cancel that
@@ -46,15 +46,14 @@ was pending passes through the threads of the process, and on to others, before 
 takes a tenth of a second if no other work was pending; the time does not guarantee that everything is handled."""
 
 Ping = Callable[[Callable[[], None]], object]
-"""Called on the clock's thread with ``answer``, which the thread that is watched has to call, soon. It must not block,
-and may drop an earlier ``answer``."""
+"""Called on the clock's thread with ``answer``, which the watched thread must call soon. It must not block, and may
+drop an earlier ``answer``."""
 
 
 @dataclass(frozen=True)
 class Hang:
-    """A thread that does not answer, or did not: its name, for how long (s of wall time), where it is, as a line and,
-    for a log, as the text of its stack. ``was_out_of_reach``: nothing of the process ran for
-    :data:`OUT_OF_REACH_SECONDS`.
+    """A present or past hang of a thread: its name, its duration (s of wall time), and its place, as a line and as the
+    text of its stack for a log. ``was_out_of_reach``: the whole process was stopped for :data:`OUT_OF_REACH_SECONDS`.
     """
 
     name: str
@@ -71,7 +70,7 @@ class Hang:
 
 
 class WatchedThread:
-    """A thread that has to answer, until :meth:`close`, from any thread."""
+    """A thread that must answer until :meth:`close`. From any thread."""
 
     def __init__(
         self, health: Health, name: str, ping: Ping, thread: threading.Thread | None, where: Callable[[], str] | None
@@ -89,7 +88,7 @@ class WatchedThread:
         self._health.forget(self)
 
     def hang(self, now: float) -> Hang:
-        """Return what there is to say of it while it does not answer."""
+        """Return the report of the hang while the thread does not answer."""
         thread = self._thread
         frame = None if thread is None or thread.ident is None else sys._current_frames().get(thread.ident)
         where = self._where() if self._where else '' if frame is None else _place(frame)
@@ -98,10 +97,10 @@ class WatchedThread:
 
 
 class WatchedLoop:
-    """A thread that works in a loop, from one rest to the next: it has to come to rest again soon.
+    """A thread that works in a loop and must soon wait again.
 
-    In its ``with`` block the thread that entered it is watched; in that of :meth:`resting` it may take any time,
-    because it waits to be woken. So it may while ``is_held_up()``, by a debugger for example.
+    Inside its ``with`` block, the thread that entered the block is watched. Inside :meth:`resting` it may take any
+    time, because it waits to be woken; so it may while ``is_held_up()``, for example by a debugger.
     """
 
     def __init__(
@@ -130,7 +129,7 @@ class WatchedLoop:
 
     @contextlib.contextmanager
     def resting(self) -> Iterator[None]:
-        """Provide the block only waits; on the thread of the loop."""
+        """Mark the block as waiting. On the thread of the loop."""
         with self._lock:
             self._is_resting = True
             answer, self._answer = self._answer, None
@@ -152,15 +151,15 @@ class WatchedLoop:
 
 
 class Health:
-    """The threads that have to answer, and the listeners to their state. Everything from any thread.
+    """The threads that must answer, and the listeners to their state. Thread-safe.
 
-    Listeners must not block: they are called on the clock's thread, that of an answer, or one that checks.
+    Listeners must not block: they are called on the clock's thread, on an answering thread, or on one that checks.
     """
 
     def __init__(self, steady: Clock) -> None:
         self._steady = steady
         self._lock = threading.Lock()
-        # Held while lateness is reported, so that the last report is the true one.
+        # Held during reports of lateness, so that the last report is the current one.
         self._telling = threading.Lock()
         self._watched: list[WatchedThread] = []
         self._missing: set[WatchedThread] = set()
@@ -170,7 +169,7 @@ class Health:
         self._asked_at = math.inf  # not yet
         self._looked_at = 0.0
         self._settled_at = -math.inf
-        # Held until a pause is reported: a thread that checks meanwhile continues after that. Before the other locks.
+        # Held until a pause is reported, so that a checking thread continues after that. Acquired before other locks.
         self._pausing = threading.RLock()
         self._is_late = False
         self._failure = ''
@@ -182,10 +181,10 @@ class Health:
         thread: threading.Thread | None = None,
         where: Callable[[], str] | None = None,
     ) -> WatchedThread:
-        """Have something watched, until it is closed.
+        """Watch something until it is closed.
 
-        ``name`` is the subject of a sentence ('the executor'). ``where`` says what it is doing, for people; without it,
-        the innermost call of ``thread`` is reported.
+        ``name`` is the subject of a sentence ('the executor'). ``where`` returns its present activity for people; by
+        default, the report has the innermost call of ``thread``.
         """
         watched = WatchedThread(self, name, ping, thread, where)
         with self._lock:
@@ -195,7 +194,7 @@ class Health:
     def loop(
         self, name: str, where: Callable[[], str] | None = None, is_held_up: Callable[[], bool] | None = None
     ) -> WatchedLoop:
-        """For a thread that works in a loop; see :class:`Loop`. ``where`` as for :meth:`register`."""
+        """Watch a thread that works in a loop; see :class:`WatchedLoop`. ``where`` as for :meth:`register`."""
         return WatchedLoop(self, name, where, is_held_up)
 
     def forget(self, watched: WatchedThread) -> None:
@@ -206,7 +205,7 @@ class Health:
         self._answered(watched)
 
     def on_beat(self, fn: Callable[[], object]) -> None:
-        """Have ``fn`` called whenever everything has answered."""
+        """Call ``fn`` each time all threads have answered."""
         with self._lock:
             self._on_beat.append(fn)
             begins = self._asked_at == math.inf
@@ -216,18 +215,18 @@ class Health:
             self._ask()
 
     def on_late(self, fn: Callable[[str], object]) -> None:
-        """Have ``fn`` told when something has not answered for :data:`LATE_SECONDS`: the problem, for people.
+        """Call ``fn`` with the problem, for people, when a thread has not answered for :data:`LATE_SECONDS`.
 
-        '' when all answer again.
+        Call it with '' when all answer again.
         """
         self._on_late.append(fn)
 
     def on_hang(self, fn: Callable[[Hang], object]) -> None:
-        """Have ``fn`` told of each hang, once after :data:`HANG_SECONDS`, and again when it is over."""
+        """Call ``fn`` for each hang, once after :data:`HANG_SECONDS`, and again when it is over."""
         self._on_hang.append(fn)
 
     def fail(self, problem: str) -> None:
-        """Stop the heartbeat for good: the process cannot do its work. The first problem counts."""
+        """Stop the heartbeat permanently: the process cannot do its work. The first problem counts."""
         with self._telling:
             if self._failure:
                 return
@@ -241,8 +240,8 @@ class Health:
         return self._failure
 
     def check_pause(self) -> None:
-        """Something goes on after a wait: tell first, on this thread, of a pause of :data:`OUT_OF_REACH_SECONDS` in
-        which nothing of the process ran.
+        """Report a pause of the whole process of :data:`OUT_OF_REACH_SECONDS` or more, on this thread. Call this after
+        a wait, before the thread continues.
         """
         with self._pausing:
             now = self._steady.now()
@@ -275,8 +274,8 @@ class Health:
             self._beat()
 
     def _tell_pause(self, seconds: float, stopped: float) -> None:
-        """Note that the thread of the clock did not run for some seconds, and for ``stopped`` of them no other that
-        looks."""
+        """Report that the clock's thread did not run for some seconds, and no checking thread for ``stopped`` of
+        them."""
         self._settled_at = self._steady.now() + SETTLE_SECONDS
         name = 'the whole process (it was stopped, or its computer is busy)'
         self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=stopped >= OUT_OF_REACH_SECONDS))

@@ -1,23 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executor of one process: rclpy's single-threaded one, and one without its costs.
+"""The executor of one process: rclpy's single-threaded executor, and a faster one.
 
-rclpy makes a wait set, and lists of everything that can be in it, anew for each callback; it wraps each callback in a
-task; and each task wakes it twice again. That is 0.15 ms of processor time a turn for a node like the onboard
-executive, several times for each message, where the wait itself takes 3 us. Here the wait set is kept until a node
-gets or loses an entity, and what is ready is called at once. The node whose clock and simulated time count is the one
-that it is made for; ``add_node`` adds such as have other names (:mod:`flexbt_common.lifecycle.lifecycle_subnode`).
+For each callback, rclpy creates a wait set and lists of all its possible entities, and wraps the callback in a task,
+which wakes the executor twice more. That costs 0.15 ms of processor time a turn for a node like the onboard executive,
+several times for each message, while the wait itself takes 3 us. This executor keeps the wait set until a node gets or
+loses an entity, and calls ready callbacks at once. It uses the clock and simulated time of the node that it is created
+for. ``add_node`` adds nodes with other names (:mod:`flexbt_common.lifecycle.lifecycle_subnode`).
 
-A subscription wakes the executor only while something waits for its messages: that to the simulated time while a timer
-waits for a time (:mod:`.simulated_time`), and one whose callback has ``is_awaited`` while that gives True. What comes
-meanwhile stays with the middleware, up to the depth of the subscription, until it is taken. Whether the two ends of
-a topic do not fit each other is checked once a second: there are two such events for each topic of a node.
+A subscription wakes the executor only while something waits for its messages. The subscription to the simulated time
+does so while a timer waits (:mod:`.ros_clock`), one whose callback has ``is_awaited`` while that returns True. Other
+messages stay in the middleware, up to the depth of the subscription, until they are taken. Events of incompatible QoS
+are checked once a second, since each topic of a node has two of them.
 
-While it waits, another thread may call something in its place (:meth:`NodeExecutor.run_here`): to wake it, and to be
-woken by it, takes longer than most callbacks.
+While it waits, another thread may call a function in its place (:meth:`NodeExecutor.run_here`): waking the executor and
+waiting for it takes longer than most callbacks.
 
-A coroutine (a service whose callback awaits something) is a task of rclpy, which is asked to go on whenever the
-executor is awake, and fifty times a second: what it awaits wakes the executor in some versions of rclpy only. Where
-rclpy lacks what :class:`NodeExecutor` is made of, its own loop runs.
+A coroutine (of a service whose callback awaits something) is a task of rclpy. The executor continues it whenever it is
+awake, and fifty times a second, since the awaited future wakes the executor only in some versions of rclpy. If rclpy
+lacks a part that :class:`NodeExecutor` needs, rclpy's own loop runs.
 """
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ BORROW_SECONDS: Final = 0.001
 """Time that another thread waits for the turn, s: an executor that has just answered it is about to wait again."""
 
 _AWAITING_TURN: Final = 0.02
-"""Longest turn of rclpy's own loop, s: it may go on waiting although work was brought in meanwhile."""
+"""Maximum turn of rclpy's own loop, s: it may continue to wait although new work has arrived."""
 
 
 def is_misfit(event: QoSPublisherEventType | QoSSubscriptionEventType) -> bool:
-    """Return whether the event says that the two ends of a topic do not fit each other."""
+    """Return whether the event reports incompatible QoS."""
     return (type(event), event) in _MISFITS
 
 
@@ -87,9 +87,9 @@ def make_executor(
 ) -> NodeExecutor | StockNodeExecutor:
     """Return the best executor that this version of rclpy allows.
 
-    ``on_fault(error)`` gets the exception of a callback; the others are called nevertheless. ``on_turn()`` is called
-    when the wait is over, before any callback (by rclpy's own loop, before the wait). ``later`` is for answers of
-    services that could not be sent.
+    ``on_fault(error)`` gets the exception of a callback; the other callbacks still run. ``on_turn()`` is called after
+    the wait, before any callback (by rclpy's own loop, before the wait). ``later`` is for answers of services that
+    could not be sent.
     """
     if rclpy_private.is_usable(rclpy_private.EXECUTOR):
         return NodeExecutor(node, on_fault, on_turn, later)
@@ -112,14 +112,14 @@ class StockNodeExecutor(SingleThreadedExecutor):
         self.add_node(node)
 
     is_lent: Final = False
-    """As that of :class:`NodeExecutor`."""
+    """See :attr:`NodeExecutor.is_lent`; never True here."""
 
     def run_here(self, _fn: Callable[[], object]) -> bool:
-        """As :meth:`NodeExecutor.run_here`: never."""
+        """Return False: this executor does not lend its turn."""
         return False
 
     def turn(self, timeout: float | None) -> None:
-        """As :meth:`NodeExecutor.turn`; calls one callback at the most, and waits no longer than 0.02 s."""
+        """Run a turn as :meth:`NodeExecutor.turn`, but call at most one callback, and wait at most 0.02 s."""
         self.guests.host_thread = get_ident()
         self._on_turn()
         self.listening_time.sample()
@@ -164,7 +164,7 @@ class NodeExecutor(ExtendedExecutor):
     def turn(self, timeout: float | None) -> None:
         """Wait until something is ready, at most ``timeout`` seconds (None: forever), and call everything that is.
 
-        May come back without having called anything.
+        It may return without having called anything.
 
         Raises:
             ExternalShutdownException: the context is shut down.
@@ -179,8 +179,8 @@ class NodeExecutor(ExtendedExecutor):
             raise ExternalShutdownException
 
     def run_here(self, fn: Callable[[], object]) -> bool:
-        """Call ``fn`` as the executor would, but on this thread, if the executor only waits, or does so within
-        BORROW_SECONDS; whether it was called. Of the simulated time ``fn`` hears when it asks a clock of ours.
+        """Call ``fn`` as the executor would, but on this thread, if the executor waits now or within BORROW_SECONDS.
+        Return whether it was called. In ``fn``, only our clocks return the newest simulated time.
         """
         if not self._turn.borrow():
             return False
@@ -201,23 +201,23 @@ class NodeExecutor(ExtendedExecutor):
         return self._lent_to == get_ident()
 
     def add_node(self, node: Node) -> bool:
-        """Call the callbacks of this node, too. From any thread."""
+        """Start calling the callbacks of this node. From any thread."""
         is_new = bool(super().add_node(node))
         self.wake()
         return is_new
 
     def remove_node(self, node: Node) -> None:
-        """Call the callbacks of this node no more. From any thread."""
+        """Stop calling the callbacks of this node. From any thread."""
         super().remove_node(node)
         self.wake()
 
     def wake(self) -> None:
-        """Come back from the wait; a node has got or lost an entity. From any thread."""
+        """End the wait, since a node has got or lost an entity. From any thread."""
         self._is_changed = True
         self._end_wait()
 
     def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Task:
-        """Have a callback called soon, or a coroutine run. From any thread."""
+        """Call a callback or run a coroutine soon. From any thread."""
         task = Task(callback, args, kwargs, executor=self)
         (self._awaiting if iscoroutine(callback) or iscoroutinefunction(callback) else self._soon).append(task)
         if get_ident() != self._thread:  # whose own tasks are run before the next wait
@@ -225,7 +225,7 @@ class NodeExecutor(ExtendedExecutor):
         return task
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """End; nothing is called any more."""
+        """Shut down: nothing is called any more."""
         self._forget_entities()
         self._wake_guard.destroy()
         return bool(super().shutdown(timeout_sec))
@@ -260,7 +260,7 @@ class NodeExecutor(ExtendedExecutor):
             self.guests.wake()
 
     def taking_all(self, subscription: Subscription) -> Callable[[Subscription], object] | None:
-        """As that of the base."""
+        """Return the function of the base class."""
         if is_clock_subscription(subscription):
             return lambda _: self.simulated_time.take_newest()
         return super().taking_all(subscription)
@@ -302,7 +302,7 @@ class NodeExecutor(ExtendedExecutor):
             self._entities = None
 
     def _call(self, take: Take, entity: Any) -> None:
-        """Take what has come for an entity, and call its callback."""
+        """Take the data of an entity and call its callback."""
         try:
             start = take(entity)
             if start is None:
@@ -328,17 +328,17 @@ class NodeExecutor(ExtendedExecutor):
 
 
 def _waits_itself(subscription: Subscription) -> bool:
-    """Return whether it has its own wait set, on the thread that made it."""
+    """Return whether a subscription has a separate wait set, on the thread that created it."""
     return getattr(subscription.callback, '__module__', '') == wait_for_message.__name__
 
 
 class GuestExecutors:
-    """Executors of users' code to which a node is added that this process spins already.
+    """Executors of users' code with a node that this process already spins.
 
-    rclpy would move the node to the other executor: ``rclpy.spin_once(node)`` in a state would leave the node without
-    one afterwards, and two threads would take its messages meanwhile. Instead the node stays where it is, and the
-    guest waits: it is given something to do when it comes for the first time, and whenever the node's own executor has
-    called callbacks, so that all forms of spinning come back as they would.
+    rclpy would move the node to the other executor: after ``rclpy.spin_once(node)`` in a state, the node would have no
+    executor, and two threads would take its messages meanwhile. Instead the node stays with its executor, and the guest
+    waits. It gets a task when it first arrives, and each time the node's executor has called callbacks, so that all
+    forms of spinning return as usual.
     """
 
     def __init__(self) -> None:
@@ -347,7 +347,7 @@ class GuestExecutors:
         self._woken: WeakKeyDictionary[Executor, Task | None] = WeakKeyDictionary()
 
     def admit(self, guest: Executor, node: Node) -> None:
-        """Have ``guest`` wait for the callbacks of ``node``, which was added to it.
+        """Make ``guest`` wait for the callbacks of ``node``, which was added to it.
 
         Raises:
             RuntimeError: this is the thread that calls these callbacks.
@@ -360,11 +360,11 @@ class GuestExecutors:
                 '(future.add_done_callback), or in the execute() of a state or the tick of a leaf'
             )
         with self._lock:
-            # What a new guest waits for may have been called just before it came: it comes back once, and looks.
+            # The callback that a new guest waits for may have run just before: let the guest return once and check.
             self._woken[guest] = None if guest in self._woken else guest.create_task(_nothing)
 
     def wake(self) -> None:
-        """Have the guests come back: callbacks have been called."""
+        """Let the guests return after callbacks have been called."""
         if not self._woken:
             return
         with self._lock:
@@ -382,7 +382,7 @@ def _nothing() -> None:
 
 
 async def _go_on(called: Coroutine[Any, Any, None], awaited: Any, on_end: Callable[[], None]) -> None:
-    """Run the rest of a coroutine that has been started; ``awaited`` is what it waits for."""
+    """Run the rest of a started coroutine, which waits for ``awaited``."""
     try:
         await _rest(called, awaited)
     finally:
@@ -409,7 +409,7 @@ class _Turn:
 
     @contextmanager
     def lent(self) -> Iterator[None]:
-        """In the block the turn may be borrowed; at its end it is waited for."""
+        """Lend the turn during the block, and wait for it at the end."""
         self._lock.release()
         try:
             yield
@@ -419,12 +419,12 @@ class _Turn:
             self._is_wanted = False
 
     def borrow(self) -> bool:
-        """Take the turn until :meth:`give_back`, unless the executor waits for it, or goes on with its own; whether it
-        was taken."""
+        """Borrow the turn until :meth:`give_back`, unless the executor uses it or waits for it. Return whether that
+        succeeded."""
         return not self._is_wanted and self._lock.acquire(timeout=BORROW_SECONDS)
 
     def give_back(self) -> None:
-        """Let the executor have it again."""
+        """Return the turn to the executor."""
         self._lock.release()
 
 
@@ -443,7 +443,7 @@ class _Group:
 
 
 class _Entities:
-    """The entities of a node, and the wait set for them. While it is open, none of them is really destroyed."""
+    """The entities of a node, and their wait set. While it is open, it keeps all of them from being destroyed."""
 
     def __init__(
         self,
@@ -533,13 +533,13 @@ class _Entities:
         return ready
 
     def close(self) -> None:
-        """Let go of the entities."""
+        """Release the entities."""
         self._groups.clear()
         self._of_ros_time.clear()
         self._held.close()
 
     def _awaited(self, subscription: Subscription) -> Callable[[], bool] | None:
-        """Return whether something waits for its messages; None: always."""
+        """Return the function that reports whether something waits for the messages; None for always."""
         if is_clock_subscription(subscription):
             return self._is_time_awaited
         is_awaited: Callable[[], bool] | None = getattr(subscription.callback, 'is_awaited', None)

@@ -325,8 +325,8 @@ class Runtime(ABC):
 
     @abstractmethod
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
-        """Run ``fn`` once when the executor is awake anyway, ``tolerance`` seconds before or after the time ``when`` of
-        the steady clock; it is woken for it at the end of that. Asked for on the executor thread.
+        """Run ``fn`` once when the executor is awake anyway, within ``tolerance`` seconds of the time ``when`` on the
+        steady clock; wake it at the end of that time. Call this on the executor thread.
         """
 
     @abstractmethod
@@ -340,7 +340,7 @@ class Runtime(ABC):
 
     @abstractmethod
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
-        """Run ``fn`` on the executor thread and give its value; raise what it raises.
+        """Run ``fn`` on the executor thread and return its value, or raise its exception.
 
         Raises:
             TimeoutError: ``fn`` was not done within ``timeout`` seconds (it may still run).
@@ -356,38 +356,38 @@ class Runtime(ABC):
         """Forget the object that :meth:`once` made for this key; the next use makes a new one."""
 
     def on_close(self, fn: Callable[[], object]) -> None:
-        """Have ``fn`` called at the end, on the closing thread, in reverse order, while callbacks still run.
+        """Call ``fn`` at the end, on the closing thread, in reverse order, while callbacks still run.
 
-        It has to come back soon: a process has 2 s to end.
+        It must return soon: a process has 2 s to end.
         """
         self._on_close.append(fn)
 
     def cancel_on_close(self, fn: Callable[[], object]) -> None:
-        """Take back :meth:`on_close`. Harmless when it was taken back already, or called."""
+        """Undo :meth:`on_close`. A second call, or one after the end, has no effect."""
         with contextlib.suppress(ValueError):
             self._on_close.remove(fn)
 
     def on_fault(self, fn: Callable[[BaseException], None]) -> None:
-        """Have ``fn`` told each exception that is reported, see :meth:`report_fault`, on the thread that reports it."""
+        """Call ``fn`` with each exception reported by :meth:`report_fault`, on the reporting thread."""
         self._on_fault.append(fn)
 
     @abstractmethod
     def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
-        """Log an exception that a callback let escape, and tell the observers; from any thread. Never raises.
+        """Log an exception that escaped from a callback, and notify the observers. From any thread. Never raises.
 
-        Of exceptions of the same type from the same line, one is reported in COMPLAINT_SECONDS: what others send may
-        cause any number of them.
+        Of exceptions of the same type from the same line, one is reported every COMPLAINT_SECONDS: messages of other
+        nodes may cause any number of them.
         """
 
     @abstractmethod
     def fail(self, why: str) -> None:
-        """Log that the node has not done what it is for: the process ends, whenever it does, with exit code 1."""
+        """Log that the node has failed its purpose: the process will end with exit code 1."""
 
     @abstractmethod
     def abort(self, problem: str) -> None:
-        """End the process with exit code 1: the node cannot go on. From now on it is not alive for others.
+        """End the process with exit code 1, since the node cannot continue. Other nodes no longer see it as alive.
 
-        ``problem`` says why. From any thread.
+        ``problem`` is the reason. From any thread.
         """
 
 
@@ -569,7 +569,7 @@ class NodeRuntime(Runtime):
         self.node.get_logger().error(why)
 
     def on_failure(self, fn: Callable[[], object]) -> None:
-        """Have ``fn`` called when the node cannot go on, on the thread that noticed. It must not block."""
+        """Call ``fn`` when the node cannot continue, on the thread that notices it. It must not block."""
         self._on_failure.append(fn)
 
     def abort(self, problem: str) -> None:
@@ -620,7 +620,7 @@ class NodeRuntime(Runtime):
         self.close_all(callbacks)
 
     def close_all(self, callbacks: Sequence[Callable[[], object]]) -> None:
-        """Call these, the last one first. Report what one raises, and go on."""
+        """Call these functions, the last one first. Report exceptions and continue."""
         for callback in reversed(callbacks):
             try:
                 callback()
@@ -808,8 +808,8 @@ def _tell_unknown_parameters(runtime: NodeRuntime) -> None:
 
 @contextlib.contextmanager
 def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
-    """Provide a file from which a byte can be read for each SIGINT and SIGTERM, which do nothing else any more; and
-    what puts a byte there without a signal, from any thread.
+    """Provide a file with a byte for each SIGINT and SIGTERM, which have no other effect, and a function that writes a
+    byte without a signal, from any thread.
 
     The C handler writes the byte on whatever thread the signal arrives: no code of ours is interrupted at an
     unsuitable moment, nothing is lost during set-up, and a second signal finds no handler.
