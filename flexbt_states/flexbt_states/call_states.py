@@ -113,8 +113,8 @@ class _Exchange:
 
     def described(self, message: Any) -> str:
         """Return the values that the conditions have read, as text."""
-        told = (one.described(Blackboard(), {self._root: message}) for one in self.conditions.values() if one)
-        return f'no condition of {self._root} is true: {"; ".join(told)}'
+        lines = (one.described(Blackboard(), {self._root: message}) for one in self.conditions.values() if one)
+        return f'no condition of {self._root} is true: {"; ".join(lines)}'
 
 
 def _template(state: EventState, parameter: str, message: type[Any], values: Mapping[str, Any]) -> MessageTemplate:
@@ -240,8 +240,8 @@ class CallActionState(GoalState):
             self.log_warn(f'{self._what()}: canceled by another client')
             return 'canceled'
         if ended.status is not GoalStatus.SUCCEEDED:
-            told = getattr(ended.result, 'error_msg', '') or getattr(ended.result, 'message', '')
-            self.log_error(f'{self._what()}: {told or ended.reason}')
+            reason = getattr(ended.result, 'error_msg', '') or getattr(ended.result, 'message', '')
+            self.log_error(f'{self._what()}: {reason or ended.reason}')
             return 'failed'
         return _taken(self, self._what(), self._exchange, ended.result, userdata)
 

@@ -89,8 +89,8 @@ class ExecuteBehaviorState(GoalState):
             self.log_warn(f'{what}: canceled: {result.message}')
             return 'canceled'
         if ended.status is not GoalStatus.SUCCEEDED or result is None:
-            told = result.message if result is not None else ''
-            self.log_error(f'{what}: {told or ended.reason}')
+            reason = result.message if result is not None else ''
+            self.log_error(f'{what}: {reason or ended.reason}')
             return 'failed'
         if result.code != ExecuteBehavior.Result.SUCCESS or result.outcome not in self.outcomes:
             self.log_error(f'{what} ended with {result.outcome!r}, which is none of the outcomes of this state')

@@ -123,23 +123,23 @@ class StatedRequirement(NamedTuple):
 
 def parse_requirement(text: str, place: str) -> StatedRequirement:
     """Read one requirement. Raises RequirementError."""
-    told = ' '.join(text.split())
-    if len(told) > LONGEST:
-        raise RequirementError([f'{place}: a requirement has at most {LONGEST} characters, not {len(told)}'])
+    line = ' '.join(text.split())
+    if len(line) > LONGEST:
+        raise RequirementError([f'{place}: a requirement has at most {LONGEST} characters, not {len(line)}'])
     for form, make in _FORMS:
-        match = re.fullmatch(form, told)
+        match = re.fullmatch(form, line)
         if match is not None:
             made = make(*map(_event, match.groups('')))
             problem = _unfit(made)
             if problem:
-                raise RequirementError([f'{place}: "{told}": {problem}'])
+                raise RequirementError([f'{place}: "{line}": {problem}'])
             return StatedRequirement(made, place)
-    if (match := _IS_A.fullmatch(told)) is not None:
+    if (match := _IS_A.fullmatch(line)) is not None:
         return StatedRequirement(IsA(_event(match[1]), match[2]), place)
-    if (match := _HAS.fullmatch(told)) is not None:
+    if (match := _HAS.fullmatch(line)) is not None:
         values = [part.partition('=') for part in _NEXT.split(match[2])]
         return StatedRequirement(Has(_event(match[1]), tuple((port, text) for port, _, text in values)), place)
-    raise RequirementError([f'{place}: "{told}" is no requirement; write one of {_EXAMPLES}'])
+    raise RequirementError([f'{place}: "{line}" is no requirement; write one of {_EXAMPLES}'])
 
 
 def read_requirements(text: str, source: str) -> dict[str, tuple[StatedRequirement, ...]]:

@@ -119,16 +119,16 @@ class _Reader(YamlParts):
             return None
         kind = kinds[0]
         self.refuse_others(entries, (kind, *_SENSORS[kind]), what)
-        told = self.name(entries[kind], f'{kind} of {what}')
+        source = self.name(entries[kind], f'{kind} of {what}')
         if kind == 'condition':
-            return ConditionSensor(told, self.pairs(entries.get('ports'), f'ports of {what}'))
+            return ConditionSensor(source, self.pairs(entries.get('ports'), f'ports of {what}'))
         if kind == 'blackboard':
-            return BlackboardSensor(told)
+            return BlackboardSensor(source)
         for needed in ('type', 'test'):
             if needed not in entries:
                 self.problem(node, f'{what} has no {needed}; a topic needs the type of its messages, and a test of one')
                 return None
-        return TopicSensor(told, self.name(entries['type'], f'type of {what}'), self.name(entries['test'], what))
+        return TopicSensor(source, self.name(entries['type'], f'type of {what}'), self.name(entries['test'], what))
 
     # -- skills ------------------------------------------------------------------------------------------------------
 
@@ -416,10 +416,10 @@ class _Capabilities:
         """Return the normalized name of each outcome, which is the same for all states."""
         found: dict[str, str] = {}
         for skill in self._skills:
-            for outcome, told in skill.outcomes.items():
-                normalized = _NORMALIZED.get(told.kind) if told.kind is not None else None
+            for outcome, declared in skill.outcomes.items():
+                normalized = _NORMALIZED.get(declared.kind) if declared.kind is not None else None
                 if normalized is None:
-                    kind = 'has no class' if told.kind is None else 'is an answer'
+                    kind = 'has no class' if declared.kind is None else 'is an answer'
                     self._problems.append(
                         f'skill {skill.name}: outcome {outcome!r} {kind}; a capability completes or fails: '
                         'give it the class completed or failed'
@@ -439,9 +439,9 @@ class _Capabilities:
             return bit if literal.positive else f'!{bit}'
 
         effects: dict[str, set[Literal]] = {}
-        for outcome, told in skill.outcomes.items():
-            after = self._grounding.effects(told, binding)
-            normalized = _NORMALIZED.get(told.kind) if told.kind is not None else None
+        for outcome, declared in skill.outcomes.items():
+            after = self._grounding.effects(declared, binding)
+            normalized = _NORMALIZED.get(declared.kind) if declared.kind is not None else None
             if normalized is not None and effects.setdefault(normalized, after) != after:
                 self._problems.append(
                     f'skill {skill.name}: outcomes that are {normalized} have other effects than {outcome!r}; a '

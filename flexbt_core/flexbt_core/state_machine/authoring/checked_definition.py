@@ -236,7 +236,7 @@ def _data_flow(path: str, machine: Machine) -> Iterator[str]:
 # Problems of the conditions of a concurrency container that would keep it from ending as intended.
 
 _SEARCHED: Final = 20_000
-"""Combinations of outcomes that are checked; what is beyond is noticed when it happens."""
+"""Maximum number of checked combinations of outcomes; a run detects problems in the others."""
 
 
 def problems_of_conditions(path: str, container: Machine) -> Iterator[str]:

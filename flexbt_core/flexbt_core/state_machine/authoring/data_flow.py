@@ -220,8 +220,8 @@ def _at_end(machine: MachineDefinition) -> dict[str, WrittenKeys]:
         for outcome, effect in effects[label].items():
             end = machine.children[label].transitions[outcome].outcome
             if end is not None:
-                there = written.then(effect)
-                ends[end] = ends[end].beside(there) if end in ends else there
+                at_end = written.then(effect)
+                ends[end] = ends[end].beside(at_end) if end in ends else at_end
     return ends
 
 

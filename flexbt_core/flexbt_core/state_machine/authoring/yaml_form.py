@@ -46,7 +46,7 @@ from .machine import ConcurrencyContainer, OperatableStateMachine, PriorityConta
 from .wrappers import with_retry
 
 States = Mapping[str, Callable[..., EventState]]
-"""The states that a text may name: what makes one, from its parameters."""
+"""The states that a text may name, with the functions that make them from their parameters."""
 
 _CONTAINERS: Final[dict[str, type[OperatableStateMachine]]] = {
     'machine': OperatableStateMachine,
@@ -75,7 +75,7 @@ class _Reader(YamlParts):
     def read(self, text: str) -> MachineDefinition:
         machine = self._machine_of(text)
         self._raise_problems()
-        assert machine is not None  # otherwise there is a problem
+        assert machine is not None  # else a problem was raised
         try:
             return define(machine)
         except MachineError as error:

@@ -22,7 +22,7 @@ STOP_TIMEOUT: Final = 30.0
 """Time that the end of a run waits for the confirmation that everything has halted, s."""
 
 MAX_TRANSITIONS: Final = 1000
-"""Transitions in one step, with nothing waited for, that count as a livelock."""
+"""Number of transitions in one step, without waiting, that counts as a livelock."""
 
 _LOOP_SHOWN: Final = 10
 
@@ -71,7 +71,7 @@ class Engine(ABC):
         self.controls = controls
         self.pausing = Pausing()
         self.readings: defaultdict[type[RunEvent], list[Callable[[Any], None]]] = defaultdict(list)
-        """The methods of the readers, by the types of the events that they read."""
+        """Methods of the readers, by event type."""
         self.calling: RunningCallback | None = None
         """The running callback of a state; other threads may read it."""
         self.decision_count = 0

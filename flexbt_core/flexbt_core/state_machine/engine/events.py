@@ -29,7 +29,7 @@ class RunReader:
     """A reader of the events of a run. Reading must take almost no time."""
 
     reads: ClassVar[Collection[type[RunEvent]]] = ()
-    """Types of the events that it reads; () for all of them. The engine makes none without a reader."""
+    """Types of the events that it reads; () for all types. The engine makes no event without a reader."""
 
     def read(self, event: RunEvent) -> None:
         """Handle an event."""

@@ -18,7 +18,7 @@ from .engine import Engine
 from .events import Faulted, Logged, StateEntered, StateExited, StatePaused
 
 FAILED: Final = 'failed'
-"""Outcome by which a state that raised is left, when it declares it."""
+"""Outcome by which a state that raised is left, if it declares it."""
 
 _Result = TypeVar('_Result')
 

@@ -53,7 +53,7 @@ class Region:
         self.decision: Decision | None = None
         self.blocked: TransitionBlocked | None = None
         self.is_leaving = False
-        """True if the child was left and is halting, by the outcome that it wants or to be entered again."""
+        """True if the child was left, by its outcome or to be repeated, and is halting."""
         self.is_approved = False
         """True if the operator has approved the outcome that the child wants."""
         self._engine = engine

@@ -80,7 +80,7 @@ class MachineRun(Engine):
         self.outcome: str | None = None
         self.message = ''
         self.not_halted = ''
-        """While the run ends: what has not halted yet, after the path of its state."""
+        """While the run ends: the work that has not halted yet, with the paths of its states."""
         self.root = ContainerRun(self, definition)
         self.scope = Scope(definition.defaults)
         """The userdata of the root machine."""

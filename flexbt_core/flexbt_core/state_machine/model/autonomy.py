@@ -24,7 +24,7 @@ class Autonomy:
 
 
 UNDECLARED: Final = -1
-"""Level required by an outcome for which none was declared: it passes at every level."""
+"""Level of an outcome that declares none: it passes at every level."""
 
 AUTONOMY_NAMES: Final = {Autonomy.Off: 'Off', Autonomy.Low: 'Low', Autonomy.High: 'High', Autonomy.Full: 'Full'}
 

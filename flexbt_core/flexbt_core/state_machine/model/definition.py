@@ -15,10 +15,10 @@ from .event_state import EventState
 from .userdata import DefaultUserData, StateMachineError
 
 PREEMPTED: Final = 'preempted'
-"""Outcome of a run that was stopped. Reserved: no state and no machine declares it."""
+"""Outcome of a run that was stopped. Reserved: no state or machine may declare it."""
 
 ERROR: Final = 'error'
-"""Outcome of a run that ended by a fault which no state could take. Reserved as well."""
+"""Outcome of a run that ended by a fault that no state handled. Reserved too."""
 
 ROOT_PATH: Final = '/'
 

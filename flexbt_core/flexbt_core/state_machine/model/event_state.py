@@ -25,10 +25,10 @@ from .state_host import Progress, Severity, StateHost
 from .userdata import StateError, UserData
 
 DEFAULT_RATE: Final = 10.0
-"""Rate at which a state is executed while nothing wakes it, Hz (as in FlexBE)."""
+"""Rate at which a state is executed without wake-ups, Hz (as in FlexBE)."""
 
 EXIT_TIMEOUT: Final = 3.0
-"""Time that a state that was left may take to halt, s."""
+"""Maximum time for a state to halt after it was left, s."""
 
 
 class ExitReason(Enum):
@@ -57,18 +57,18 @@ class EventState:
     """
 
     is_instant: ClassVar[bool] = False
-    """True if the state always leaves when it is first executed, so that a loop of such states never waits."""
+    """True if the state always returns an outcome at its first execution, so that a loop of such states never waits."""
 
     skill: Skill = Skill()
     """Needs and effects of the state, beyond those shown by its keys and outcomes; see ``flexbt_core.skills``.
 
-    A class declares it; a state that was made for one object binds it: ``self.skill = self.skill.bound(door=door)``."""
+    A class declares it; a state created for one object binds it: ``self.skill = self.skill.bound(door=door)``."""
 
     runs_while_blocked: ClassVar[bool] = False
-    """True if it is still executed while its outcome waits for the operator, or while a lock keeps it.
+    """True if the state is still executed while its outcome waits for the operator or a lock.
 
-    By default a state is frozen then. One that is not may change its outcome: the last one that it returns counts,
-    and None withdraws the outcome.
+    By default the state is frozen meanwhile. If it is executed, it may change its outcome: the last returned one
+    counts, and None withdraws it.
     """
 
     def __init__(
