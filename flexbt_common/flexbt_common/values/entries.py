@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Typed values across process boundaries, without loss (``flexbt_msgs/msg/BlackboardEntry``).
 
-A message travels as CDR when a program sends it, and as JSON when a person shall read it; a person may also
-write YAML. Both forms give back the same value, bit for bit: floats are written with the digits that identify
-them, and not-a-number and the infinities have names.
+A message is sent as CDR between programs, and as JSON for people, who may also write YAML. Both forms restore the same
+value, bit for bit: floats are written with the digits that identify them, and not-a-number and the infinities have
+names.
 
 The names of types are resolved by :mod:`flexbt_common.values.value_types`.
 """
@@ -43,7 +43,7 @@ class Encoding(IntEnum):
 
 
 def check_value(value: Any, type: str) -> Any:
-    """Give ``value`` as a value of ``type``: a checked copy in the Python form that rclpy uses.
+    """Return ``value`` as a value of ``type``: a checked copy in the Python form that rclpy uses.
 
     A mapping is accepted for a message, and an int for a float, as in text.
 

@@ -119,7 +119,7 @@ _Check = Callable[[Any, str], int]
 
 
 def check_limits(message: Any) -> None:
-    """Whether every text and list of a message is within its bound.
+    """Check that every text and list of a message is within its bound.
 
     Raises:
         LimitExceededError: names the field, its length and the bound, and shows how it begins.
@@ -132,8 +132,8 @@ def check_limits(message: Any) -> None:
 
 
 def sanitize_message(message: Any) -> None:
-    """Make every text of a message, in place, one that can be sent and that is within its bound: receivers leave a
-    whole message aside when one of its texts is too long.
+    """Shorten and clean every text of a message in place, so that it can be sent: receivers drop a whole message if one
+    of its texts is too long.
     """
     package = type(message).__module__.partition('.')[0]
     for name, slot in zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True):
@@ -144,7 +144,7 @@ def sanitize_message(message: Any) -> None:
 
 
 def _made_sendable(value: Any, slot: Any, key: str) -> Any:
-    """Return the value itself where nothing had to be changed, or where it is a message."""
+    """Return a sendable copy of the value, or the value itself if nothing had to change or it is a message."""
     if isinstance(slot, AbstractString | AbstractWString):
         limit = LIMITS.get(key, TEXT)
         made = sanitize_for_message(value, None if len(value) <= limit else limit - _TOLD)
@@ -161,7 +161,7 @@ def _made_sendable(value: Any, slot: Any, key: str) -> Any:
 
 
 def length_of(message: Any) -> int:
-    """Characters, bytes and elements of all texts and lists of a message."""
+    """Return the number of characters, bytes and elements of all texts and lists of a message."""
     return _length(message, is_bounded=False)
 
 
@@ -173,7 +173,7 @@ def _length(message: Any, is_bounded: bool) -> int:
 
 @functools.cache
 def _check_of(message_type: Any, is_bounded: bool) -> _Check | None:
-    """None for messages whose size is fixed."""
+    """Return the check of a message type, or None if its size is fixed."""
     package = message_type.__module__.partition('.')[0]
     parts: list[tuple[str, _Check]] = []
     for name, slot in zip(message_type.get_fields_and_field_types(), message_type.SLOT_TYPES, strict=True):

@@ -44,12 +44,12 @@ _POINT: Final = struct.Struct('<2d')
 
 
 def poses_of(field: Any) -> list[PoseStamped]:
-    """Return what is in such a field."""
+    """Return the poses in a field with poses."""
     return list(getattr(field, 'goals', field))
 
 
 def set_poses(message: Any, field: str, poses: Sequence[PoseStamped]) -> None:
-    """Give such a field the poses."""
+    """Set a field with poses."""
     there = getattr(message, field)
     if hasattr(there, 'goals'):
         there.goals = list(poses)
@@ -77,7 +77,7 @@ def fewer_poses(value: Any, most: int) -> Any:
 def path_points(data: bytes, most: int) -> tuple[str, list[tuple[float, float]]]:
     """Return the frame of a serialized nav_msgs/Path, and the points of every n-th of its poses and the last one, m.
 
-    To unpack a path makes an object of each pose, which takes a second for 10,000 of them; this takes 10 ms.
+    Unpacking a path creates an object for each pose, which takes a second for 10,000 poses; this takes 10 ms.
 
     Raises:
         ValueError: these bytes are not a Path in little-endian CDR.

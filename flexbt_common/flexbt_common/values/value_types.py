@@ -4,8 +4,8 @@
 A type name is ``package/msg/Name`` of an installed message (``package/Name`` for short), one of the primitives
 of the ROS interface language, or either with ``[]`` appended for an array of it.
 
-Only interfaces that the ament index lists are ever imported: a name that arrives in a message selects among
-what is installed, and can name nothing else.
+Only interfaces in the ament index are ever imported: a name in a message can select only an installed
+interface.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ PRIMITIVES: Final[dict[str, Any]] = {
 """The primitive types by name, as rosidl describes them."""
 
 ALIASES: Final = {'int': 'int64', 'float': 'float64', 'double': 'float64', 'str': 'string', 'boolean': 'bool'}
-"""Names that people write, and the primitive that they mean."""
+"""Alternative names of primitives that people write."""
 
 _MESSAGE_NAME = re.compile(r'(?P<package>[a-z][a-z0-9_]*)/(?:msg/)?(?P<name>[A-Z][A-Za-z0-9]*)')
 
@@ -112,7 +112,7 @@ def _resolved(name: str) -> ValueType:
 
 
 def message_type_name(message: type[Any]) -> str:
-    """Name of a message class: ``package/msg/Name``."""
+    """Return the name of a message class: ``package/msg/Name``."""
     package, kind, *_ = message.__module__.split('.')
     return f'{package}/{kind}/{message.__name__}'
 
@@ -126,7 +126,7 @@ def class_of_slot(slot: Any) -> type[Any]:
 
 
 def type_name(value: Any) -> str:
-    """Name of the type with which a Python value is sent unless another is declared.
+    """Return the name of the type for sending a Python value without a declared type.
 
     Python ints are int64, floats float64. An empty list has no type.
 
@@ -249,12 +249,12 @@ class FieldError(ValueError):
 
 
 def plain_text(plain: Any) -> str:
-    """Plain data as one line of JSON that is YAML as well; not-a-number and infinities by YAML's names."""
+    """Return plain data as one line of JSON that is also YAML; not-a-number and infinities have YAML's names."""
     return json.dumps(_name_floats(plain))
 
 
 def parse_text(text: str, resolved: ValueType) -> Any:
-    """Plain data from JSON or YAML. A string needs no quotes when it stands alone.
+    """Return plain data from JSON or YAML. A single string needs no quotes.
 
     Raises:
         FieldError: the text is neither JSON nor YAML.
@@ -278,7 +278,7 @@ def parse_text(text: str, resolved: ValueType) -> Any:
 
 
 def to_plain(value: Any, resolved: ValueType) -> Any:
-    """Plain data of a value, checked.
+    """Return the plain data of a value, checked.
 
     Raises:
         FieldError: the value does not have the type.
