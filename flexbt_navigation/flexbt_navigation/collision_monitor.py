@@ -32,8 +32,8 @@ class CollisionMonitorParameters:
 
 
 class CollisionMonitor:
-    """On the executor thread. Its state is published when it changes. While the managed node of its name is not active,
-    nothing passes it, as in Nav2."""
+    """On the executor thread. Publishes its state on change. While the managed node of its name is not active, it
+    blocks all commands, as in Nav2."""
 
     def __init__(self, runtime: NodeRuntime, parameters: CollisionMonitorParameters, arbiter: MotionArbiter) -> None:
         self._parameters = parameters

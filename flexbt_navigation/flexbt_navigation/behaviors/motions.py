@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The behaviors of Nav2's behavior server that move the robot: spin, backup, drive_on_heading and assisted_teleop.
 
-Checks, speeds and error codes are those of Nav2; what differs is said in docs/reference/navigation.md.
+Checks, speeds and error codes are those of Nav2. docs/reference/navigation.md lists the differences.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ TELEOP_PROJECTION: Final = 1.0
 
 
 class _TimedMotion(Motion):
-    """A motion with an allowance of time, s, 0 for any; ``elapsed`` is the time since its first step."""
+    """A motion with a time allowance, s, 0 for no limit; ``elapsed`` is the time since its first step."""
 
     def __init__(self, allowance: float, costmap: Costmap) -> None:
         self._costmap = costmap
@@ -49,7 +49,7 @@ class _TimedMotion(Motion):
             raise NavigationError('TIMEOUT', f'not complete within the allowance of {self._allowance:g} s')
 
     def _kept_apart(self, apart: KeepingApart, pose: Pose, velocity: Velocity, now: float) -> Velocity:
-        """Raise NavigationError COLLISION_AHEAD when something that may move is too near."""
+        """Return the limited velocity. Raises NavigationError COLLISION_AHEAD when a movable obstacle is too near."""
         apart.look(self._costmap, pose, now)
         limited = apart.limited(self._costmap, pose, velocity)
         if limited is None:
@@ -123,23 +123,23 @@ class DriveMotion(_TimedMotion):
 
 
 class AssistedTeleopMotion(_TimedMotion):
-    """A drive commanded by an operator, slowed down where it leads to a collision, until it is reported as done."""
+    """A drive under an operator's commands, slowed down before collisions, until the operator reports it as done."""
 
     def __init__(self, command: Callable[[], Velocity], allowance: float, costmap: Costmap) -> None:
-        """``command()`` is what the operator wants just now."""
+        """``command()`` returns the operator's current command."""
         super().__init__(allowance, costmap)
         self._command = command
         self._is_done = False
 
     def finish(self) -> None:
-        """Complete the motion: the operator has done what was to be done."""
+        """Complete the motion, when the operator reports that it is done."""
         self._is_done = True
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
         """See :class:`Motion`.
 
-        As in Nav2 the command is scaled by the time until a collision, in relation to the projection time; to nothing
-        when that is a tenth of a second.
+        As in Nav2, the command is scaled by the ratio of the time to collision to the projection time. It becomes zero
+        when the time to collision is a tenth of a second.
 
         Raises:
             NavigationError: TIMEOUT.

@@ -33,7 +33,7 @@ driving."""
 
 
 class BehaviorServer:
-    """On the executor thread. A robot whose controller has a turning radius does not spin."""
+    """On the executor thread. A robot whose controller has a turning radius cannot spin."""
 
     def __init__(self, runtime: NodeRuntime, controller: ControllerParameters, arbiter: MotionArbiter) -> None:
         self._controller = controller
@@ -91,9 +91,9 @@ class BehaviorServer:
         return DriveMotion(distance, speed, seconds_of(request.time_allowance), self._arbiter.robot.costmaps.local)
 
 
-# The action assisted_teleop: what an operator commands on cmd_vel_teleop drives the robot, slower before obstacles.
+# The action assisted_teleop: the operator's commands on cmd_vel_teleop drive the robot, slower before obstacles.
 #
-# A message on preempt_teleop says that the operator has done what was to be done: the goal succeeds.
+# A message on preempt_teleop reports that the operator is done: the goal succeeds.
 
 COMMAND_SECONDS: Final = 0.5
 """Time for which a command is valid, s of wall time: an operator whose link is cut drives the robot no further."""
@@ -121,7 +121,7 @@ class TeleopServer:
         )
 
     def _begin(self, request: Any) -> AssistedTeleopMotion:
-        self._commanded_at = -math.inf  # what was commanded before counts no more
+        self._commanded_at = -math.inf  # discard earlier commands
         return AssistedTeleopMotion(
             self._latest, seconds_of(request.time_allowance), self._arbiter.robot.costmaps.local
         )
@@ -133,7 +133,7 @@ class TeleopServer:
     def _on_command(self, message: Any) -> None:
         twist = message.twist if isinstance(message, TwistStamped) else message
         command = Velocity(twist.linear.x, twist.angular.z)
-        # As the robot itself has it: one that is not finite means to stop.
+        # As on the robot itself, a command that is not finite means stop.
         self._command = command if all(map(math.isfinite, command)) else STOP
         self._commanded_at = self._runtime.steady.now()
 
@@ -143,7 +143,7 @@ class TeleopServer:
             running.motion.finish()
 
 
-# The action wait: lets time of the node's clock pass. Any number of goals wait at a time.
+# The action wait: waits on the node's clock, for any number of goals at the same time.
 
 FEEDBACK_SECONDS: Final = 0.5
 """Time between two feedback messages, s."""

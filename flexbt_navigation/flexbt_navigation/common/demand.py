@@ -24,9 +24,9 @@ checks of the executor (node_executor.py), so each check receives one."""
 class Demand:
     """On the executor thread.
 
-    Poses and scans are needed at once while a goal goes on, and while one of ``reasons`` gives True. At other times
-    they would only wake the node: they stay with the middleware, as many as the queues take, until :meth:`take`, and
-    for LOOK_SECONDS at most: the messages received then show that another node drives the robot.
+    Poses and scans are needed at once while a goal is active or one of ``reasons`` returns True. At other times they
+    would only wake the node, so they stay in the queues of the middleware until :meth:`take`, for LOOK_SECONDS at most.
+    The messages received then show whether another node drives the robot.
     """
 
     def __init__(self, runtime: NodeRuntime, in_process: IntraProcessTopics) -> None:
@@ -68,7 +68,7 @@ class Demand:
             self.take_all()
 
     def take_all(self) -> None:
-        """Hear what has come, before anything else that has."""
+        """Handle the waiting messages now, before any other event."""
         for messages in self._messages:
             messages.take()
 

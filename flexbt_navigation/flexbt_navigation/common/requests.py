@@ -2,8 +2,8 @@
 """Requests of all servers: checks of their values, and their poses and paths, brought to the frame of the map; goals of
 their actions, with their ends and results; and the parameters of the robot that all servers share.
 
-The middleware carries NaN and infinity like any other number; in a path, a pose or a speed they would make a robot turn
-or drive without end.
+The middleware transports NaN and infinity like any other number. In a path, a pose or a speed they could make a robot
+turn or drive endlessly.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ CANCELED: Final = GoalEnd(canceled=True, message='canceled by the client')
 
 
 def end_by(runtime: NodeRuntime, error: Exception, what: str) -> GoalEnd:
-    """Return the end of a goal that an error came in the way of; a fault of ours is reported as one of ``what``."""
+    """Return the end of a goal that failed with an error. An internal error is reported as one of ``what``."""
     if isinstance(error, GoalCanceled):
         return CANCELED
     if isinstance(error, NavigationError):
@@ -61,7 +61,7 @@ def end_by(runtime: NodeRuntime, error: Exception, what: str) -> GoalEnd:
 def finish(goal: ServedGoal, result: Any, end: GoalEnd) -> None:
     """Fill in error code and message, and end the goal.
 
-    Not every action has every code: one that it lacks becomes its UNKNOWN. (Wait has none at all, only the message;
+    A code that the action does not define becomes its UNKNOWN. (Wait has none at all, only the message;
     the actions of routes have none.)
     """
     set_error(result, int(getattr(result, end.code, getattr(result, 'UNKNOWN', 0))), end.message)
@@ -73,7 +73,7 @@ def finish(goal: ServedGoal, result: Any, end: GoalEnd) -> None:
         goal.abort(result)
 
 
-# Goals that are worked on by coroutines, and results that are computed on a thread of their own.
+# Goals executed by coroutines, and results computed on a separate thread.
 
 T = TypeVar('T')
 
@@ -89,7 +89,7 @@ class Later(Generic[T]):
 
 
 def follow(steps: Coroutine[Later[Any], Any, None]) -> None:
-    """Run a coroutine that awaits :class:`Later` only: it goes on as soon as it is called back, not in a later turn of
+    """Run a coroutine that awaits only :class:`Later`. It continues directly in the callback, not in a later turn of
     the executor."""
 
     def go_on(resume: Callable[[Any], Later[Any]], value: Any) -> None:
@@ -108,10 +108,10 @@ def served(
     work: Callable[[ServedGoal], Awaitable[Mapping[str, Any]]],
     end_goal: Callable[[ServedGoal, Any, GoalEnd], None] = finish,
 ) -> Callable[[ServedGoal], None]:
-    """Return a callback that has a coroutine work on each goal of an action.
+    """Return a callback that runs a coroutine for each goal of an action.
 
-    ``work(goal)`` returns fields of the result, or raises what ends the goal; a fault of ours is one of ``what``.
-    ``elapsed`` is the field of the result that has the wall time since the goal came.
+    ``work(goal)`` returns fields of the result, or raises the error that ends the goal; an internal error is one of
+    ``what``. The result field ``elapsed`` is set to the wall time since the goal arrived.
     """
 
     async def run(goal: ServedGoal) -> None:
@@ -135,12 +135,12 @@ def check_canceled(goal: ServedGoal | None) -> None:
 
 
 class Computation:
-    """The thread. Results are computed in the order of the goals; what nobody wants any more is left out."""
+    """A thread that computes results in the order of the goals, and skips those of canceled goals."""
 
     def __init__(self, runtime: NodeRuntime, name: str) -> None:
         self._runtime = runtime
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
-        self._pool.submit(lambda: None)  # its thread begins now: for a goal, there might be none left
+        self._pool.submit(lambda: None)  # start the thread now: when a goal arrives, the system might have none left
         runtime.on_close(lambda: self._pool.shutdown(wait=False, cancel_futures=True))
 
     async def run(self, compute: Callable[[], T], goal: ServedGoal | None = None) -> T:
@@ -187,10 +187,10 @@ class RobotParameters:
 
 
 def bounded(value: float, name: str, most: float) -> float:
-    """``value`` as it is.
+    """Return ``value`` unchanged, as a float.
 
     Raises:
-        NavigationError: INVALID_INPUT when it is NaN, or its size is more than ``most``.
+        NavigationError: INVALID_INPUT if it is NaN, or its magnitude exceeds ``most``.
     """
     if not abs(value) <= most:
         raise NavigationError('INVALID_INPUT', f'{name} is {value:g}; give a number within ±{most:g}')
@@ -213,7 +213,7 @@ def finite_pose(message: Any, name: str, code: str) -> Pose:
 
 
 def check_frame(frame: str, map_frame: str, name: str) -> None:
-    """Check that a frame is that of the map, or empty.
+    """Check that a frame is the map frame, or empty.
 
     Raises:
         NavigationError: TF_ERROR for any other frame.
@@ -226,28 +226,28 @@ def check_frame(frame: str, map_frame: str, name: str) -> None:
 
 
 def check_id(asked: str, known: Sequence[str], what: str, code: str) -> None:
-    """Check the name of a plug-in; an empty one means the default. Raises NavigationError ``code`` if it is unknown."""
+    """Check the name of a plug-in; an empty name means the default. Raises NavigationError ``code`` if unknown."""
     if asked and asked not in known:
         raise NavigationError(code, f'there is no {what} {short_repr(asked)}; known: {", ".join(known)}')
 
 
-# Fields of Nav2's interfaces that differ between its branches jazzy and main: by what the installed ones have.
+# Fields of Nav2's interfaces differ between its branches jazzy and main: use those that the installed ones have.
 
 
 def set_success(response: Any) -> None:
-    """Say that it was done; the costmaps' services of jazzy have no words for it."""
+    """Report success, if the response has that field: those of jazzy's costmap services do not."""
     if hasattr(response, 'success'):
         response.success = True
 
 
-# Poses and paths of requests, in any frame, brought to the frame of the map: for all servers.
+# Poses and paths of requests, transformed from any frame to the map frame, for all servers.
 
 OnPoses = Callable[[list[Pose]], None]
 OnError = Callable[[Exception], None]
 
 
 class Asked(NamedTuple):
-    """A geometry_msgs/Pose of a request with its header; what it is called; the code of an invalid one."""
+    """A geometry_msgs/Pose of a request with its header, its name in messages, and the error code if it is invalid."""
 
     header: Any
     pose: Any
@@ -256,7 +256,7 @@ class Asked(NamedTuple):
 
     @property
     def source(self) -> tuple[str, int, int]:
-        """Frame and time: what one transform leads from."""
+        """Frame and time from which to transform."""
         stamp = self.header.stamp
         return self.header.frame_id, stamp.sec, stamp.nanosec
 
@@ -267,7 +267,7 @@ def asked_pose(stamped: Any, name: str, code: str) -> Asked:
 
 
 def asked_path(path: Any) -> list[Asked]:
-    """Return a nav_msgs/Path: its own header counts, not those of its poses."""
+    """Return the poses of a nav_msgs/Path, with the header of the path instead of their own."""
     return [
         Asked(path.header, stamped.pose, f'pose {index} of the path', 'INVALID_PATH')
         for index, stamped in enumerate(path.poses)
@@ -275,11 +275,11 @@ def asked_path(path: Any) -> list[Asked]:
 
 
 class MapFrame:
-    """On the executor thread. An empty frame counts as that of the map.
+    """Transforms to the map frame, on the executor thread. An empty frame means the map frame.
 
-    As in Nav2 a stamp of 0 means the latest transform, any other one the transform at that time. What is not known yet
-    is waited for, at most for the parameter ``transform_tolerance``; the first time for TRANSFORM_TIMEOUT, since the
-    node starts to receive ``tf`` then. So nothing is spent on it where all requests are in the frame of the map.
+    As in Nav2 a stamp of 0 means the latest transform, any other one the transform at that time. A request waits for an
+    unknown transform for the parameter ``transform_tolerance`` at most. The first one waits for TRANSFORM_TIMEOUT,
+    because only then does the node subscribe to ``tf``: requests in the map frame need no subscription.
     """
 
     def __init__(self, runtime: NodeRuntime, parameters: RobotParameters) -> None:
@@ -295,10 +295,10 @@ class MapFrame:
         on_error: OnError,
         timeout: float | None = None,
     ) -> None:
-        """Give poses in the frame of the map: at once, or when their transforms are known, or never after ``timeout``
-        seconds of wall time instead of those that hold for all.
+        """Call ``on_poses`` with the poses in the map frame, as soon as their transforms are known. ``timeout`` (s of
+        wall time) replaces the default one.
 
-        ``on_error`` instead, with NavigationError: TF_ERROR if no transform is known, the code of an invalid pose.
+        On failure call ``on_error`` with NavigationError: TF_ERROR without a transform, or the code of an invalid pose.
         """
         firsts = {one.source: one for one in asked if one.header.frame_id not in ('', self._name)}
         transforms: dict[tuple[str, int, int], Rigid] = {}
@@ -335,18 +335,18 @@ class MapFrame:
             )
 
     async def known(self, asked: Sequence[Asked]) -> list[Pose]:
-        """Return the same for services. Raises NavigationError."""
+        """Return poses as :meth:`poses`, for services. Raises NavigationError."""
         done = Future(executor=self._runtime.node.executor)
         self.poses(asked, done.set_result, done.set_exception)
         poses: list[Pose] = await done
         return poses
 
     def drift(self, header: Any) -> Callable[[], Pose]:
-        """Return where in the map the frame of a header has come to since the time of the header, if it was that of the
-        map then; to be asked again and again, for what is fixed to that frame. Its transform has to be known by now.
+        """Return a function that returns the motion of a header's frame in the map since the time of the header, as a
+        pose. Call it repeatedly for poses fixed to that frame. The transform of the frame must be known already.
 
-        A frame that the robot carries has no drift: what is given in it is meant as it was then. NavigationError
-        TF_ERROR is raised when the transform is not known any more, or nothing new of it comes for ``pose_timeout``.
+        A frame that the robot carries has no drift: poses in it refer to the time of the header. The function raises
+        NavigationError TF_ERROR when the transform is lost, or was not updated for ``pose_timeout``.
         """
         frame, target = header.frame_id, self._name
         if frame in ('', target):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motions: what drives the robot, step by step, and how collisions are predicted and slowed down for. Pure; a motion
-is asked for a velocity whenever a new pose is known.
+"""Motions, which drive the robot step by step, and the prediction of collisions, with slowing down before them. Pure:
+the caller asks a motion for a velocity at each new pose.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ STOP: Final = Velocity(0.0, 0.0)
 
 
 class Motion(ABC):
-    """Something that drives the robot, on a costmap."""
+    """Base of motions, which drive the robot on a costmap."""
 
     _costmap: Costmap
 
@@ -85,13 +85,13 @@ class Motion(ABC):
         """
 
     def update(self, costmap: Costmap) -> None:
-        """Go on with another costmap, as there is a new map."""
+        """Continue on another costmap, after a change of the map."""
         self._costmap = costmap
 
 
 @dataclass(frozen=True)
 class Steering:
-    """The least radius of a bend, m, 0 for a robot that turns on the spot; and whether it drives backward."""
+    """Minimum turning radius, m, 0 for a robot that turns in place; and whether the robot drives backward."""
 
     turning_radius: float = 0.0
     reverses: bool = True
@@ -106,27 +106,27 @@ class TurnLimits:
     acceleration: float = 1.6
 
     def speed(self, remaining: float) -> float:
-        """Speed at which to turn with this angle left, so that the robot can brake."""
+        """Return the turning speed, rad/s, from which the robot can still brake within this angle."""
         return min(self.maximum, max(self.minimum, math.sqrt(2.0 * self.acceleration * abs(remaining))))
 
 
 @dataclass(frozen=True)
 class Inertia:
-    """Speeds of the robot, and their greatest changes, m/s² and rad/s²."""
+    """Speeds of the robot, and its maximum accelerations, m/s² and rad/s²."""
 
     velocity: Velocity = STOP
     linear: float = math.inf
     angular: float = math.inf
 
     def after(self, command: Velocity, seconds: float) -> Inertia:
-        """Return when the robot has been commanded so for some time."""
+        """Return the inertia after the robot has followed this command for some time, s."""
         pairs = zip(self.velocity, command, (self.linear, self.angular), strict=True)
         changes = (max(-limit * seconds, min(limit * seconds, wanted - now)) for now, wanted, limit in pairs)
         linear, angular = map(sum, zip(self.velocity, changes, strict=True))
         return replace(self, velocity=Velocity(linear, angular))
 
     def poses(self, pose: Pose, command: Velocity, seconds: float, steps: int) -> Iterator[Pose]:
-        """Yield where the robot gets to when it is commanded so, in equal steps."""
+        """Yield the predicted poses under this command, in equal time steps."""
         inertia = self
         for _ in range(steps):
             then = inertia.after(command, seconds / steps)
@@ -136,7 +136,7 @@ class Inertia:
 
 
 class CommandedDrive:
-    """A drive of a robot that carries out its commands: each takes effect after LATENCY, with limited accelerations."""
+    """A model of a robot that executes its commands: each takes effect after LATENCY, with limited accelerations."""
 
     def __init__(self, inertia: Inertia) -> None:
         self._inertia = inertia
@@ -145,7 +145,7 @@ class CommandedDrive:
         """The newest one; given after :meth:`advance`."""
 
     def advance(self, now: float) -> None:
-        """To a time, s."""
+        """Advance to a time, s."""
         passed = now - self._now
         self._inertia = self._inertia.after(self._before, min(passed, LATENCY))
         self._inertia = self._inertia.after(self.command, max(0.0, passed - LATENCY))
@@ -157,16 +157,16 @@ class CommandedDrive:
         return self._inertia.velocity == STOP
 
     def foreseen(self, pose: Pose) -> tuple[Pose, Inertia]:
-        """Return where a robot at a pose is, and how it goes, when the next command takes effect."""
+        """Return the pose and inertia of the robot when the next command takes effect."""
         (coming,) = self._inertia.poses(pose, self._before, LATENCY, 1)
         return coming, self._inertia.after(self._before, LATENCY)
 
 
 def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, inertia: Inertia | None = None) -> bool:
-    """Return whether driving as commanded for some time ends in an obstacle, or beside the map. Without ``inertia`` the
-    robot goes like this at once.
+    """Return whether this command, held for some time, leads into an obstacle or off the map. Without ``inertia`` the
+    command takes effect at once.
 
-    Getting no deeper into one that the robot overlaps already is none, and neither is a circle's turn on the spot.
+    If the robot already overlaps an obstacle, only a deeper overlap counts. A circular robot may always turn in place.
     """
     inflation = costmap.inflation
     if command.linear == 0.0 and not inflation.corners:
@@ -189,7 +189,7 @@ def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, in
 
 
 class Sight(NamedTuple):
-    """Gap, m, to what was seen, at a pose and a time, s."""
+    """Gap, m, to the nearest obstacle seen, at a pose and a time, s."""
 
     time: float
     pose: Pose
@@ -199,7 +199,7 @@ class Sight(NamedTuple):
 class KeepingApart:
     """A limiter that keeps a moving robot apart from movable obstacles; ``top_speed`` is the robot's own, m/s.
 
-    Look-ahead finds what is on the arc. This finds obstacles that approach from the side, between two scans.
+    Look-ahead finds obstacles on the arc. This finds obstacles that approach from the side, between two scans.
     """
 
     def __init__(self, top_speed: float) -> None:
@@ -211,7 +211,7 @@ class KeepingApart:
         self._seen_moving = -math.inf
 
     def look(self, costmap: Costmap, pose: Pose, now: float) -> None:
-        """See what is near at a pose and a time, s: at each step, before anything else is asked."""
+        """Record the gap at a pose and a time, s. Call it at each step, before the other methods."""
         sights, reach = self._sights, self._reach
         while sights and now - sights[0].time > SIDE_TIME + 1e-6:
             sights.popleft()
@@ -219,23 +219,23 @@ class KeepingApart:
             sights.clear()
         self._here = costmap.gap_seen(pose, reach)
         sights.append(Sight(now, pose, self._here))
-        # How the gap to where the robot was a moment ago has changed: by a motion that is not the robot's.
+        # Measure the gap from the previous pose: a change of it is not due to the robot's own motion.
         then = sights[0]
         there = costmap.gap_seen(then.pose, reach) if self._here < math.inf else then.gap
         nearer = min(reach, then.gap) - min(reach, there)
         change = min(FASTEST, max(0.0, abs(nearer) - costmap.world.resolution) / SIDE_TIME)
         if now - self._seen_moving > COMPANY_TIME:
             self._pace = 0.0
-        if change > 0.0 and max(then.gap, there) < math.inf:  # what is there all at once, or gone, may be noise
+        if change > 0.0 and max(then.gap, there) < math.inf:  # a sudden change may be noise
             self._pace, self._seen_moving = max(change, self._pace), now
         self._closing = max(self._pace, change if nearer > 0.0 else 0.0)
 
     def has_company(self, now: float) -> bool:
-        """Return whether something near has moved lately, or touches the robot, which goes so near to nothing."""
+        """Return whether something near has moved lately or touches the robot, which never goes that near by itself."""
         return self._here < 0.0 or now - self._seen_moving <= COMPANY_TIME
 
     def leaves(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> bool:
-        """Return whether a person or robot is within ``PERSONAL_SPACE``, and the robot does not come nearer to them."""
+        """Return whether a person or robot is in ``PERSONAL_SPACE``, and this command brings the robot no nearer."""
         swing = abs(velocity.angular) * costmap.inflation.outer_radius if costmap.inflation.corners else 0.0
         if self._here >= PERSONAL_SPACE:
             return False
@@ -251,11 +251,11 @@ class KeepingApart:
         return all(gap >= self._here + speed * time - SAME_GAP for gap, time in zip(gaps, times, strict=True))
 
     def limited(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> Velocity | None:
-        """Slower on the same arc where the robot comes nearer to something that may move; None when it is so near that
-        the robot would go at less than ``SLOWEST``.
+        """Return the command, slowed down on the same arc if it leads nearer to a movable obstacle. Return None if the
+        robot would go slower than ``SLOWEST``.
 
-        For what has moved lately the robot stops earlier, by as much as that may move until the robot stands, and
-        waits. It passes obstacles at rest as near as the path leads, slowly.
+        For an obstacle that has moved lately the robot stops earlier, by the distance that it may move while the robot
+        brakes, and waits. The robot passes static obstacles slowly, as near as the path leads.
         """
         inflation = costmap.inflation
         here, closing = self._here, self._closing
@@ -266,14 +266,14 @@ class KeepingApart:
         if here < 0.0 and swing > SLOWEST:
             return None  # a body that touches it may follow, and be hit by another corner
         escape = max(closing, ESCAPE * speed if here < 0.0 else AWAY * swing)
-        # Who runs away has to do so for longer: after a corner that swings away there comes another one.
+        # Moving away must last longer: after one corner has swung away, the next one approaches.
         times = (SIDE_TIME / 2.0, SIDE_TIME) if closing or here < 0.0 else (SIDE_TIME / 2.0,)
         if self._grows(costmap, pose, velocity, escape, times):
             return velocity
         allowed = (here - SIDE_GAP) / SIDE_TIME - closing
         is_at_rest = not closing and here >= 0.0
         if is_at_rest and self._grows(costmap, pose, velocity, escape - AWAY * abs(velocity.linear), times):
-            allowed = max(PASSING, here / SIDE_TIME)  # past what rests the way may lead as near as there is room
+            allowed = max(PASSING, here / SIDE_TIME)  # the path may pass a static obstacle as near as it fits
         if allowed >= min(SLOWEST, speed):
             share = min(1.0, allowed / speed)
             return Velocity(velocity.linear * share, velocity.angular * share)
@@ -284,12 +284,12 @@ class KeepingApart:
 
 
 def slowed(costmap: Costmap, pose: Pose, command: Velocity, seconds: float) -> Velocity:
-    """Return a command, scaled by the time until a collision in relation to the time that is looked ahead, s.
+    """Return a command, scaled by the ratio of the time until a collision to the look-ahead time, s.
 
-    Nothing is left of it when it collides within the first tenth of a second.
+    It becomes zero if the robot collides within the first tenth of a second.
     """
     steps = max(1, round(seconds / LOOK_AHEAD_STEP))
-    # Who collides within some time does so within any longer one.
+    # A collision within some time is a collision within any longer one.
     free = bisect_left(range(1, steps), True, key=lambda step: collides(costmap, pose, command, step * LOOK_AHEAD_STEP))
     scale = (free + 1) / steps if free else 0.0
     return Velocity(command.linear * scale, command.angular * scale)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Actions that move the robot: follow_path here, and what it shares with spin, backup, drive_on_heading and others; the
-topic that limits the speed; and the parameters of the controller with Nav2's names.
+"""Actions that move the robot: follow_path, and the parts that it shares with spin, backup, drive_on_heading and
+others; the topic that limits the speed; and the parameters of the controller with Nav2's names.
 
-One motion at a time drives the robot: the newest. A new path takes a running follow_path over without a stop; any other
-motion ends the one before, which is aborted. All of this happens on the executor thread, whenever a pose comes.
+Only the newest motion drives the robot. A new path replaces the path of a running follow_path without a stop. Any other
+motion aborts the one before. All of this happens on the executor thread, at each pose.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class RunningMotion:
     ``asked``: the number of :meth:`MotionArbiter.ask`, for a motion that was prepared for a while.
 
     ``began`` and ``now`` are the times of the first and of the latest pose, s. The motion uses these, not the node's
-    clock, which gets the time by another topic: on a busy machine it may stand still meanwhile.
+    clock, which gets the time by another topic: on a busy machine it may lag behind.
     """
 
     goal: ServedGoal
@@ -74,7 +74,7 @@ class RunningMotion:
 
 
 class MotionArbiter:
-    """An arbiter that lets one motion drive."""
+    """An arbiter that lets one motion at a time drive."""
 
     def __init__(self, runtime: NodeRuntime, robot: RobotInterface) -> None:
         self._runtime = runtime
@@ -88,14 +88,14 @@ class MotionArbiter:
         robot.on_map = self._on_map
 
     def ask(self) -> int:
-        """Return a motion is asked for: its number, which is greater than those before."""
+        """Register a request for a motion, and return its number, which is greater than all earlier ones."""
         self._asked += 1
         return self._asked
 
     def start(self, newer: RunningMotion) -> None:
-        """Let a motion drive, unless a newer one has begun while this one was prepared.
+        """Start a motion, unless a newer one has started while this one was prepared.
 
-        A path that replaces a path is gone over to without a stop.
+        The robot changes to a replacement path without a stop.
         """
         asked = self.ask() if newer.asked is None else newer.asked
         if asked < self._newest:
@@ -109,7 +109,7 @@ class MotionArbiter:
         self._watch = self.robot.watch_pose(self.end)
 
     def hold(self, is_held: bool) -> None:
-        """Bring the robot to rest, and let no motion drive until that is over; none is ended."""
+        """Stop the robot, and let no motion drive until the hold is over. Motions are not ended."""
         self._is_held = is_held
         if is_held and self.running is not None:
             self.robot.drive(*STOP)
@@ -162,8 +162,8 @@ class MotionArbiter:
 class MotionServer:
     """A server of one action.
 
-    ``make(request, *poses)`` gives the motion, or raises NavigationError. ``asked(request)`` are those poses of a
-    request that come in any frame, and that ``make`` gets in that of the map.
+    ``make(request, *poses)`` returns the motion, or raises NavigationError. ``asked(request)`` returns the poses of a
+    request, in any frame; ``make`` gets them in the map frame.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ class MotionServer:
 class ControllerParameters:
     """Parameters of the controller.
 
-    While the servers run, ``follower`` may be set to another one, for the goals that come then. On the executor thread.
+    While the servers run, ``follower`` may be replaced on the executor thread. Later goals use the new one.
     """
 
     controller_ids: tuple[str, ...] = parameter(
