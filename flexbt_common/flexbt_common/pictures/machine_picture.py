@@ -50,7 +50,7 @@ class DrawnState:
 
 @dataclass(frozen=True)
 class Edge:
-    """A transition, or (without an outcome) what begins with its container."""
+    """A transition, or without an outcome the edge from the entry of a container to its initial state."""
 
     id: str
     start: str
@@ -102,9 +102,9 @@ class MachineBox:
 
 
 def machine_graph(states: Sequence[DrawnState]) -> MachineBox:
-    """Return the graph of a machine: ``states`` depth first, the root first, whose position in it is the number in the
-    names: ``s3`` is a state, ``s3o0`` the transition of its outcome 0, ``m1`` a container. What leads nowhere is left
-    out.
+    """Return the graph of a machine. ``states`` are depth first, from the root. Names have the positions in this list:
+    ``s3`` is a state, ``s3o0`` the transition of its outcome 0, ``m1`` a container. Transitions without a target are
+    left out.
     """
     places = {state.path: place for place, state in enumerate(states)}
 

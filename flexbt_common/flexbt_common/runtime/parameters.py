@@ -237,7 +237,7 @@ def refused_setting(node: Node, parameters: Sequence[Parameter]) -> str:
 
 
 def undeclared(node: Node, parameters: Sequence[Parameter]) -> str:
-    """Return an error if a node does not have one of these parameters, with the most similar name, or ''."""
+    """Return the error text for a node that lacks one of these parameters, with a similar name if one exists."""
     name = next((one.name for one in parameters if not node.has_parameter(one.name)), '')
     return f'there is no parameter {short_repr(name)}{did_you_mean(name, tuple(node.get_parameters_by_prefix("")))}'
 

@@ -30,7 +30,7 @@ _MOST_PARTS: Final = 20_000
 
 
 def subject_message(id: str, number: int, values: Mapping[str, Any], missing: Sequence[str] = ()) -> DecisionSubject:
-    """Make the message; ``missing`` are the keys that should have a value. Messages of ROS come first."""
+    """Return the message, with ROS messages first; ``missing`` are the keys that should have a value."""
     ranked = sorted(values, key=lambda key: (_poses(values[key]) is None, not _is_message(values[key]), key))
     subject = DecisionSubject(id=id, number=number)
     for key in ranked[:MOST_KEYS]:
@@ -45,14 +45,14 @@ def subject_message(id: str, number: int, values: Mapping[str, Any], missing: Se
 
 
 def subject_fields(subject: DecisionSubject | None) -> dict[str, Any]:
-    """Return the fields of a pending decision by which its subject is found."""
+    """Return the fields of a pending decision that identify its subject."""
     if subject is None:
         return {}
     return {'subject': [entry.key for entry in subject.entries], 'subject_number': subject.number}
 
 
 def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
-    """Return an entry for a value, and what of it is not shown."""
+    """Return an entry for a value, and a note about its omitted part."""
     poses = _poses(value)
     try:
         if poses is not None:
@@ -65,7 +65,7 @@ def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
             entry = to_entry(key, value, None, Encoding.TEXT)
             if len(entry.text) <= MOST_CHARACTERS:
                 return entry, ''
-    except Exception:  # it has no type of ROS, or its own code raises
+    except Exception:  # it has no ROS type, or its code raises
         return BlackboardEntry(key=key, text=short_repr(value)), ''
     return BlackboardEntry(key=key, text=short_repr(value)), f'{sanitize_for_message(key)} is too large to be shown'
 
@@ -83,7 +83,7 @@ def _is_message(value: Any) -> bool:
 
 
 def _parts(value: Any, room: int) -> int:
-    """Return how much of ``room`` is left by a value; below 0 when it has more elements and characters."""
+    """Return ``room`` minus the elements and characters of a value; negative if the value is larger."""
     if _is_message(value):
         return room - length_of(value)
     if isinstance(value, str | bytes | bytearray) or hasattr(value, 'itemsize'):

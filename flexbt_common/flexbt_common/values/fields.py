@@ -16,7 +16,7 @@ from .value_types import PRIMITIVES, FieldError, class_of_slot, slot_type_name, 
 MOST_ELEMENTS: Final = 1_000
 """Maximum number of elements of a list that is filled by the paths of its elements."""
 LENGTH: Final = 'length'
-"""Last step of a path that means the number of elements of a list."""
+"""Last step of a path, for the number of elements of a list."""
 
 
 def constants_of(message: type[Any]) -> dict[str, Any]:
@@ -118,7 +118,7 @@ class Field:
 
 
 def _as_python(value: Any) -> Any:
-    """Return what a field of a message holds as lists and numbers of Python; messages as they are."""
+    """Return the value of a field with Python lists and numbers; messages stay unchanged."""
     if isinstance(value, array | numpy.ndarray | numpy.generic):
         return value.tolist()
     if isinstance(value, list | tuple):

@@ -21,7 +21,7 @@ from .value_types import PRIMITIVES, FieldError
 
 _NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
 _VALUE: Final = '_value'
-"""Name by which an expression keeps its value on its own blackboard."""
+"""Key of an expression's value on its private blackboard."""
 _NAMES: Final = re.compile(r'(?<![\w.])@?[A-Za-z_]\w*')
 _PRIVATE: Final = re.compile(r"(?<![\w.'])_\w+")
 _PARTS: Final = re.compile(r"'[^']*'|(?<![\w.])(@?[A-Za-z_]\w*)((?:\.\w+)+)")
@@ -149,7 +149,7 @@ class Source(NamedTuple):
 
 
 class MessageTemplate:
-    """A message of which some fields are given."""
+    """A template of a message that sets some of its fields."""
 
     def __init__(self, message: type[Any], fields: Mapping[str, tuple[Field, Source]]) -> None:
         """``fields`` are by path; the path '' is the whole message."""
@@ -157,9 +157,9 @@ class MessageTemplate:
         self.fields = dict(sorted(fields.items(), key=lambda one: one[1][0].steps))
 
     def make(self, read: Callable[[str], Any], evaluate: Callable[[Field, Expression], Any]) -> Any:
-        """Return the message. ``read`` returns named values, and None for one that may be missing.
+        """Return the message. ``read`` returns a named value, or None for an optional one that is missing.
 
-        Values are copied where other fields change something in them.
+        Values are copied if other fields change parts of them.
 
         Raises:
             ValueError: a value does not fit; it names the field.
