@@ -22,7 +22,7 @@ _WAITS: Final = object()
 
 
 class Future(Protocol[T]):
-    """The part of ``concurrent.futures.Future`` that is needed; the futures of rclpy have it as well."""
+    """The methods of ``concurrent.futures.Future`` used here; the futures of rclpy also have them."""
 
     def done(self) -> bool: ...
 
@@ -32,7 +32,7 @@ class Future(Protocol[T]):
 
 
 def _completed(leaf: LeafNode, result: object) -> NodeStatus:
-    """Store what ``run`` of a leaf has returned."""
+    """Store and return the result of ``run`` of a leaf."""
     status = leaf.checked(result)
     if status is RUNNING:
         raise leaf.fault('run has to return when the work is done; RUNNING is no result')
@@ -42,17 +42,17 @@ def _completed(leaf: LeafNode, result: object) -> NodeStatus:
 
 
 class CoroutineAction(LeafNode):
-    """An action whose :meth:`run` is a coroutine. It is RUNNING until that returns, and each tick advances it.
+    """An action whose :meth:`run` is a coroutine. It is RUNNING until ``run`` returns, and each tick advances it.
 
     ``run`` awaits the methods of the node: :meth:`next_tick`, :meth:`sleep`, :meth:`until` and :meth:`result_of`. A
-    halt raises Halted where it waits. It may clean up then (``try``, ``finally``), and wait meanwhile as before: as
-    long as it does it is unfinished work of the tree, which the ticks, and the host after the last of them, advance.
-    When the node is begun again before, it is RUNNING, and calls ``run`` anew when the call before is over.
+    halt raises Halted where ``run`` waits. It may then clean up (``try``, ``finally``), and wait in the same way: until
+    it ends, it is unfinished work of the tree, which the ticks, and after the last tick the host, advance. A node that
+    starts again before that is RUNNING, and calls ``run`` again when the previous call has ended.
     """
 
     __slots__ = ('_coroutine', '_halted', '_unfinished')
 
-    goes_on = ''  # it is the ticks that advance it
+    goes_on = ''  # only ticks advance it
 
     kind = NodeKind.ACTION
 
@@ -64,18 +64,18 @@ class CoroutineAction(LeafNode):
 
     @abstractmethod
     async def run(self) -> NodeStatus:
-        """Do the work; gives SUCCESS, FAILURE or SKIPPED. Must not block."""
+        """Do the work and return SUCCESS, FAILURE or SKIPPED. Must not block."""
 
     # -- within run --------------------------------------------------------------------------------------------------
 
     async def next_tick(self) -> None:
-        """Go on at the next tick, whenever that is."""
+        """Wait for the next tick."""
         await _next_tick()
 
     async def sleep(self, seconds: float) -> None:
-        """Go on when the time is over, by the clock of the tree, which is woken for it."""
+        """Wait ``seconds`` by the clock of the tree, and wake the tree at the end."""
         when = self.clock.now() + seconds
-        # While the node is halted, the tree does not keep the times that nodes ask for.
+        # A halt drops the wake-up times that nodes request.
         timer = self.clock.call_at(when, self.wake) if self._halted else None
         try:
             while self.clock.now() < when:
@@ -87,12 +87,12 @@ class CoroutineAction(LeafNode):
                 timer.cancel()
 
     async def until(self, condition: Callable[[], bool]) -> None:
-        """Go on when the condition holds. It is asked at each tick; what makes it true may call :meth:`wake`."""
+        """Wait until the condition holds. Each tick checks it; code that makes it true may call :meth:`wake`."""
         while not condition():
             await _next_tick()
 
     async def result_of(self, future: Future[T]) -> T:
-        """Return the result of the future (or its exception, raised), which wakes the tree when it is there."""
+        """Wait for the future, which wakes the tree when it is done; return its result or raise its exception."""
         if not future.done():
             future.add_done_callback(lambda _: self.wake())
             await self.until(future.done)
@@ -125,7 +125,7 @@ class CoroutineAction(LeafNode):
         return _completed(self, result)
 
     def _advance(self, step: Callable[[Any], object], value: object) -> object:
-        """Let the coroutine run on. Gives its result, or _WAITS, and only then keeps it; raises what it raises."""
+        """Resume the coroutine. Return its result, or keep it and return _WAITS; propagate its exceptions."""
         coroutine, self._coroutine = self._coroutine, None
         assert coroutine is not None
         try:
@@ -149,7 +149,7 @@ class CoroutineAction(LeafNode):
         super().halt()
 
     def _come_to_end(self) -> None:
-        """Advances a coroutine that was halted."""
+        """Advance a halted coroutine."""
         if self._coroutine is not None:
             self._end_by(self._coroutine.send, None)
 
@@ -169,15 +169,15 @@ def _next_tick() -> Generator[None, None, None]:
     yield
 
 
-# A leaf whose work may block, and is done in its own thread.
+# A leaf whose work may block, and runs in a thread.
 
 
 class ThreadedAction(LeafNode):
-    """An action that calls :meth:`run` in a thread, and is RUNNING until that returns.
+    """An action that calls :meth:`run` in a thread, and is RUNNING until it returns.
 
-    A halt does not wait: it makes :attr:`halt_requested` true, ends :meth:`sleep`, and calls :meth:`on_halted`. Until
-    ``run`` has returned it is unfinished work of the tree; it can write no output any more, and its result means
-    nothing. When the node is begun again meanwhile, it is RUNNING, and calls ``run`` anew when the call before is over.
+    A halt does not wait: it sets :attr:`halt_requested`, ends :meth:`sleep`, and calls :meth:`on_halted`. Until ``run``
+    returns, it is unfinished work of the tree; it can no longer write outputs, and its result is ignored. A node that
+    starts again before that is RUNNING, and calls ``run`` again when the previous call has ended.
     """
 
     __slots__ = ('_call',)
@@ -191,10 +191,10 @@ class ThreadedAction(LeafNode):
 
     @abstractmethod
     def run(self) -> NodeStatus:
-        """Do the work, in its own thread: SUCCESS, FAILURE or SKIPPED. May use the ports, but no other node."""
+        """Do the work in a thread; return SUCCESS, FAILURE or SKIPPED. May use the ports, but no other node."""
 
     def on_halted(self) -> None:
-        """End what :meth:`run` waits for, if it waits for anything but :meth:`sleep`. Must not block."""
+        """Interrupt any wait of :meth:`run` other than :meth:`sleep`. Must not block."""
 
     # -- within run --------------------------------------------------------------------------------------------------
 
@@ -204,7 +204,7 @@ class ThreadedAction(LeafNode):
         return self._call is not None and self._call.halted
 
     def sleep(self, seconds: float) -> None:
-        """Wait, by the clock of the tree. Raises Halted, which ``run`` should let pass, when the node is halted."""
+        """Wait by the clock of the tree. Raises Halted if the node is halted; ``run`` should not catch it."""
         call = self._call
         if call is None:
             raise RuntimeError('sleep is for run alone')
@@ -221,7 +221,7 @@ class ThreadedAction(LeafNode):
         raise Halted
 
     def set_output(self, port: str, value: Any) -> None:
-        """As that of every node; but within a ``run`` that was halted it raises Halted, and writes nothing."""
+        """Write an output port, as every node does. In a halted ``run``, raise Halted and write nothing."""
         call = self._call
         if call is None or threading.current_thread() is not call.thread:
             super().set_output(port, value)
@@ -244,7 +244,7 @@ class ThreadedAction(LeafNode):
             self.status = RUNNING
             try:
                 call.thread.start()
-            except RuntimeError as error:  # the machine has no more threads
+            except RuntimeError as error:  # the system cannot start another thread
                 self._call = None
                 raise self.fault(error) from error
             return self.checked(RUNNING)
@@ -277,7 +277,7 @@ class _Call:
         self.error: NodeExecutionError | None = None
         self._node = node
         self._unfinished: UnfinishedWork | None = None
-        # A daemon: work that does not end must not keep the process from ending.
+        # A daemon: work that hangs must not keep the process from exiting.
         self.thread = threading.Thread(target=self._execute, name=f'leaf {node.path}', daemon=True)
 
     def halt(self) -> None:
@@ -308,6 +308,6 @@ class _Call:
         self._node.wake()
 
     def _report_error(self) -> None:
-        """Report the error of a call whose result is no longer wanted: the tree raises it."""
+        """Report the error of a halted call, so that the tree raises it."""
         if self.error is not None:
             self._node.context.halt_errors.append(self.error)

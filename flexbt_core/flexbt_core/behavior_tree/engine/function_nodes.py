@@ -7,8 +7,8 @@
     def battery_ok(node: TreeNode) -> bool:
         return battery.level >= node.get_input('minimum')
 
-The function takes the node, so that it can use ports, clock and services. Its name and its docstring are those of the
-class.
+The function takes the node, so that it can use ports, clock and services. The class gets the name and the docstring of
+the function.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ DecoratorFunction = Callable[[NodeStatus, 'SimpleDecorator'], NodeStatus]
 
 
 class SimpleAction(SyncAction):
-    """An action that is a function: :meth:`call`. Its statuses are those of BehaviorTree.CPP's SimpleActionNode.
+    """An action made of a function, :meth:`call`. It stores its status as BehaviorTree.CPP's SimpleActionNode does.
 
-    It is RUNNING during the call, as an observer sees it; it alone stores SKIPPED; and it stores its result before the
-    scripts of its post-conditions run.
+    An observer sees it RUNNING during the call. It is the only node that stores SKIPPED. It stores its result before
+    the scripts of its post-conditions run.
     """
 
     __slots__ = ()
@@ -54,16 +54,16 @@ class SimpleAction(SyncAction):
 
 
 class SimpleDecorator(Decorator):
-    """A decorator that is a function: it takes the status that the child gave, and gives that of the node.
+    """A decorator made of a function from the status of the child to the status of the node.
 
-    When it completes the node although the child is RUNNING, the child is halted.
+    If the function completes the node while the child is RUNNING, the child is halted.
     """
 
     __slots__ = ()
 
     @abstractmethod
     def decorate(self, status: NodeStatus) -> NodeStatus:
-        """Return what ``status`` of the child means."""
+        """Return the status of the node for this ``status`` of the child."""
 
     def tick(self) -> NodeStatus:
         status = self.decorate(self.tick_child())
@@ -73,7 +73,7 @@ class SimpleDecorator(Decorator):
 
 
 def simple_action(function: ActionFunction, ports: Mapping[str, Port] = NO_PORTS) -> type[SimpleAction]:
-    """Return an action that is done within one call of ``function``, which gives SUCCESS, FAILURE or SKIPPED."""
+    """Return an action that calls ``function``, which returns SUCCESS, FAILURE or SKIPPED."""
 
     def call(self: SimpleAction) -> NodeStatus:
         return function(self)
@@ -82,7 +82,7 @@ def simple_action(function: ActionFunction, ports: Mapping[str, Port] = NO_PORTS
 
 
 def simple_condition(function: ConditionFunction, ports: Mapping[str, Port] = NO_PORTS) -> type[Condition]:
-    """Return a condition that holds when ``function`` gives SUCCESS, or True."""
+    """Return a condition that holds if ``function`` returns SUCCESS or True."""
 
     def tick(self: Condition) -> NodeStatus:
         result = function(self)

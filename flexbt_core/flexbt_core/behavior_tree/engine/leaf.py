@@ -19,31 +19,31 @@ from .node import NodeConfig, TreeNode, halt_child, tick_function
 
 
 class Halted(BaseException):
-    """Raised where the work of a leaf waits, in a thread or a coroutine, when the leaf was halted. Let it pass."""
+    """An exception raised where the thread or coroutine of a halted leaf waits. Do not catch it."""
 
 
 class LeafNode(TreeNode):
     """A node without children.
 
-    While the tree is paused its leaves are not ticked. Work that a leaf has begun elsewhere (a goal, a motor) has to
-    pause too: implement :meth:`on_pause` and :meth:`on_resume`. A leaf that does all its work in its ticks, or only
-    waits, declares ``goes_on = ''``. For any other leaf the pause reports that its work continues, and why.
+    A paused tree does not tick its leaves. Work that a leaf has started outside the tree (a goal, a motor) must pause
+    too: implement :meth:`on_pause` and :meth:`on_resume`. A leaf that does all its work in its ticks, or only waits,
+    declares ``goes_on = ''``. For any other leaf the pause reports that its work continues, and why.
     """
 
     __slots__ = ('_reason',)
 
     goes_on: ClassVar[str] = 'it does not declare how it is paused'
-    """Reason why the work of this leaf continues while the tree is paused; '' if it has no such work."""
+    """Reason why the work of this leaf continues while the tree is paused; '' if none continues."""
 
     skill: ClassVar[Skill] = Skill()
-    """Needs and effects of the leaf, beyond those shown by its ports and statuses; see ``flexbt_core.skills``."""
+    """Needs and effects of the leaf, in addition to its ports and statuses; see ``flexbt_core.skills``."""
 
     acts_later: ClassVar[bool] = False
-    """True if the leaf has its actuators only from the call of :meth:`acts` on, not as soon as it is RUNNING."""
+    """True if the leaf uses its actuators only after it calls :meth:`acts`, not as soon as it is RUNNING."""
 
     begins_without: ClassVar[tuple[str, ...]] = ()
-    """Outputs that are empty when a run begins, unless they are among its inputs: values from an earlier run were for
-    another goal. The host empties them (:meth:`Tree.empty_outputs`)."""
+    """Outputs that the host empties before a run, unless they are among its inputs: values from an earlier run were for
+    another goal. See :meth:`Tree.empty_outputs`."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -51,31 +51,31 @@ class LeafNode(TreeNode):
 
     @property
     def is_informed(self) -> bool:
-        """True if the last tick had the data for its answer. False: no message had arrived yet, and the result may
-        change in a moment."""
+        """True if the last tick had the data for its result. False: no message had arrived yet, and the result may
+        change soon."""
         return True
 
     def acts(self) -> None:
-        """Note that the leaf begins work elsewhere, such as a goal. A monitor checks that it may."""
+        """Report that the leaf starts work outside the tree, such as a goal. A monitor checks that it may."""
         monitor = self.context.monitor
         if monitor is not None:
             monitor.acts(self)
 
     def wait_in_tick(self, event: WakeEvent, clock: Clock, until: float) -> None:
-        """Hold up the tick until ``event`` is set, or ``clock`` shows ``until``.
+        """Block the tick until ``event`` is set, or ``clock`` shows ``until``.
 
-        For an answer that the leaf needs within this tick and that comes soon: nothing else of the tree is ticked
-        meanwhile. A cancel of the tree ends the wait.
+        Use it for an answer that the leaf needs within this tick and expects soon: no other node is ticked meanwhile.
+        A cancel of the tree ends the wait.
 
         Raises:
-            TickAbandoned: the tree is to be stopped; let it pass.
+            TickAbandoned: the host wants to stop the tree; do not catch it.
         """
         self.context.wait(event, clock, until)
         if self.context.stopping:
             raise TickAbandoned(self.path, self.id, 'the tree was stopped while this node waited for an answer')
 
     def fail(self, reason: str) -> NodeStatus:
-        """FAILURE, with a reason for people: ``return self.fail('no path to the goal')``."""
+        """Return FAILURE and store a reason for the user: ``return self.fail('no path to the goal')``."""
         self._reason = reason
         return FAILURE
 
@@ -83,27 +83,27 @@ class LeafNode(TreeNode):
         return self._reason or super().failure_reason()
 
     def on_pause(self) -> str:
-        """Return the tree is paused while the leaf is RUNNING: have what it has begun stand still. Must not block.
+        """Pause the work that the leaf has started; called when the tree pauses while the leaf is RUNNING.
 
-        Return why work continues nevertheless, for people; '' if none does. It may be called again in the same pause,
-        after a step. A pause ends by :meth:`on_resume`, or by a halt.
+        Return why work continues, as text for the user; '' if none does. Must not block. The tree may call it again in
+        the same pause, after a step. A pause ends by :meth:`on_resume`, or by a halt.
         """
         return self.goes_on
 
     def on_resume(self) -> None:
-        """Go on: the tree is resumed, and the next tick follows. Must not block."""
+        """Resume the work; the next tick follows. Must not block."""
 
     def empty_output(self, port: str) -> None:
-        """Write the value of its type that says nothing, such as a path without poses."""
+        """Write the empty value of the type of the port, such as a path without poses."""
         kind = self.ports[port].type
         self.set_output(port, None if kind is None else kind.python_type())
 
     def abandon(self) -> None:
-        """End what was begun elsewhere: the thread that ticks the tree does not come back. On another thread."""
+        """End work started outside the tree, because the ticking thread hangs. Called on another thread."""
 
 
 class _InstantLeaf(LeafNode):
-    """A leaf that has its result in each tick."""
+    """A leaf whose every tick returns a result."""
 
     __slots__ = ()
 
@@ -131,7 +131,7 @@ class _InstantLeaf(LeafNode):
 
 
 class SyncAction(_InstantLeaf):
-    """An action that is done within one tick: :meth:`tick` gives SUCCESS, FAILURE or SKIPPED, never RUNNING."""
+    """An action that completes in one tick: :meth:`tick` returns SUCCESS, FAILURE or SKIPPED, never RUNNING."""
 
     __slots__ = ()
 
@@ -139,9 +139,9 @@ class SyncAction(_InstantLeaf):
 
 
 class Condition(_InstantLeaf):
-    """A test: :meth:`tick` gives SUCCESS when it holds and FAILURE when not.
+    """A test: :meth:`tick` returns SUCCESS if it holds and FAILURE if not.
 
-    It must not change anything that other nodes see.
+    It must not change anything that other nodes can read.
     """
 
     __slots__ = ()
@@ -152,21 +152,20 @@ class Condition(_InstantLeaf):
 class StatefulAction(LeafNode):
     """An action that takes time and never blocks.
 
-    ``on_start`` begins the work; while the node is RUNNING, ``on_running`` asks how it is; ``on_halted`` stops it.
-    Work that goes on elsewhere calls ``self.wake()`` (from any thread) when its result may change; work that takes time
-    asks for its next tick by ``self.wake_at``. Work that outlives the halt is registered by
-    ``self.context.add_unfinished``.
+    ``on_start`` starts the work; while the node is RUNNING, ``on_running`` checks it; ``on_halted`` stops it. Work
+    outside the tree calls ``self.wake()`` (from any thread) when its result may change; work that takes time requests
+    its next tick by ``self.wake_at``. Register work that outlives the halt with ``self.context.add_unfinished``.
     """
 
     __slots__ = ()
 
     kind = NodeKind.ACTION
     answers_soon: ClassVar[bool] = False
-    """True if it has its result in the tick in which it begins, provided that its source answers at once."""
+    """True if the tick that starts it returns its result, provided that its source answers at once."""
 
     @abstractmethod
     def on_start(self) -> NodeStatus:
-        """Begin the work: RUNNING when it goes on, or its result."""
+        """Start the work; return RUNNING while it continues, or its result."""
 
     @abstractmethod
     def on_running(self) -> NodeStatus:
@@ -179,7 +178,7 @@ class StatefulAction(LeafNode):
     def execute(self) -> NodeStatus:
         before = self.stored_status
         if before is not IDLE and before is not RUNNING:
-            # Completed, and not set back by the parent yet: the result stands.
+            # Completed, and not reset by the parent yet: keep the result.
             return before
         try:
             if before is IDLE:
@@ -195,7 +194,7 @@ class StatefulAction(LeafNode):
             raise self.fault(error) from error
         if status is RUNNING:
             if before is IDLE:
-                self.status = status  # first, so that what was begun is stopped where it is refused
+                self.status = status  # first, so that a halt stops the work if the status is refused
             return self.checked(status)
         self.cancel_wake()
         if status is not SKIPPED:
@@ -209,11 +208,11 @@ class StatefulAction(LeafNode):
         self.status = IDLE
 
 
-# The base of actions below which a tree is made while they run, such as that of a plan.
+# The base of actions that make a tree below them while they run, such as that of a plan.
 
 
 class Expansion(NamedTuple):
-    """The tree that is to be below a node, and the blackboard of its nodes."""
+    """A tree to make below a node, and the blackboard of its nodes."""
 
     library: TreeLibrary
     key: TreeKey
@@ -229,8 +228,8 @@ class ExpandingAction(StatefulAction):
         def on_running(self):
             return self.tick_tree()
 
-    The nodes of that tree are nodes of the running tree, as those of a sub-tree: ticked, halted, paused and resumed
-    with it, and seen by its observers (:meth:`Tree.observe`). Each tree replaces the one before.
+    The nodes of that tree are part of the running tree, as those of a sub-tree: ticked, halted, paused and resumed with
+    it, and reported to its observers (:meth:`Tree.observe`). Each tree replaces the previous one.
     """
 
     __slots__ = ('_error', '_root', '_tick')
@@ -244,9 +243,9 @@ class ExpandingAction(StatefulAction):
         self._error: Exception | None = None
 
     def expand(self, library: TreeLibrary, tree_id: str, blackboard: Blackboard) -> NodeStatus:
-        """Ask for a tree, which is there when this node is ticked next, at once; RUNNING.
+        """Request a tree, which is ready at the next tick of this node, wake the tree for it, and return RUNNING.
 
-        Raises LookupError when the library has no such tree.
+        Raises LookupError if the library does not have the tree.
         """
         key = library.find(tree_id)
         if key is None:
@@ -257,9 +256,9 @@ class ExpandingAction(StatefulAction):
         return RUNNING
 
     def tick_tree(self) -> NodeStatus:
-        """Tick the tree; RUNNING as long as it is not there.
+        """Tick the tree; return RUNNING until it is ready.
 
-        Raises what has kept the tree from being made: TreeLoadError where it does not fit its blackboard.
+        Raises the error that prevented making the tree: TreeLoadError if it does not fit its blackboard.
         """
         if self._error is not None:
             raise self._error
@@ -275,13 +274,13 @@ class ExpandingAction(StatefulAction):
         return status
 
     def adopt(self, root: TreeNode | None, error: Exception | None = None) -> None:
-        """Take the tree that was made, or the reason why there is none."""
+        """Store the root of the new tree, or the error that prevented making it."""
         self._root = root
         self._error = error
         self.fetch_ticks()
 
     def fetch_ticks(self) -> None:
-        """Fetch the callable by which the root of the tree is ticked, which may have been exchanged."""
+        """Fetch the tick function of the root of the tree, which may have changed."""
         self._tick = None if self._root is None else tick_function(self._root)
 
     @property

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The base of all nodes: identity, status, ports, wake-ups and errors; how a parent ticks and halts a node.
 
-A parent ticks a child through a callable that it fetched once, when the tree was built (``ticking.tick_function``).
-For most nodes that is :meth:`TreeNode.execute` itself, which *stores the status*; only what a node has of conditions
-and callbacks is wrapped around it. The rules that every ``execute`` keeps:
+A parent ticks a child through a callable that it fetches once, when the tree is built (:func:`tick_function`). For most
+nodes this is :meth:`TreeNode.execute` itself, which *stores the status*; any conditions and callbacks of a node are
+wrapped around it. The rules for every ``execute``:
 
-* it stores the status that it returns, but never SKIPPED (so a node that was RUNNING stays so);
-* of the statuses of children it keeps what ``control`` and ``decorator`` say.
+* it stores the status that it returns, but never SKIPPED (so a RUNNING node stays RUNNING);
+* it keeps or resets the statuses of children as ``parents`` describes.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from flexbt_core.values.text import short_repr
 from .context import Tick, TreeContext
 
 StatusObserver = Callable[['TreeNode', NodeStatus, NodeStatus], None]
-"""A listener to changes of a status: node, status before, and status after. Called on the ticking thread, at once."""
+"""A listener to status changes, called at once on the ticking thread with node, status before, and status after."""
 
 NO_PORTS: Mapping[str, Port] = {}
 NOTHING_READ: dict[str, Any] = {}
-"""Entries of a node that has not read a port yet: shared, and never written."""
+"""Cached entries of a node that has not read a port yet: shared, and never written."""
 
 
 class NodeConfig(NamedTuple):
-    """The arguments that a node is made with. Pass them to ``super().__init__`` unchanged."""
+    """The constructor arguments of a node. Pass them to ``super().__init__`` unchanged."""
 
     id: str
     name: str
@@ -57,8 +57,8 @@ class NodeConfig(NamedTuple):
 class TreeNode(ABC):
     """A node of a running tree. Derive from the bases in ``leaf``, or from Decorator or Control.
 
-    ``ports`` declares the ports of the class. A class that keeps state of a run creates it in ``__init__``, which takes
-    the NodeConfig and passes it on.
+    ``ports`` declares the ports of the class. A class with state of a run creates it in ``__init__``, which passes the
+    NodeConfig to ``super().__init__``.
     """
 
     __slots__ = (
@@ -78,26 +78,26 @@ class TreeNode(ABC):
     ports: ClassVar[Mapping[str, Port]] = NO_PORTS
     kind: ClassVar[NodeKind]
     xml_name: ClassVar[str]
-    """XML name of nodes of exactly this class, if that is not the name of the class."""
+    """XML name of nodes of exactly this class, if it differs from the name of the class."""
     nav2_branch: ClassVar[str] = ''
     """The branch of Nav2 that exactly this class is for (see ``NodeRegistry``); '' if it is for all.
 
-    Of two classes with one ID each is for another branch; where there is but one, that branch alone has such nodes.
+    Two classes with one ID are for different branches. A class with a unique ID is for nodes that only its branch has.
     """
     example: ClassVar[Example | None] = None
-    """A tree that shows what nodes of exactly this class do: a derived class has its own, or none."""
+    """A tree that shows the behavior of nodes of exactly this class; derived classes do not inherit it."""
     outcomes: ClassVar[Outcomes | None] = None
-    """Possible results of nodes of exactly this class, and the children that they may tick. None: not known."""
+    """Possible results of nodes of exactly this class, and the children that they may tick. None: unknown."""
 
     running_at_completion: ClassVar[bool | None] = False
-    """True if a node is RUNNING when a tick stores its result. False: its status is the one before the tick. None: it
+    """True if a node is RUNNING when a tick stores its result. False: it has its status from before the tick. None: it
     depends."""
 
     conditions: Conditions | None
-    """The pre- and post-conditions, if it has any."""
+    """Pre- and post-conditions; None if the node has none."""
     decided_by: object
-    """Object that decided the last result in place of the tick, a pre-condition or a callback; its text describes it.
-    None: the tick itself."""
+    """Pre-condition or callback that decided the last result instead of the tick; its ``str`` describes it. None: the
+    tick itself."""
 
     def __init__(self, config: NodeConfig) -> None:
         self.stored_status: NodeStatus = IDLE
@@ -117,7 +117,7 @@ class TreeNode(ABC):
 
     @property
     def status(self) -> NodeStatus:
-        """Stored status of the last tick. Setting a result runs the post-conditions first."""
+        """Stored status of the last tick. Setting a result first runs the post-conditions."""
         return self.stored_status
 
     @status.setter
@@ -128,7 +128,7 @@ class TreeNode(ABC):
         self.store_status(status)
 
     def store_status(self, status: NodeStatus) -> None:
-        """Store a status, and tell the observers if it is another one than before. No post-conditions run."""
+        """Store a status, and notify the observers if it changed. No post-conditions run."""
         before = self.stored_status
         if status is not before:
             self.stored_status = status
@@ -156,10 +156,10 @@ class TreeNode(ABC):
 
     @abstractmethod
     def execute(self) -> NodeStatus:
-        """One tick, status stored. Only the bases implement it."""
+        """Tick the node and store its status. Only the base classes implement it."""
 
     def halt(self) -> None:
-        """Stop what the node is doing, and sets it to IDLE. Must be harmless on a node that does nothing."""
+        """Stop the work of the node, and set it to IDLE. Must be harmless on a node without work."""
         self.status = IDLE
 
     def halt_node(self) -> None:
@@ -170,35 +170,35 @@ class TreeNode(ABC):
             self.conditions.halted()
 
     def failure_cause(self) -> TreeNode | None:
-        """Return the child because of which this node failed just now; None when it failed by itself."""
+        """Return the child whose failure made this node fail in the last tick; None if it failed by itself."""
         return None
 
     def failure_reason(self) -> str:
-        """Why this node failed just now: when a child is to blame, what made the failure of that its own."""
+        """Return why this node failed in the last tick: its own reason, or how the failure of a child led to it."""
         return f'{self.id} returned FAILURE'
 
     # -- wake-ups ----------------------------------------------------------------------------------------------------
 
     def wake(self) -> None:
-        """Ask for a tick of the tree as soon as possible. From any thread."""
+        """Request a tick of the tree as soon as possible. From any thread."""
         self.context.wake()
 
     def wake_at(self, when: float) -> None:
-        """Ask for a tick at the time ``when`` of the clock; replaces an earlier one. Only within a tick."""
+        """Request a tick at the time ``when`` of the clock, instead of any earlier request. Only within a tick."""
         context = self.context
         context.deadlines[self] = when
         if when < context.earliest:
             context.earliest = when
 
     def cancel_wake(self) -> None:
-        """Take back :meth:`wake_at`."""
+        """Withdraw the request of :meth:`wake_at`."""
         if self.context.deadlines:
             self.context.deadlines.pop(self, None)
 
     # -- ports -------------------------------------------------------------------------------------------------------
 
     def get_input(self, port: str) -> Any:
-        """Return the value of an input port, converted to its type. Raises PortError when there is none that fits."""
+        """Return the value of an input port, converted to its type. Raises PortError if missing or unfit."""
         known = self._entries.get(port)
         if known is not None:
             entry, ready = known
@@ -208,7 +208,7 @@ class TreeNode(ABC):
         return self._read_input(port)
 
     def _read_input(self, port: str) -> Any:
-        """As :meth:`get_input`; remembers for it where the value is, and of which class it needs no conversion."""
+        """Read a port for :meth:`get_input`; cache its entry, and the class whose values need no conversion."""
         value = self._values.get(port)
         if value is None:
             return self._absent_input(port)
@@ -231,7 +231,7 @@ class TreeNode(ABC):
             raise self._port_error(port, 'the entry was never written', is_absent=True)
         if declared is None:
             return content
-        # Integers have bounds; those of an entry of the same type were kept when it was written.
+        # Integers have bounds; an entry of the same type was checked against them when it was written.
         if declared.category != 'integer' or entry.type is declared:
             self._remember(port, entry, declared.python_type)
             if content.__class__ is declared.python_type:
@@ -247,19 +247,19 @@ class TreeNode(ABC):
         self._entries[port] = entry, ready
 
     def ready_entry(self, port: str) -> Entry:
-        """Return where the last :meth:`get_input` of the port has found a value that it need not convert.
+        """Return the entry in which the last :meth:`get_input` of the port found a value that needs no conversion.
 
-        As long as the value there is of the Python class of the port's type, ``get_input`` returns it; so a node that
-        reads a port in each tick looks there first. MISSING if it had to be converted.
+        While the value is of the Python class of the port's type, ``get_input`` returns it, so a node that reads a port
+        in each tick checks the entry first. Return MISSING if the value needed conversion.
         """
         known = self._entries.get(port)
         return MISSING if known is None else known[0]
 
     def get_input_or(self, port: str, default: Any) -> Any:
-        """Return the value of an input port; ``default`` when it is not given, or its entry is missing or was never
-        written.
+        """Return the value of an input port; ``default`` if the XML does not set it, or its entry is missing or was
+        never written.
 
-        An existing value that does not fit is still an error.
+        An existing value that does not fit still raises PortError.
         """
         value = self._values.get(port)
         if value is None:
@@ -272,9 +272,9 @@ class TreeNode(ABC):
         return self.get_input(port)
 
     def set_output(self, port: str, value: Any) -> None:
-        """Write an output port. A port that the XML does not give is not written, which is not an error.
+        """Write an output port. If the XML does not set the port, do nothing.
 
-        Raises PortError when the value does not fit the port or the entry, or when the port holds a literal.
+        Raises PortError if the value does not fit the port or the entry, or if the port holds a literal.
         """
         declared = self._declared(port)
         if not declared.writable:
@@ -298,13 +298,13 @@ class TreeNode(ABC):
         return self._values
 
     def port_key(self, port: str) -> str | None:
-        """Return the blackboard key that a port points to; None when it holds a literal or is not given."""
+        """Return the blackboard key that a port points to; None if it holds a literal or is not set."""
         self._declared(port)
         value = self._values.get(port)
         return None if value is None else value.key
 
     def port_text(self, port: str) -> str | None:
-        """Return the text of the XML for a port; None when it is not given and has no default."""
+        """Return the text of the XML for a port; None if it is not set and has no default."""
         value = self._values.get(port)
         return None if value is None else value.text
 
@@ -334,17 +334,17 @@ class TreeNode(ABC):
     # -- errors ------------------------------------------------------------------------------------------------------
 
     def fault(self, cause: BaseException | str) -> NodeExecutionError:
-        """Return the error that names this node as the place of ``cause``, any exception of its code.
+        """Return an error of this node with ``cause``, any exception of its code.
 
-        Raises KeyboardInterrupt when that is the cause, and on the main thread: it is the user's then, and not the
-        node's.
+        Raises ``cause`` if it is a KeyboardInterrupt on the main thread: it comes from the user then, not from the
+        node.
         """
         if isinstance(cause, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
             raise cause
         return NodeExecutionError(self.path, self.id, cause, self.uid)
 
     def stop_by(self, callback: Callable[[], None]) -> None:
-        """Call what stops the work of a node. Others have to be halted even if it raises; the tree raises it then."""
+        """Call a callback that stops work; store its error, which the tree raises after it has halted all nodes."""
         try:
             callback()
         except NodeExecutionError as error:
@@ -355,7 +355,7 @@ class TreeNode(ABC):
             self.context.halt_errors.append(fault)
 
     def checked(self, status: object) -> NodeStatus:
-        """``status``, when it is what a tick may give; otherwise raises NodeExecutionError."""
+        """Return ``status`` if a tick may return it; otherwise raise NodeExecutionError."""
         if status is IDLE:
             raise self.fault('a tick must not return IDLE')
         if not isinstance(status, NodeStatus):
@@ -366,8 +366,8 @@ class TreeNode(ABC):
 
 
 WATCHED_STATUS: Final = vars(TreeNode)['status']
-"""The property above. A node has it only where its setter has something to do (see ``observers.watch``)."""
-# Everywhere else ``status`` is the slot itself: to call the property takes several times as long as a simple tick.
+"""The property above. Only nodes with observers or post-conditions use it (see ``observers.watch``)."""
+# Elsewhere ``status`` is the slot itself: a call of the property takes several times as long as a simple tick.
 TreeNode.status = vars(TreeNode)['stored_status']  # type: ignore[method-assign]
 
 
@@ -377,14 +377,14 @@ def node_path(scope: str, id: str, name: str, uid: int) -> str:
     return f'{scope}/{own}' if scope else own
 
 
-# How nodes are ticked and halted from outside: what executeTick() and haltNode() are in BehaviorTree.CPP.
+# Ticking and halting nodes from outside, as executeTick() and haltNode() in BehaviorTree.CPP.
 
 
 def tick_function(node: TreeNode) -> Tick:
     """Return the callable by which a parent, or the tree, ticks ``node``.
 
     From the inside to the outside, as in BehaviorTree.CPP: the tick itself, the pre-tick callback, the post-conditions,
-    the pre-conditions, the post-tick callback. A node that has none of them is ticked by its ``execute``.
+    the pre-conditions, the post-tick callback. For a node that has none of them, this is its ``execute``.
     """
     callbacks = node.context.callbacks
     conditions = node.conditions
@@ -399,7 +399,7 @@ def tick_function(node: TreeNode) -> Tick:
 
 
 def halt_child(child: TreeNode) -> None:
-    """Halt the child when it is RUNNING, and sets it to IDLE in any case."""
+    """Halt the child if it is RUNNING, and set it to IDLE in any case."""
     status = child.stored_status
     if status is not IDLE:
         if status is RUNNING:
@@ -409,20 +409,20 @@ def halt_child(child: TreeNode) -> None:
 
 # Pre- and post-conditions: scripts in attributes that any node may have.
 #
-# ``_failureIf``, ``_successIf``, ``_skipIf`` and ``_while`` are evaluated in this order before a node begins: the first
-# that is true (``_while``: false) decides the result, and the node is not ticked. While the node is RUNNING only
-# ``_while`` is evaluated; when it is false, the node is halted and SKIPPED. ``_onSuccess`` or ``_onFailure``, and then
-# ``_post``, run when the node completes, before its status is stored; also when a pre-condition has decided.
-# ``_onHalted`` runs whenever the node was halted, in any status.
+# Before a node starts, ``_failureIf``, ``_successIf``, ``_skipIf``, ``_while`` are evaluated in this order: the first
+# that is true (``_while``: false) decides the result, and the node is not ticked. While the node is RUNNING, only
+# ``_while`` is evaluated; if it is false, the node is halted and SKIPPED. ``_onSuccess`` or ``_onFailure``, and then
+# ``_post``, run when the node completes, before its status is stored, even if a pre-condition decided the result.
+# ``_onHalted`` runs after every halt, in any status.
 
-# What a pre-condition has to be for it to decide, and the result then.
+# For each pre-condition, the truth with which it decides, and the result.
 _DECISIONS: Final[Mapping[str, tuple[bool, NodeStatus]]] = {
     '_failureIf': (True, FAILURE),
     '_successIf': (True, SUCCESS),
     '_skipIf': (True, SKIPPED),
     '_while': (False, SKIPPED),
 }
-# With what the node completes when a post-condition runs, in the order in which they run.
+# For each post-condition, the results for which it runs, in running order.
 _COMPLETIONS: Final[Mapping[str, tuple[NodeStatus, ...]]] = {
     '_onSuccess': (SUCCESS,),
     '_onFailure': (FAILURE,),
@@ -431,7 +431,7 @@ _COMPLETIONS: Final[Mapping[str, tuple[NodeStatus, ...]]] = {
 
 
 class NodeScript:
-    """A script of a node, and the attribute that it is in."""
+    """A script of a node, with its attribute."""
 
     __slots__ = ('_node', 'attribute', 'bound', 'text')
 
@@ -445,20 +445,20 @@ class NodeScript:
         return f'[{self.text}] of {self.attribute} holds'
 
     def run(self) -> bool | None:
-        """Run it. Raises NodeExecutionError."""
+        """Run the script. Raises NodeExecutionError."""
         try:
             return self.bound.run()
         except ScriptError as error:
             raise self.fault(error) from error
 
     def fault(self, error: ScriptError) -> NodeExecutionError:
-        """Return the error of the node whose script has failed."""
+        """Return the error of the node for a failed script."""
         reason = f'{self.attribute}: {error.reason}'
         return self._node.fault(ScriptError(error.script, error.offset, reason, is_absent=error.is_absent))
 
 
 class _PreCondition(NodeScript):
-    """A script that is evaluated before a tick of the node: its decision replaces the tick."""
+    """A script evaluated before a tick of the node. Its decision replaces the tick."""
 
     __slots__ = ('_decides', '_decisive', '_ongoing', '_tick', 'result')
 
@@ -471,7 +471,7 @@ class _PreCondition(NodeScript):
         self._ongoing = attribute == '_while'
 
     def before(self, tick: Tick) -> Tick:
-        """Return ``tick`` with the question before it."""
+        """Return ``tick`` with the pre-condition before it."""
         self._tick = tick
         return self._ask_and_tick
 
@@ -480,7 +480,7 @@ class _PreCondition(NodeScript):
         node.decided_by = None
         status = node.stored_status
         if status is IDLE or status is SKIPPED or (status is RUNNING and self._ongoing):
-            # What is in a slot is fetched first here and below: Python is slower to call it at once.
+            # Fetched from the slot first, here and below: a direct call is slower in Python.
             run = self.bound.run
             try:
                 holds = run()
@@ -502,7 +502,7 @@ class _PostCondition(NodeScript):
         self.statuses = _COMPLETIONS[attribute]
 
     def after(self, tick: Tick) -> Tick:
-        """Return ``tick`` with the script after it, for nodes whose result is not observed before that."""
+        """Return ``tick`` with the script after it, for nodes whose result no observer sees before that."""
         self._tick = tick
         return self._tick_and_run
 
@@ -532,7 +532,7 @@ class Conditions:
         self._post = [_PostCondition(node, one, scripts[one]) for one in _COMPLETIONS if one in scripts]
         self._halted = NodeScript(node, '_onHalted', scripts['_onHalted']) if '_onHalted' in scripts else None
         self.pending = False
-        """True if the post-conditions are still to be run in this tick."""
+        """True if the post-conditions have yet to run in this tick."""
 
     @property
     def run_at_store(self) -> bool:
@@ -553,7 +553,7 @@ class Conditions:
         return tick
 
     def _decide(self, script: _PreCondition) -> NodeStatus:
-        """Complete the node with the result that this pre-condition gives, or halt it when it was RUNNING."""
+        """Complete the node with the result of this pre-condition, or halt it if it was RUNNING."""
         node, result = self._node, script.result
         if result is not SKIPPED:
             node.decided_by = script if result is FAILURE else None
@@ -568,33 +568,33 @@ class Conditions:
         status = self._inner()
         if self.pending:
             if status is SUCCESS or status is FAILURE:
-                # Only when the result stood already, and was not stored again.
+                # Only if the node already had the result, and did not store it again.
                 self.complete(status)
             self.pending = False
         return status
 
     def complete(self, status: NodeStatus) -> None:
-        """Run the scripts for the node's completing with this status, before it is stored: when one raises, the node
-        has not completed."""
+        """Run the scripts for completion with this status, before the status is stored. If one raises, the node does
+        not complete."""
         self.pending = False
         for script in self._post:
             if status in script.statuses:
                 script.run()
 
     def halted(self) -> None:
-        """Run the script for the node's having been halted."""
+        """Run the script ``_onHalted``."""
         if self._halted is not None:
             self._halted.run()
 
 
-# Classes that are made of the classes of nodes: each once, for as long as the class exists of which it is made.
+# Classes derived from the classes of nodes: each is made once, and lives as long as its base class.
 
 _KEPT: Final = '_derived_classes'
 
 
 def kept_by_class(make: Callable[..., type[Any]]) -> Callable[..., type[Any]]:
-    """As functools.cache, for a function that derives from the class that is its first argument: what it makes goes
-    with that class, where a proof or a reload has made one for a time only."""
+    """Cache a function that derives from the class in its first argument, as functools.cache does, but on that class:
+    the derived classes end with it, if a proof or a reload made it for a limited time."""
 
     @functools.wraps(make)
     def made(plain: type[Any], *rest: Any) -> type[Any]:

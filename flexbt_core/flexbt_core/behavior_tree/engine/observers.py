@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Observers of a tree: callbacks before and after a tick, and a log of status changes.
 
-A tree without callbacks pays nothing for them. With the first one, the parents of all nodes fetch other callables to
-tick their children by; with the last one gone they get the plain ones back. Each takes effect when the next tick of
-the tree begins; in between, a callback that is set or removed counts at once, also for the rest of a tick that
-another callback holds up::
+Callbacks cost nothing in a tree that has none. When the first one is set, the parents of all nodes fetch wrapped tick
+functions of their children; when the last one is removed, they fetch the plain ones. Both take effect at the next tick
+of the tree. Any other callback takes effect as soon as it is set or removed, even in the rest of a tick that another
+callback blocks::
 
     tree.callbacks.set_pre_tick(node, lambda node: NodeStatus.SUCCESS)     # the node succeeds without being ticked
     tree.callbacks.set_post_tick(node, lambda node, status: print(node.path, status) or status)
@@ -25,7 +25,7 @@ from .context import Tick, TreeContext
 from .node import WATCHED_STATUS, TreeNode, kept_by_class
 
 PreTick = Callable[[TreeNode], NodeStatus]
-"""A callback after the pre-conditions of a node. SUCCESS or FAILURE replaces its tick; otherwise it is ticked."""
+"""A callback after the pre-conditions of a node. If it returns SUCCESS or FAILURE, the node is not ticked."""
 
 PostTick = Callable[[TreeNode, NodeStatus], NodeStatus]
 """A callback with the result of a node, after its post-conditions. SUCCESS or FAILURE replaces the result."""
@@ -34,10 +34,10 @@ _CALLBACK: Final = 'a callback gave FAILURE'
 
 
 class TickCallbacks:
-    """The callbacks of one tree: :attr:`Tree.callbacks`. May be used from any thread; they run on the ticking thread.
+    """The callbacks of one tree: :attr:`Tree.callbacks`. Use it from any thread; callbacks run on the ticking thread.
 
-    When a callback replaces the result of a RUNNING node, the node is halted first: its work must not continue while
-    its parent considers it done. An exception of a callback is an error of the node; ``TickAbandoned`` ends the tick.
+    If a callback replaces the result of a RUNNING node, the node is halted first: its work must not continue while its
+    parent considers it done. An exception of a callback is an error of the node; ``TickAbandoned`` ends the tick.
     """
 
     def __init__(self, context: TreeContext, nodes: Callable[[], Sequence[TreeNode]]) -> None:
@@ -47,10 +47,10 @@ class TickCallbacks:
         self._after: dict[TreeNode, PostTick] = {}
         self._lock = threading.Lock()
         self.on_release: Callable[[], None] | None = None
-        """Called, from any thread, by :meth:`release`: a callback that waits for something has to look now."""
+        """Called by :meth:`release`, from any thread, so that a waiting callback checks :attr:`released`."""
 
     def set_pre_tick(self, node: TreeNode, callback: PreTick | None) -> None:
-        """Call ``callback`` before each tick of the node, unless its last result still stands; None: no callback."""
+        """Call ``callback`` before each tick of the node, unless it still has a result; None: no callback."""
         self._set(self._before, node, callback)
 
     def set_post_tick(self, node: TreeNode, callback: PostTick | None) -> None:
@@ -70,7 +70,7 @@ class TickCallbacks:
             self._switch()
 
     def release(self) -> None:
-        """Let go of what a tick waits for: the host wants to stop the tree. From any thread."""
+        """End the waits of a tick, because the host wants to stop the tree. From any thread."""
         self._context.stop()
         on_release = self.on_release
         if on_release is not None:
@@ -78,7 +78,7 @@ class TickCallbacks:
 
     @property
     def released(self) -> bool:
-        """True if the host wants to stop the tree. A callback that waits raises TickAbandoned then."""
+        """True if the host wants to stop the tree. A waiting callback then raises TickAbandoned."""
         return self._context.stopping
 
     def _set(self, callbacks: dict[TreeNode, Any], node: TreeNode, callback: Any) -> None:
@@ -90,16 +90,16 @@ class TickCallbacks:
             self._switch()
 
     def _switch(self) -> None:
-        """Say whether the callables of nodes are to have callbacks, and has them fetched anew when that changes."""
+        """Switch callbacks on or off, and make parents fetch the tick functions again if that changes."""
         used = bool(self._before or self._after)
         if used is not self.active:
             self._context.callbacks = self if used else None
             self._context.rewrapped.extend(self._nodes())
 
-    # -- while the tick functions are fetched -------------------------------------------------------------------------
+    # -- when parents fetch the tick functions ------------------------------------------------------------------------
 
     def before(self, node: TreeNode, tick: Tick) -> Tick:
-        """``tick`` of the node with its pre-tick callback."""
+        """Return ``tick`` of the node with its pre-tick callback."""
         callbacks = self._before
 
         def call_and_tick() -> NodeStatus:
@@ -113,7 +113,7 @@ class TickCallbacks:
         return call_and_tick
 
     def after(self, node: TreeNode, tick: Tick) -> Tick:
-        """``tick`` of the node with its post-tick callback."""
+        """Return ``tick`` of the node with its post-tick callback."""
         callbacks = self._after
 
         def tick_and_call() -> NodeStatus:
@@ -138,7 +138,7 @@ def _complete(node: TreeNode, result: NodeStatus) -> NodeStatus:
 
 
 def _replacement(node: TreeNode, callback: Callable[[], NodeStatus]) -> NodeStatus | None:
-    """Return the result that a callback wants the node to have."""
+    """Return the result with which a callback replaces that of the node; None if it does not."""
     try:
         given = callback()
     except NodeExecutionError:
@@ -148,14 +148,14 @@ def _replacement(node: TreeNode, callback: Callable[[], NodeStatus]) -> NodeStat
     return given if given is SUCCESS or given is FAILURE else None
 
 
-# A log of the changes of statuses of a tree, to be read later, maybe by another thread.
+# A log of the status changes of a tree, to be read later, possibly by another thread.
 #
-# Writing has to cost next to nothing, so an entry is one integer, a *mark*: the number of the node, and that of the
-# status that it has now. Reading, which knows the status that each node has had, makes the changes of them, in the
-# order in which the statuses were stored.
+# Writing must cost almost nothing, so an entry is one integer, a *mark*: the uid of the node, and the number of its new
+# status. The reader knows the previous status of each node, and makes changes from the marks, in the order in which the
+# statuses were stored.
 
 _SHIFT: Final = 4
-"""The bits of a mark that are the number of the status."""
+"""Number of bits of a mark that hold the status."""
 _STATUS: Final = (1 << _SHIFT) - 1
 
 T = TypeVar('T')
@@ -178,7 +178,7 @@ class StatusLog:
 
 
 class LogReader(Generic[T]):
-    """A reader that makes transitions from the log of a tree.
+    """A reader that turns the log of a tree into transitions.
 
     Create it before the first mark is written; it has to read all of them. A transition is the object that ``make``
     returns for a node's uid and the numbers of its statuses before and after.
@@ -186,18 +186,18 @@ class LogReader(Generic[T]):
 
     def __init__(self, nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> None:
         self.statuses = bytearray([0, *(node.status for node in nodes)])
-        """The number of the status of each node, by its uid, as far as the marks were read."""
+        """Status number of each node, by uid, after the marks read so far."""
         self._make = make
         self._made: dict[int, T] = {}
 
     def read(self, marks: Iterable[int]) -> list[T]:
-        """Return the changes that these marks mean, which follow those that were read before."""
+        """Return the changes in these marks, which continue those read before."""
         statuses = self.statuses
         made = self._made
         transitions: list[T] = []
         for mark in marks:
             uid, status = mark >> _SHIFT, mark & _STATUS
-            # There are not many different changes: the transition of each is made once.
+            # Few changes are distinct, so the transition of each is made only once.
             change = mark << _SHIFT | statuses[uid]
             transition = made.get(change)
             if transition is None:
@@ -207,9 +207,9 @@ class LogReader(Generic[T]):
         return transitions
 
 
-# How the changes of statuses are noticed. To store a status must cost next to nothing, so the attribute ``status`` of a
-# node is a slot. A node whose changes are observed, or whose post-conditions run when it stores its result,
-# gets a class derived from its own in which ``status`` is a property. Nothing else differs.
+# Detection of status changes. Storing a status must cost almost nothing, so ``status`` of a node is a slot.
+# A node with observers, or with post-conditions that run when it stores its result, gets a derived class in which
+# ``status`` is a property. Nothing else differs.
 
 
 def watch(node: TreeNode) -> None:
@@ -235,7 +235,7 @@ def _watched(plain: type[Any]) -> type[Any]:
 
 @kept_by_class
 def _logged(plain: type[Any]) -> type[Any]:
-    """Return ``plain`` for a tree of which only a log hears: one call writes a change."""
+    """Return ``plain`` for a tree whose only observer is a log: one call writes a change."""
     return _derived(plain, property(attrgetter('stored_status'), _store_and_log))
 
 

@@ -18,20 +18,20 @@ from .node import NodeConfig, TreeNode, halt_child, tick_function
 
 
 class ControlNode(TreeNode):
-    """A node with children. The nodes of the engine derive from it; others from :class:`Control`."""
+    """A node with children. The nodes of the engine derive from it; other nodes from :class:`Control`."""
 
     __slots__ = ('_failed', '_ticks', 'children')
 
     kind = NodeKind.CONTROL
     running_at_completion: ClassVar[bool | None] = True
     children_bounds: ClassVar[tuple[int, int | None]] = (1, None)
-    """Least and greatest number of children."""
+    """Minimum and maximum number of children."""
     tickable_with: ClassVar[tuple[int, int] | None] = None
-    """Least and greatest number of children with which it can be ticked, if it is loaded with others as well."""
+    """Minimum and maximum number of children for a tick, if a node may be loaded with other numbers."""
     runs_several: ClassVar[bool] = False
     """True if several children may be RUNNING at once."""
     tries_all: ClassVar[bool] = False
-    """True if it fails because no child succeeds, not because one fails."""
+    """True if it fails when no child succeeds, not when one fails."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -40,7 +40,7 @@ class ControlNode(TreeNode):
         self._failed: int | None = None
 
     def attach(self, children: Sequence[TreeNode]) -> None:
-        """Take the children, while the tree is being built."""
+        """Set the children, while the tree is built."""
         self.children = tuple(children)
         self.fetch_ticks()
 
@@ -60,18 +60,18 @@ class ControlNode(TreeNode):
         return self.children
 
     def fetch_ticks(self) -> None:
-        """Fetch the callables by which the children are ticked; some of them may have been exchanged."""
+        """Fetch the tick functions of the children, which may have changed."""
         self._ticks = tuple(tick_function(child) for child in self.children)
 
     def reset_children(self) -> None:
-        """Halt the children that are RUNNING, and sets all to IDLE, in their order."""
+        """Halt the RUNNING children, and set all to IDLE, in order."""
         for child in self.children:
             if child.stored_status is RUNNING:
                 child.halt_node()
             child.status = IDLE
 
     def halt_children_except(self, index: int) -> None:
-        """As :meth:`reset_children`, for all children but one."""
+        """Halt the RUNNING children, and set all to IDLE, except the child ``index``."""
         for position, child in enumerate(self.children):
             if position != index:
                 halt_child(child)
@@ -92,23 +92,23 @@ class ControlNode(TreeNode):
         return f'{self.id}: child {self._failed + 1} of {total} failed'
 
     def last_failed(self) -> int | None:
-        """Return the last child that has FAILURE still."""
+        """Return the index of the last child with status FAILURE; None if no child has it."""
         failed = [index for index, child in enumerate(self.children) if child.stored_status is FAILURE]
         return failed[-1] if failed else None
 
 
 class _UserParent(TreeNode):
-    """What the bases of your own controls and decorators have in common."""
+    """Common base of user-defined controls and decorators."""
 
     __slots__ = ()
 
     running_at_completion: ClassVar[bool | None] = None
 
     def on_halt(self) -> None:
-        """Clean up when the node is halted while it is RUNNING, before its children are.
+        """Clean up when the node is halted while RUNNING, before its children are halted.
 
-        What a halt has to drop from any node, also from one that is IDLE, is for :meth:`halt`: at the end of each run
-        a tree halts all of its nodes, as in BehaviorTree.CPP.
+        To drop state on a halt in any status, even IDLE, override :meth:`halt`: at the end of each run a tree halts all
+        of its nodes, as in BehaviorTree.CPP.
         """
 
     @property
@@ -123,13 +123,13 @@ class _UserParent(TreeNode):
 
 
 class Control(_UserParent, ControlNode):
-    """The base of your own controls: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
+    """The base of user-defined controls: implement :meth:`tick`, and :meth:`on_halt` if a halt must drop state."""
 
     __slots__ = ()
 
     @abstractmethod
     def tick(self) -> NodeStatus:
-        """One tick; ticks children by :meth:`tick_child`."""
+        """Tick the node: tick children by :meth:`tick_child`, and return the status."""
 
     def tick_child(self, index: int) -> NodeStatus:
         status = self._ticks[index]()
@@ -154,13 +154,13 @@ class Control(_UserParent, ControlNode):
         return status
 
 
-# Nodes with one child, and the base of your own decorators.
+# Nodes with one child, and the base of user-defined decorators.
 #
-# A decorator sets its child back to IDLE as soon as that has completed.
+# A decorator sets its child to IDLE as soon as the child completes.
 
 
 class DecoratorNode(TreeNode):
-    """A node with one child. The nodes of the engine derive from it; others from :class:`Decorator`."""
+    """A node with one child. The nodes of the engine derive from it; other nodes from :class:`Decorator`."""
 
     __slots__ = ('_tick', 'child')
 
@@ -171,7 +171,7 @@ class DecoratorNode(TreeNode):
     _tick: Tick
 
     def attach(self, children: Sequence[TreeNode]) -> None:
-        """Take the child, while the tree is being built."""
+        """Set the child, while the tree is built."""
         (self.child,) = children
         self.fetch_ticks()
 
@@ -180,7 +180,7 @@ class DecoratorNode(TreeNode):
         return (self.child,)
 
     def fetch_ticks(self) -> None:
-        """Fetch the callable by which the child is ticked, which may have been exchanged."""
+        """Fetch the tick function of the child, which may have changed."""
         self._tick = tick_function(self.child)
 
     def halt(self) -> None:
@@ -195,7 +195,7 @@ class DecoratorNode(TreeNode):
 
 
 class Decorator(_UserParent, DecoratorNode):
-    """The base of your own decorators: implement :meth:`tick`, and :meth:`on_halt` when there is state to drop."""
+    """The base of user-defined decorators: implement :meth:`tick`, and :meth:`on_halt` if a halt must drop state."""
 
     __slots__ = ('_child_failed',)
 
@@ -205,7 +205,7 @@ class Decorator(_UserParent, DecoratorNode):
 
     @abstractmethod
     def tick(self) -> NodeStatus:
-        """One tick; ticks the child by :meth:`tick_child` or not."""
+        """Tick the node: tick the child by :meth:`tick_child` or not, and return the status."""
 
     def tick_child(self) -> NodeStatus:
         status = self._tick()

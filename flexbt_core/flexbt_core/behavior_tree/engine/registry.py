@@ -23,33 +23,33 @@ from .node import TreeNode
 from .parents import ControlNode, DecoratorNode
 
 Elements = Iterable[tuple[str, Mapping[str, str]]]
-"""The elements of a file: the ID of each, or its tag if it is not a node, and its attributes."""
+"""The elements of a file, each as its ID (or tag if it is not a node) and attributes."""
 
 
 class NodeRegistry:
-    """Node types by the ID that XML uses. Each host makes its own, see ``builtin_registry``.
+    """Node types by the ID that XML uses. Each host creates one, see ``builtin_registry``.
 
     A file may be written for a branch of Nav2 in which some IDs mean other node types. ``nav2_branch_of`` returns that
     branch for the elements of the file; for None and for an unknown branch, IDs mean the types as they are registered.
     """
 
     def __init__(self, scripts: ScriptLibrary | None = None) -> None:
-        """``scripts`` has the enum constants that scripts know."""
+        """Create an empty registry; ``scripts`` has the enum constants for scripts."""
         self._manifests: dict[str, NodeManifest] = {}
         self.nav2_branches: dict[str, dict[str, NodeManifest]] = {}
-        """Node types of the IDs that mean something else in a branch, by branch."""
+        """Node types that differ from the registered ones in a branch, by branch and ID."""
         self.nav2_branch_of: Callable[[Elements], str | None] = lambda elements: None
         self.on_clash: Callable[[str, RegistrationError], None] | None = None
-        """Callback for an ID that is taken, which keeps its type; without a callback, ``register`` raises the error."""
+        """Callback for an ID in use, which keeps its type; without a callback, ``register`` raises the error."""
         self.scripts = scripts if scripts is not None else ScriptLibrary()
         self.json_types = JsonTypes()
-        """Classes whose objects can be part of the JSON of a blackboard."""
+        """Classes whose objects the JSON of a blackboard can contain."""
 
     def register(self, id: str, node_class: type[TreeNode]) -> NodeManifest:
-        """Make ``node_class`` known as ``id``.
+        """Register ``node_class`` as ``id``.
 
-        Raises RegistrationError when the ID is taken (but see ``on_clash``) or not allowed, when a port is declared
-        wrongly, or when the class is abstract.
+        Raises RegistrationError if the ID is in use (but see ``on_clash``) or not allowed, if a port declaration is
+        invalid, or if the class is abstract.
         """
         return self._register(id, node_class, self._manifests)
 
@@ -106,19 +106,19 @@ class NodeRegistry:
         return manifest
 
     def register_classes(self, node_classes: Iterable[type[TreeNode]]) -> None:
-        """Make classes known under the names that they declare. Raises RegistrationError, as :meth:`register` does."""
+        """Register classes under the names that they declare. Raises RegistrationError, as :meth:`register` does."""
         for node_class in node_classes:
             self.register_class(node_class)
 
     def register_class(self, node_class: type[TreeNode], nav2_branch: str = '', *, only: str = '') -> None:
-        """Make a class known under the name that it declares; in one ``nav2_branch`` if that is given, where the ID
-        means something else. ``only`` is the branch that alone has such nodes. Raises RegistrationError, as
-        :meth:`register` does."""
+        """Register a class under the name that it declares, or only for files of ``nav2_branch`` if it is set. ``only``
+        is the single branch of Nav2 that has such nodes. Raises RegistrationError, as :meth:`register` does.
+        """
         manifests = self.nav2_branches.setdefault(nav2_branch, {}) if nav2_branch else self._manifests
         self._register(declared_id(node_class), node_class, manifests, only)
 
     def types_for(self, elements: Elements) -> NodeRegistry | BranchTypes:
-        """Return the node types of a file that has these elements."""
+        """Return the node types for a file with these elements."""
         others = self.nav2_branches.get(self.nav2_branch_of(elements) or '')
         return self if others is None else BranchTypes(self, others)
 
@@ -126,7 +126,7 @@ class NodeRegistry:
         return self._manifests.get(id)
 
     def suggestions(self, id: str) -> list[str]:
-        """Return registered IDs that look like ``id``, best first."""
+        """Return registered IDs similar to ``id``, best first."""
         return similar_names(id, self._manifests, most=3)
 
     def __contains__(self, id: str) -> bool:
@@ -140,7 +140,7 @@ class NodeRegistry:
 
 
 class BranchTypes:
-    """The node types of a registry, with some of them replaced."""
+    """The node types of a registry, some of them replaced by those of a branch of Nav2."""
 
     def __init__(self, registry: NodeRegistry, others: Mapping[str, NodeManifest]) -> None:
         self._registry = registry
@@ -175,9 +175,9 @@ def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:
 
 
 def _skill_problem(node_class: type[TreeNode]) -> str:
-    """Return what is wrong with the skill that a leaf declares, taken by itself."""
+    """Return what is wrong with the declared skill of a leaf; '' if it is valid on its own."""
     if not issubclass(node_class, LeafNode) or not isinstance(node_class.skill, Skill):
-        return ''  # the attribute of a user's class may be something else
+        return ''  # a user's class may use the attribute for something else
     for name in node_class.skill.outcomes:
         if name not in ('SUCCESS', 'FAILURE'):
             return f'{short_repr(name)} is no outcome of a leaf; it ends by SUCCESS or FAILURE'
@@ -204,14 +204,14 @@ def _port_problem(name: str, port: object) -> str:
     return ''
 
 
-# The skills of leaves: what their classes declare, completed by what ports and outcomes tell.
+# The skills of leaves: declarations of their classes, completed from ports and outcomes.
 
 
 def node_skill(manifest: NodeManifest) -> Skill | None:
     """Return the skill of a node type; None if it is not a leaf.
 
-    A leaf reads and writes its ports, and ends by SUCCESS or FAILURE; a condition answers by them. One that derives
-    from another has its skill, unless it declares its own.
+    A leaf reads and writes its ports, and ends with SUCCESS or FAILURE; a condition answers with them. A derived leaf
+    inherits the skill, unless it declares another.
     """
     node_class = manifest.node_class
     if not issubclass(node_class, LeafNode):
@@ -236,9 +236,8 @@ def node_skill(manifest: NodeManifest) -> Skill | None:
 def node_skills(registry: NodeRegistry, broken: Callable[[str], None]) -> SkillLibrary:
     """Return the skills of all leaves of a registry.
 
-    Unfit declarations of a class are reported to ``broken``, with file and line of the class; of its skill only the
-    resources and the meanings of the outcomes are kept then, so that one wrong package does not keep others from their
-    work.
+    Reports invalid declarations of a class to ``broken``, with file and line of the class, and then keeps only the
+    resources and the meanings of the outcomes of its skill, so that one faulty package does not affect others.
     """
     manifests = {manifest.id: manifest for manifest in registry}
     skills = {id: skill for id, manifest in manifests.items() if (skill := node_skill(manifest)) is not None}
@@ -265,9 +264,9 @@ def _without_literals(skill: Skill) -> Skill:
 
 
 def _place(manifest: NodeManifest) -> str:
-    """File and line of the class of a node type."""
+    """Return file and line of the class of a node type."""
     node_class = manifest.node_class
     try:
         return f'{inspect.getsourcefile(node_class)}:{inspect.getsourcelines(node_class)[1]}'
-    except (OSError, TypeError):  # made by a program
+    except (OSError, TypeError):  # a class without source file
         return f'{node_class.__module__}.{node_class.__qualname__}'

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pause, resume and single-step a tree that its host ticks.
 
-A paused tree is not ticked, and its leaves hold what they have begun where they can (:meth:`LeafNode.on_pause`). The
-time goes on, as in FlexBE and in py_trees: a Timeout limits what happens in the world, and that does not stop. What has
-become due meanwhile is found by the next tick.
+A paused tree is not ticked, and its leaves pause the work that they started if they can (:meth:`LeafNode.on_pause`).
+The clock continues, as in FlexBE and in py_trees: a Timeout limits events in the world, which does not stop. The next
+tick handles everything that became due meanwhile.
 
-A host may also hold a tree by itself. That is a pause too, and apart from that of the commands: the tree goes
-on when neither is left.
+A host may also hold a tree. This is a second pause, independent of the one by command: the tree continues when neither
+is in effect.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from flexbt_core.behavior_tree.model.status import NodeStatus
 from .tree import Tree
 
 TickCommandReply = Callable[[str], None]
-"""A callback, called once: with '' when the command had its effect, else with the reason why it had none. It runs on
-the thread of the host or of the caller."""
+"""A callback, called once: with '' if the command took effect, else with the reason why it did not. It runs on the
+thread of the host or of the caller."""
 
 
 class TickCommand(Enum):
-    """A command to a tree. PAUSE of a paused tree, and RESUME of one that is not, have their effect already."""
+    """A command to a tree. PAUSE of a paused tree, and RESUME of an unpaused one, succeed without any effect."""
 
     PAUSE = 'pause'
     RESUME = 'resume'
@@ -35,15 +35,15 @@ class TickCommand(Enum):
 
 
 MOST_WAITING: Final = 1000
-"""Maximum number of commands that wait for the current tick; further ones are refused."""
+"""Maximum number of commands that wait for the current tick; further ones are rejected."""
 
 
 class TickControl:
     """A layer between a tree and its host: it accepts commands from any thread, and runs them in order between ticks.
 
     The host ticks by :meth:`tick`; it need not wait for the clock while :attr:`paused`, and must not sleep while
-    :attr:`pending`. ``on_command()`` is called from any thread when the host has to check soon, ``on_change(paused)``
-    from the thread of the host. :meth:`close` ends it.
+    :attr:`pending`. ``on_command()`` is called, from any thread, when the host should call :meth:`tick` soon, and
+    ``on_change(paused)`` on the thread of the host. :meth:`close` ends the control.
     """
 
     def __init__(self, on_command: Callable[[], None], on_change: Callable[[bool], None]) -> None:
@@ -56,7 +56,7 @@ class TickControl:
         self._paused = False
         self._closed: str | None = None
         self.not_paused: tuple[str, ...] = ()
-        """Leaves that continue while the tree is paused, as 'path: why'."""
+        """Leaves whose work continues while the tree is paused, as 'path: why'."""
 
     @property
     def paused(self) -> bool:
@@ -68,7 +68,7 @@ class TickControl:
         return bool(self._commands) or self._is_to_pause is not self._paused
 
     def command(self, command: TickCommand, answer: TickCommandReply) -> None:
-        """Ask for something. PAUSE is answered when no tick is under way any more, STEP when its tick is over."""
+        """Queue a command. PAUSE is answered once the current tick has ended, STEP when its tick has ended."""
         with self._lock:
             refusal = self._closed
             if refusal is None and len(self._commands) >= MOST_WAITING:
@@ -81,12 +81,12 @@ class TickControl:
             answer(refusal)
 
     def hold(self, reason: str) -> None:
-        """Has the tree held for the host's ``reason``, until it is called with ''. From any thread."""
+        """Hold the tree for this ``reason`` of the host; '' releases it. From any thread."""
         self._hold = reason
         self._on_command()
 
     def close(self, reason: str) -> None:
-        """Refuse all pending and future commands for this reason: the run is over."""
+        """Reject all pending and future commands with this reason, because the run has ended."""
         with self._lock:
             if self._closed is not None:
                 return
@@ -97,9 +97,8 @@ class TickControl:
             answer(reason)
 
     def tick(self, tree: Tree) -> NodeStatus | None:
-        """Obeys the commands up to the first STEP, and ticks the tree if it may: once, or for a STEP exactly once.
-
-        None when the tree is paused and was not ticked. Raises what the tick raises.
+        """Run the commands up to the first STEP, then tick the tree unless it is paused: by ``tick_once``, or for a
+        STEP by ``tick_exactly_once``. Return None if it was not ticked. Propagates the exceptions of the tick.
         """
         step = self._obey(tree)
         if step is None:
@@ -110,7 +109,7 @@ class TickControl:
             step(f'the tick raised: {error}')
             raise
         if status is NodeStatus.RUNNING:
-            self.not_paused = tree.pause()  # what the step has begun
+            self.not_paused = tree.pause()  # pauses the work that the step has started
         step('')
         return status
 
@@ -119,7 +118,7 @@ class TickControl:
         return self._asked_to_pause or bool(self._hold)
 
     def _obey(self, tree: Tree) -> TickCommandReply | None:
-        """Give the answer to the STEP that is to be done now."""
+        """Run commands up to the first valid STEP and return its reply callback; None if the queue has none."""
         while True:
             with self._lock:
                 command, answer = self._commands.popleft() if self._commands else (None, None)

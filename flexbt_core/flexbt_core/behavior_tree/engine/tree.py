@@ -33,10 +33,10 @@ _logger = logging.getLogger(__name__)
 
 
 class Tree:
-    """A tree that can be ticked. One thread at a time may tick or halt it; ``wake`` may be called from any.
+    """A tree that can be ticked. One thread at a time may tick or halt it; any thread may call ``wake``.
 
-    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``on_wake()`` is called,
-    from any thread, when a leaf asks for a tick, and when unfinished work ends. ``substitute(definition, path)`` may
+    ``library`` and ``tree_id`` (with the document ``file`` to search first) select the tree. ``on_wake()`` is called,
+    from any thread, when a leaf requests a tick, and when unfinished work ends. ``substitute(definition, path)`` may
     return another definition for a node, such as a leaf that replaces it in a test.
     """
 
@@ -53,8 +53,8 @@ class Tree:
         max_rounds: int = 10_000,
         substitute: Substitute | None = None,
     ) -> None:
-        """Make the nodes. Raises TreeLoadError when a blackboard entry is used with several types, LookupError when
-        there is no such tree. ``max_rounds`` bounds how often one ``tick_once`` ticks a tree that wakes itself."""
+        """Make the nodes. Raises TreeLoadError if nodes use one blackboard entry with several types, LookupError if the
+        tree is unknown. ``max_rounds`` limits the ticks of a tree that wakes itself in one ``tick_once``."""
         key = library.find(tree_id, file)
         if key is None:
             known = ', '.join(sorted(library.tree_ids())) or 'none'
@@ -79,7 +79,7 @@ class Tree:
         self.context.on_wake = on_wake
 
     def _join(self) -> None:
-        """Make one of the tree itself and of those below leaves."""
+        """Join the nodes of the tree itself and those of the trees below leaves."""
         parts = (self._trunk, *self._expanded.values())
         self.nodes: tuple[TreeNode, ...] = tuple(node for part in parts for node in part.nodes)
         self.definitions: tuple[NodeDefinition, ...] = tuple(one for part in parts for one in part.definitions)
@@ -95,14 +95,14 @@ class Tree:
     # -- ticking -----------------------------------------------------------------------------------------------------
 
     def tick_exactly_once(self) -> NodeStatus:
-        """Tick once. A requested wake-up stays pending, see :meth:`take_wake`."""
+        """Tick once. A wake-up stays pending, see :meth:`take_wake`."""
         return self._settle(self._tick())
 
     def tick_once(self) -> NodeStatus:
-        """One tick, and further ones as long as the tree is RUNNING and woken: a chain of nodes that yield completes.
+        """Tick once, and again while the tree is RUNNING and woken, so that a chain of yielding nodes completes.
 
-        After ``max_rounds``, once the host wants to stop the tree (``callbacks.release``), and when a leaf has waited,
-        it returns RUNNING with the wake-up pending: a tree that keeps waking itself can be paused and halted.
+        After ``max_rounds``, when the host wants to stop the tree (``callbacks.release``), and after a leaf has waited,
+        return RUNNING with the wake-up pending, so that a tree that keeps waking itself can be paused and halted.
         """
         context = self.context
         context.waited = False
@@ -120,9 +120,9 @@ class Tree:
     def tick_while_running(self, wait: Callable[[float], None], sleep_time: float = 0.01) -> NodeStatus:
         """Tick until the tree completes or is skipped.
 
-        ``wait(time)`` waits for a wake-up, or for that time of the clock, in seconds: the one for which a node has
-        asked, or ``sleep_time`` from now. That is as in BehaviorTree.CPP, for nodes that ask for nothing and expect
-        the next tick: loops, and actions that look at each tick whether they are done.
+        ``wait(time)`` waits for a wake-up, or for that time of the clock, in seconds: the one that a node has
+        requested, or ``sleep_time`` from now. As in BehaviorTree.CPP, this serves nodes that request nothing and expect
+        the next tick: loops, and actions that check at each tick whether they are done.
         """
         while True:
             status = self.tick_once()
@@ -136,7 +136,7 @@ class Tree:
     def _tick(self) -> NodeStatus:
         deadlines = self.context.deadlines
         if deadlines:
-            # This tick serves the requests that are due. A node that needs more asks again.
+            # This tick serves the due requests. A node that needs another tick requests it again.
             now = self.context.clock.now()
             if now >= self.context.earliest:
                 for node in [node for node, when in deadlines.items() if when <= now]:
@@ -178,7 +178,7 @@ class Tree:
             self._on_expanded()
 
     def _drop(self, leaf: ExpandingAction) -> None:
-        """Forget the tree below a leaf, and those below its leaves."""
+        """Remove the tree below a leaf, and those below its leaves."""
         part = self._expanded.pop(leaf, None)
         for node in () if part is None else part.nodes:
             self.context.deadlines.pop(node, None)
@@ -186,8 +186,8 @@ class Tree:
                 self._drop(node)
 
     def fetch_ticks(self) -> None:
-        """Has the parents of nodes fetch the callables anew by which they tick them."""
-        count = len(self.context.rewrapped)  # other threads add to them when they set callbacks
+        """Make the parents of changed nodes fetch their tick functions again."""
+        count = len(self.context.rewrapped)  # other threads append to the list when they set callbacks
         rewrapped = set(self.context.rewrapped[:count])
         del self.context.rewrapped[:count]
         for node in self.nodes:
@@ -199,7 +199,7 @@ class Tree:
             self._entry = self._fetch_entry()
 
     def _fetch_entry(self) -> Tick:
-        # A node with callbacks has two more calls.
+        # Callbacks nest two more calls per node.
         depth = 2 * self._depth if self.context.callbacks is not None else self._depth
         entry = with_room(tick_function(self.root), depth)
         after = self._after_round
@@ -223,19 +223,19 @@ class Tree:
         return status
 
     def halt(self) -> None:
-        """Halt all nodes, the RUNNING ones by their own means, and sets them to IDLE.
+        """Halt all nodes and set them to IDLE.
 
-        Harmless at any time; also after an error. Work that goes on is in :attr:`unfinished`. Raises
-        NodeExecutionError, after everything was halted, when a leaf raised.
+        Harmless at any time, even after an error. Work that continues is in :attr:`unfinished`. Raises
+        NodeExecutionError, after all nodes are halted, if a leaf raised.
         """
-        # The root first, which halts what is RUNNING in its order. Then all others are halted, too: some keep counts
-        # from one activation to the next, and scripts of _onHalted run for all, as in BehaviorTree.CPP.
+        # The root first, which halts the RUNNING nodes in order. Then all others: some keep counts from one activation
+        # to the next, and _onHalted scripts run for all, as in BehaviorTree.CPP.
         for node in (self.root, *self.nodes):
             try:
                 node.halt_node()
             except NodeExecutionError as error:
                 self.context.halt_errors.append(error)
-        # A script of _onHalted that fails keeps the nodes above it from finishing their halt.
+        # A failing _onHalted script keeps the nodes above it from finishing their halt.
         for node in self.nodes:
             if node.stored_status is not IDLE:
                 node.status = IDLE
@@ -245,9 +245,9 @@ class Tree:
         self._raise_halt_errors()
 
     def empty_outputs(self, given: Container[str] = ()) -> None:
-        """Empty what an earlier run has left on the blackboard and this one begins without, as its leaves say.
+        """Empty the outputs of an earlier run that leaves declare in ``begins_without``. Before the first tick.
 
-        Before the first tick. The entries of the tree's own blackboard that are ``given`` stay.
+        Entries of the tree's own blackboard whose keys are in ``given`` keep their values.
         """
         for leaf in [node for node in self.nodes if isinstance(node, LeafNode)]:
             for port in leaf.begins_without:
@@ -260,9 +260,9 @@ class Tree:
                     leaf.empty_output(port)
 
     def pause(self) -> tuple[str, ...]:
-        """Has the RUNNING leaves hold what they have begun; the host does not tick the tree from now on.
+        """Make the RUNNING leaves pause their work; the host must not tick the tree until it resumes it.
 
-        Return 'path: why' for each that continues nevertheless. May be called again, after a tick in between.
+        Return 'path: why' for each leaf whose work continues. May be called again, after a tick in between.
         """
         self.context.paused = True
         goes_on = []
@@ -276,7 +276,7 @@ class Tree:
         return tuple(goes_on)
 
     def resume(self) -> None:
-        """Has the RUNNING leaves go on; the next tick follows. Raises NodeExecutionError when a leaf raises."""
+        """Make the RUNNING leaves resume; the next tick follows. Raises NodeExecutionError if a leaf raises."""
         self.context.paused = False
         for leaf in self._running_leaves():
             try:
@@ -285,8 +285,8 @@ class Tree:
                 raise self._traced(leaf.fault(error)) from error
 
     def abandon(self) -> None:
-        """End what the leaves have begun elsewhere: the thread that ticks the tree hangs in one of them, and cannot
-        halt it. From another thread; the tree is not to be used any more.
+        """End the work that leaves have started outside the tree, because the ticking thread hangs in one of them and
+        cannot halt the tree. From another thread; the tree must not be used afterwards.
         """
         for leaf in self._running_leaves():
             leaf.abandon()
@@ -312,11 +312,11 @@ class Tree:
     # -- waking ------------------------------------------------------------------------------------------------------
 
     def wake(self) -> None:
-        """Ask for a tick. From any thread."""
+        """Request a tick. From any thread."""
         self.context.wake()
 
     def take_wake(self) -> bool:
-        """Return whether a wake-up is pending; it is not, afterwards. A host that has waited calls it before it
+        """Return True if a wake-up is pending, and clear it. A host that has waited calls this before it
         ticks."""
         woken = self.context.woken
         self.context.woken = False
@@ -329,24 +329,24 @@ class Tree:
 
     @property
     def next_wake(self) -> float | None:
-        """The earliest time of the clock at which a node wants a tick; None when none has asked."""
+        """Earliest time of the clock for which a node has requested a tick; None without requests."""
         return min(self.context.deadlines.values(), default=None)
 
     @property
     def unfinished(self) -> tuple[str, ...]:
-        """Unfinished work of leaves that were halted, described for people. ``on_wake`` is called when it changes."""
+        """Descriptions of the unfinished work of halted leaves. ``on_wake`` is called when some of it ends."""
         return self.context.unfinished
 
     def advance_unfinished(self) -> None:
-        """Let leaves go on that were halted and need ticks to come to their end.
+        """Advance halted leaves that need ticks to end.
 
-        A host that waits until nothing is :attr:`unfinished` calls it when the tree is woken, and now and then. Raises
+        A host that waits until nothing is :attr:`unfinished` calls it when the tree is woken, and periodically. Raises
         NodeExecutionError as :meth:`halt` does.
         """
         self.context.advance_unfinished()
         self._raise_halt_errors()
 
-    # -- what can be seen --------------------------------------------------------------------------------------------
+    # -- observation -------------------------------------------------------------------------------------------------
 
     @property
     def status(self) -> NodeStatus:
@@ -355,14 +355,14 @@ class Tree:
 
     @property
     def failure(self) -> FailureTrace | None:
-        """Reason why the last tick returned FAILURE, if it did. The nodes keep it until the next tick; the trace is
-        built only on request."""
+        """Reason why the last tick returned FAILURE; None if it did not. Nodes keep it until the next tick; the trace
+        is built only on request."""
         if self._status is FAILURE and self._failure is None:
             self._failure = trace_failure(self.root)
         return self._failure if self._status is FAILURE else None
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
-        """Paths of the nodes that are RUNNING, in the order of their uid."""
+        """Return the paths of the RUNNING nodes, in the order of their uid."""
         return [
             node.path
             for node in self.nodes
@@ -380,13 +380,13 @@ class Tree:
         after_round: Callable[[], None] | None = None,
         on_expanded: Callable[[], None] | None = None,
     ) -> None:
-        """Report every change of a status to these observers from now on, in order and at once, on the ticking thread,
-        and to no others.
+        """Replace the observers: report every status change to these, in order and at once, on the ticking thread.
 
-        ``after_round()`` is called after each round of a tick, on its thread, also when that raises. ``on_expanded()``
-        is called there between two rounds when leaves have had trees made below them (:class:`ExpandingAction`):
-        ``nodes``, ``definitions`` and ``subtrees`` are others then, those of the tree itself first, as they were; the
-        uids of the others are new, and mean them from the next change on. Not while another thread ticks the tree.
+        ``after_round()`` is called after each round of a tick, on its thread, even if the round raises.
+        ``on_expanded()`` is called there, between two rounds, after trees were made below leaves
+        (:class:`ExpandingAction`). ``nodes``, ``definitions`` and ``subtrees`` have changed then: those of the tree
+        itself come first, unchanged; the uids of the others are new, and valid from the next change on. Do not call
+        this method while another thread ticks the tree.
         """
         self.context.observers = observers
         self._after_round = after_round
@@ -397,13 +397,13 @@ class Tree:
 
 
 def _acts_itself(node: TreeNode) -> bool:
-    """Return whether it is a leaf that has not left the work to a tree below it."""
+    """Return True for a leaf, unless its work is done by a tree below it."""
     below = any(child.stored_status is RUNNING for child in node.attached)
     return node.kind in (NodeKind.ACTION, NodeKind.CONDITION) and not below
 
 
 def trace_failure(root: TreeNode) -> FailureTrace:
-    """Why ``root`` has failed in its last tick."""
+    """Return why ``root`` failed in its last tick."""
     steps: list[FailureStep] = []
     node: TreeNode | None = root
     while node is not None:
@@ -416,7 +416,7 @@ def trace_failure(root: TreeNode) -> FailureTrace:
 
 
 def trace_error(nodes: tuple[TreeNode, ...], uid: int, reason: str) -> FailureTrace:
-    """Return the way from the node ``uid``, which has raised for ``reason``, up to the root of the tree of these
+    """Return the trace from the node ``uid``, which raised for ``reason``, up to the root of the tree of these
     nodes."""
     parents = {child.uid: (node, place) for node in nodes for place, child in enumerate(node.attached, 1)}
     steps = [FailureStep(nodes[uid - 1].path, reason)]
@@ -430,17 +430,17 @@ def trace_error(nodes: tuple[TreeNode, ...], uid: int, reason: str) -> FailureTr
     return FailureTrace(tuple(steps))
 
 
-# Room for the nested calls by which a deep tree is ticked.
+# Stack space for the nested calls that tick a deep tree.
 
 T = TypeVar('T')
 
-# Nested Python frames per level of a tree (a node whose tick is Python code in a base class of ours has three; its
-# pre- and post-conditions have up to three more), and what host and leaves need on top.
+# Nested Python frames per level of a tree (a node whose base class calls a tick in Python has three; its pre- and
+# post-conditions have up to three more), and the additional frames of host and leaves.
 _FRAMES_PER_LEVEL: Final = 6
 _FRAMES_OF_HOST: Final = 1000
 
-# CPython keeps the frames of Python calls in chunks of 16 KiB, which it gets from the system, and gives back, one by
-# one as calls nest and return. A call whose frame is larger gets a chunk of the next power of two that holds it.
+# CPython keeps the frames of Python calls in chunks of 16 KiB, allocated and freed one by one as calls nest and
+# return. A call whose frame is larger gets a chunk of the next power of two that holds it.
 _CHUNK_BYTES: Final = 1 << 14
 _SLOT_BYTES: Final = 8
 _SLOTS_PER_FRAME: Final = 24
@@ -448,10 +448,10 @@ _FEW_CHUNKS: Final = 20
 
 
 def with_room(call: Callable[[], T], depth: int) -> Callable[[], T]:
-    """``call``, to be called instead of it when it nests as deep as a tree of ``depth`` levels.
+    """Return a replacement for ``call`` that has stack space for the calls of a tree of ``depth`` levels.
 
-    Raises the recursion limit if need be. It holds for the whole process, so it is only ever raised; it guards the
-    C stack against recursion without end, and calls from Python to Python, which ticks are, do not use the C stack.
+    Increases the recursion limit if necessary, and never reduces it, since it applies to the whole process. The limit
+    protects the C stack against endless recursion; ticks are calls from Python to Python, which do not use the C stack.
     """
     frames = depth * _FRAMES_PER_LEVEL
     if sys.getrecursionlimit() < frames + _FRAMES_OF_HOST:
@@ -459,7 +459,7 @@ def with_room(call: Callable[[], T], depth: int) -> Callable[[], T]:
     wanted = frames * _SLOTS_PER_FRAME * _SLOT_BYTES
     if wanted <= _FEW_CHUNKS * _CHUNK_BYTES:
         return call
-    # Half of the chunk is the frame of this call, which does not use it; the other half is for the calls within.
+    # The unused frame of this call fills half of the chunk; the other half holds the frames of the calls within.
     half = _CHUNK_BYTES
     while half < wanted:
         half *= 2

@@ -16,7 +16,7 @@ from .node import Conditions, NodeConfig, TreeNode, node_path
 from .parents import ControlNode, DecoratorNode
 
 Substitute = Callable[[NodeDefinition, str], NodeDefinition]
-"""A function that returns the definition from which a node is made, given its own definition and its path."""
+"""A function that returns the definition to make a node from, for the original definition and the path."""
 
 
 class SubTreeInstance(NamedTuple):
@@ -28,7 +28,7 @@ class SubTreeInstance(NamedTuple):
 
 
 class Instance(NamedTuple):
-    """The parts of a running tree. ``nodes`` are in the order of their uid, the root first; ``depth`` is the greatest
+    """The parts of a running tree. ``nodes`` are in the order of their uid, the root first; ``depth`` is the maximum
     number of nodes from the root to a leaf."""
 
     nodes: tuple[TreeNode, ...]
@@ -38,7 +38,7 @@ class Instance(NamedTuple):
 
 
 class _Scope(NamedTuple):
-    """A tree within the running tree, to which nodes belong."""
+    """A tree within the running tree, with the blackboard of its nodes."""
 
     tree: TreeDefinition
     file: str
@@ -55,11 +55,11 @@ def instantiate(
     path: str = '',
     first_uid: int = 1,
 ) -> Instance:
-    """Make the tree ``key`` on ``blackboard``, of what ``substitute`` gives for each node. ``path`` is the prefix of
-    the paths of its nodes.
+    """Make the tree ``key`` on ``blackboard``, from the definitions that ``substitute`` returns. ``path`` is the prefix
+    of the paths of its nodes.
 
-    Raises TreeLoadError, with all errors, when nodes use one blackboard entry with different types, or when a node does
-    not find on the blackboard what it is made of, such as a script.
+    Raises TreeLoadError, with all errors, if nodes use one blackboard entry with different types, or if the blackboard
+    lacks a value that a node is made from, such as a script.
     """
     return _Builder(library, context, substitute, first_uid).build(key, blackboard, path)
 
@@ -77,7 +77,7 @@ class _Builder:
         self._nodes: list[TreeNode] = []
         self._definitions: list[NodeDefinition] = []
         self._families: list[tuple[TreeNode, list[TreeNode]]] = []
-        # Nodes to be made: definition, scope, the list of siblings that it joins, depth.
+        # Nodes to make: definition, scope, list of siblings to append to, depth.
         self._pending: list[tuple[NodeDefinition, _Scope, list[TreeNode], int]] = []
 
     def build(self, key: TreeKey, blackboard: Blackboard, path: str) -> Instance:
@@ -146,7 +146,7 @@ class _Builder:
         children: list[TreeNode],
         level: int,
     ) -> None:
-        """Make the scope of a sub-tree, and lets its root follow."""
+        """Make the scope of a sub-tree, and queue its root."""
         key = self._library.find(tree_id, scope.file)
         assert key is not None
         path = node.path
@@ -163,7 +163,7 @@ class _Builder:
             if value.key is not None:
                 board.remap(name, value.key)
             else:
-                # Constants belong to the scope itself. They are text: each reader converts them to what it wants.
+                # Constants belong to the scope itself. They are text: each reader converts them to the type it needs.
                 board.set(name, value.text)
         board.enable_autoremap(definition.autoremap)
         self._subtrees[path] = SubTreeInstance(path, tree_id, board)
@@ -171,7 +171,7 @@ class _Builder:
         self._pending.append((tree.root, _Scope(tree, key.file, path, board), children, level + 1))
 
     def _declare_entries(self, definition: NodeDefinition, scope: _Scope) -> None:
-        """Give the entries that the ports of a node point to the types of the ports."""
+        """Declare the entries that the ports of a node point to, with the types of the ports."""
         board = scope.board
         for name, port in definition.manifest.ports.items():
             value = definition.values.get(name)
@@ -188,7 +188,7 @@ class _Builder:
             known = entry.type
             if not is_fixed(known) or not is_fixed(port.type):
                 continue
-            # What is written to an entry of text is converted when it is read.
+            # Readers convert the values of a text entry.
             writable = known is STRING or known.same(port.type)
             if not (port.type.may_read(known) if port.direction is PortDirection.INPUT else writable):
                 message = (

@@ -290,7 +290,7 @@ class _ReactiveControl(ControlNode):
 
 
 class ReactiveSequence(_ReactiveControl):
-    """SUCCESS when all children succeed within one tick; FAILURE as soon as one fails, which halts the RUNNING child."""
+    """SUCCESS if all children succeed within one tick; FAILURE as soon as one fails, which halts the RUNNING child."""
 
     __slots__ = ()
 
@@ -310,7 +310,7 @@ class ReactiveSequence(_ReactiveControl):
 
 
 class ReactiveFallback(_ReactiveControl):
-    """SUCCESS as soon as a child succeeds, which halts the RUNNING child; FAILURE when all fail within one tick."""
+    """SUCCESS as soon as a child succeeds, which halts the RUNNING child; FAILURE if all fail within one tick."""
 
     __slots__ = ()
 
